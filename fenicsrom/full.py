@@ -1,0 +1,114 @@
+"""The full solid model, as the time integration wants it: the unknowns of the mesh, about the equilibrium."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.solid import Solid
+
+Array = NDArray[np.float64]
+
+Slope = list[tuple[float, Array]]
+
+_SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+
+
+class FullModel:
+    """A `fenicsrom.integrate.Model` of all unknowns q = u - u0; vectors hold those owned by this rank."""
+
+    def __init__(self, solid: Solid):
+        """Take the forms and matrices of the solid; geometrically linear if its scene is."""
+        self._solid = solid
+        self.linear = not solid.scene.geometrically_nonlinear
+        self.gauss_points = 1 if self.linear else 2
+        self.damping = solid.scene.material.mass_damping
+        self.signals = solid.signals
+        self._rows = solid.contact_rows
+        self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
+        self._columns = self._rows.T.copy()
+        self._probe_offset = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
+        self._energy = 0.0 if self.linear else solid.energy(solid.equilibrium)
+        self._start = multiply(solid.stiffness, solid.equilibrium) if self.linear else np.zeros(0)
+        # M with ones on the clamped rows, where every vector is zero, so that it can be factorised
+        self._mass = solid.matrix(solid.mass_form, 1.0)
+        self._effective = solid.stiffness.copy()
+        self._factor: Factorisation | None = None
+        self._key: tuple[float, float] | None = None
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Slope]:
+        """Mean force, and where the tangent has to be taken with what weight (it is assembled when it is needed)."""
+        mean = start_weight * start
+        slope: Slope = []
+        for point, weight in zip(points, weights, strict=True):
+            q = q0 + point * dq
+            if weight != 0.0:
+                mean = mean + weight * self._force(q)
+            slope.append((weight * point, q))
+        return mean, slope
+
+    def _force(self, q: Array) -> Array:
+        if self.linear:
+            return self._start + multiply(self._solid.stiffness, q)
+        return self._solid.internal_force(self._solid.equilibrium + q)
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force (local,) and energy above that of the equilibrium."""
+        force = self._force(q)
+        if self.linear:
+            return force, 0.5 * self.dot(q, force + self._start)
+        return force, self._solid.energy(self._solid.equilibrium + q) - self._energy
+
+    def responses(self, inertia: float, slope: Slope, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve (inertia M + sum of weighted tangents) [y, Z] = [-residual, B]."""
+        key = (inertia, sum(weight for weight, _ in slope))
+        if not (self.linear and key == self._key):
+            self._effective.zeroEntries()
+            for weight, q in slope:
+                if weight == 0.0:
+                    continue
+                if self.linear:
+                    self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
+                else:
+                    self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
+            self._effective.axpy(inertia, self._mass, structure=_SAME)
+            try:
+                if self._factor is None:
+                    self._factor = Factorisation(self._effective, "fenicsrom_step")
+                else:
+                    self._factor.update()
+            except ConvergenceError:  # the step is refused, as for the compiled model
+                self._key = None
+                bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
+                return bad[:, 0], bad[:, 1:], np.full((self._rows.shape[0],) * 2, np.nan)
+            self._key = key
+        assert self._factor is not None
+        block = self._factor.solve(np.concatenate([-residual[:, None], self._columns], axis=1))
+        y, unit = block[:, 0].copy(), block[:, 1:].copy()
+        return y, unit, np.asarray(self._solid.comm.allreduce(self._rows @ unit))
+
+    def contact_displacement(self, q: Array) -> Array:
+        """Contact displacement (m,)."""
+        return np.asarray(self._offset + self._solid.comm.allreduce(self._rows @ q))
+
+    def probe_displacement(self, q: Array) -> Array:
+        """Displacement (d,) of the probe."""
+        return np.asarray(self._probe_offset + self._solid.comm.allreduce(self._solid.probe_rows @ q))
+
+    def mass_times(self, v: Array) -> Array:
+        """M v."""
+        return multiply(self._solid.mass, v)
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product over all ranks."""
+        return self._solid.dot(a, b)
+
+    def load(self, time: float) -> Array:
+        """Load vector at a time."""
+        signals = self.signals
+        return self._solid.load_vectors @ (signals.amplitude * np.sin(signals.omega * time + signals.phase))

@@ -1,0 +1,640 @@
+"""Time integration: one statement of the algorithm, for every model.
+
+A one-step scheme balances weighted means of the forces over a step h, with dq = q1 - q0:
+
+    M [(1 - am) a1 + am a0] + alpha M [(1 - af) v1 + af v0] + f_mean(q0, q1) + B F_mean = (1 - af) p1 + af p0
+    a1 = dq/(beta h^2) - v0/(beta h) - (1/(2 beta) - 1) a0,    v1 = v0 + h ((1 - gamma) a0 + gamma a1)
+
+average acceleration (am = af = 0) and generalised-alpha weigh the elastic and contact forces at the ends of the step;
+the discrete gradient (am = af = 1/2, beta = 1/4, gamma = 1/2) takes the elastic force averaged along the straight line from
+q0 to q1, int_0^1 f(q0 + s dq) ds by Gauss points that are exact for the model, and the discrete gradient of the normal
+contact energy: work and energy then balance exactly, whatever the step. Friction is weighted by its ends in all of them.
+
+Each Newton iteration solves the structure for the residual and for unit contact forces, and then the contact problem
+exactly in the few contact coordinates (`fenicsrom.contact.resolve`): the iteration over the structure sees no kink. It
+stops when the Newton decrement |r . dq| falls below `NEWTON_TOLERANCE` squared times the energy in the system, a test that
+means the same in any units. A step that does not converge is halved.
+
+`march` below is plain Python. Run as it stands, it integrates any object with the methods of `Model`; compiled by numba, it
+integrates a `ReducedModel`, for which the same operations are the compiled functions of `fenicsrom.reduced`.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numba import njit, types
+from numba.extending import overload, register_jitable
+from numpy.typing import NDArray
+
+from fenicsrom import contact, reduced
+from fenicsrom.contact import Contacts
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.reduced import ReducedModel
+
+Array = NDArray[np.float64]
+
+NEWTON_TOLERANCE = 1e-8
+NEWTON_ITERATIONS = 15
+SMALLEST_STEP = 1e-6  # of the nominal step; smaller ones end the run
+
+DONE, FULL, FAILED = 0, 1, 2
+
+
+class Model(Protocol):
+    """What the algorithm asks of a model of n coordinates and m contact displacements (here: the rows on this rank)."""
+
+    linear: bool
+    gauss_points: int
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Any]:
+        """Mean force start_weight*start + sum_g w_g f(q0 + s_g dq), and (in a form of the model's own) its derivative."""
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force and energy at q."""
+
+    def responses(self, inertia: float, slope: Any, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve (inertia M + slope) [y, Z] = [-residual, B]; returns y (n,), Z (n, m), B^T Z (m, m)."""
+
+    def contact_displacement(self, q: Array) -> Array:
+        """Contact displacement (m,)."""
+
+    def probe_displacement(self, q: Array) -> Array:
+        """Displacement (d,) of the probe."""
+
+    def mass_times(self, v: Array) -> Array:
+        """M v."""
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product over all ranks."""
+
+    def load(self, time: float) -> Array:
+        """Load vector at a time."""
+
+
+def _operation(name: str) -> Callable[..., Any]:
+    """The model's method of this name; in compiled code, the compiled function of this name in `fenicsrom.reduced`."""
+    kernel = getattr(reduced, name)
+
+    def call(model, *arguments):  # type: ignore[no-untyped-def]
+        if isinstance(model, ReducedModel):
+            return kernel(model, *arguments)
+        return getattr(model, name)(*arguments)
+
+    @overload(call)
+    def compiled(model, *arguments):  # type: ignore[no-untyped-def]
+        if isinstance(model, types.NamedTuple) and model.instance_class is ReducedModel:
+            return lambda model, *arguments: kernel(model, *arguments)
+        return None
+
+    return call
+
+
+elastic_over_step = _operation("elastic_over_step")
+elastic_at = _operation("elastic_at")
+responses = _operation("responses")
+contact_displacement = _operation("contact_displacement")
+probe_displacement = _operation("probe_displacement")
+mass_times = _operation("mass_times")
+dot = _operation("dot")
+load = _operation("load")
+
+
+class Scheme(NamedTuple):
+    """The weights of a one-step scheme (module docstring).
+
+    Attributes:
+        alpha_m: weight am of the old acceleration.
+        alpha_f: weight af of the old velocity, load and friction.
+        beta: Newmark's beta.
+        gamma: Newmark's gamma.
+        line: elastic and normal contact force are means along the step.
+        start_weight: weight of the elastic force at the start of the step.
+        points: (g,) where along the step the elastic force is taken.
+        weights: (g,) with what weights.
+        damping: alpha of the model, 1/s.
+        linear: the model's force is linear: one iteration solves the step.
+    """
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    line: bool
+    start_weight: float
+    points: Array
+    weights: Array
+    damping: float
+    linear: bool
+
+
+def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
+    """The scheme of this name for a model.
+
+    Args:
+        name: "average-acceleration", "generalised-alpha" or "discrete-gradient".
+        model: gives the damping, whether it is linear, and the Gauss points that integrate its force exactly.
+        spectral_radius: of generalised-alpha at infinite frequency, in [0, 1].
+    """
+    damping, linear = float(model.damping), bool(model.linear)
+    end = np.ones(1)
+    if name == "average-acceleration":
+        return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, damping, linear)
+    if name == "generalised-alpha":
+        am = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
+        af = spectral_radius / (spectral_radius + 1.0)
+        beta, gamma = 0.25 * (1.0 - am + af) ** 2, 0.5 - am + af
+        return Scheme(am, af, beta, gamma, False, af, end, np.array([1.0 - af]), damping, linear)
+    if name == "discrete-gradient":
+        points, weights = np.polynomial.legendre.leggauss(model.gauss_points)
+        return Scheme(0.5, 0.5, 0.25, 0.5, True, 0.0, 0.5 + 0.5 * points, 0.5 * weights, damping, linear)
+    raise ValueError(f"scheme {name!r}: allowed are average-acceleration, generalised-alpha and discrete-gradient")
+
+
+class Control(NamedTuple):
+    """How the step is chosen.
+
+    Attributes:
+        grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
+        tolerance: adaptive: bound of the local error per `horizon`, relative to the size of the motion; 0: fixed step.
+        horizon: the period, or the duration where there is none, s.
+        size: smallest size of motion to measure errors against, in the mass norm.
+    """
+
+    grid: float
+    tolerance: float
+    horizon: float
+    size: float
+
+
+# the scalars of a state
+TIME, STEP, LAST, WORK, DAMPED, RUBBED, KINETIC, ELASTIC, CONTACT, SCALE, SIZE, STEPS, REJECTED, ITERATIONS = range(14)
+
+
+class State(NamedTuple):
+    """The last accepted state; only acceptance of a step writes to it.
+
+    Attributes:
+        q: (n,) displacement coordinates.
+        v: (n,) velocity.
+        a: (n,) acceleration of the scheme.
+        mean_acceleration: (n,) over the last step, (v1 - v0)/h: predictor and error estimate.
+        start: (n,) elastic force at q, where the scheme asks for it.
+        x: (P, d) contact displacement.
+        force: (P, d) contact force.
+        slider: (P, d-1).
+        state: (P,) OPEN, SLIP, STICK.
+        scalars: time, next step, last step, work of the loads, energies dissipated by damping and friction, kinetic, elastic
+            and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    mean_acceleration: Array
+    start: Array
+    x: Array
+    force: Array
+    slider: Array
+    state: NDArray[np.int8]
+    scalars: Array
+
+
+class Record(NamedTuple):
+    """Room for what is kept of each accepted step: (rows, ..)."""
+
+    time: Array
+    displacement: Array
+    probe: Array
+    force: Array
+    state: NDArray[np.int8]
+    energies: Array
+    coordinates: Array
+
+
+@register_jitable
+def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, mean):  # type: ignore[no-untyped-def]
+    """Solve one step of size h from `state`, writing only to the contact arrays given; returns (converged, dq, iterations)."""
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    points, d = x.shape
+    q0, v0, a0 = state.q, state.v, state.a
+    time = state.scalars[TIME]
+    # the part of the inertia and damping forces that does not depend on dq
+    a_rest = -v0 / (beta * h) - (0.5 / beta - 1.0) * a0
+    v_rest = v0 + h * ((1.0 - gamma) * a0 + gamma * a_rest)
+    rest = mass_times(
+        model, (1.0 - am) * a_rest + am * a0 + scheme.damping * ((1.0 - af) * v_rest + af * v0)
+    ) - (1.0 - af) * load(model, time + h) - af * load(model, time)  # fmt: skip
+    inertia = (1.0 - am) / (beta * h * h) + scheme.damping * (1.0 - af) * gamma / (beta * h)
+    dq = h * v0 + 0.5 * h * h * state.mean_acceleration
+    first = 0.0
+    for iteration in range(1, NEWTON_ITERATIONS + 1):
+        elastic, slope = elastic_over_step(
+            model, state.start, q0, dq, scheme.start_weight, scheme.points, scheme.weights
+        )
+        residual = rest + inertia * mass_times(model, dq) + elastic
+        y, unit, compliance = responses(model, inertia, slope, residual)
+        at_contact = contact_displacement(model, q0 + dq)
+        free = contact_displacement(model, q0 + dq + y).reshape(points, d)
+        x[:] = at_contact.reshape(points, d)
+        if points > 0 and not contact.resolve(
+            contacts, compliance, free, state.x, state.force, state.slider, af, scheme.line,
+            x, force, slider, contact_state, mean,
+        ):  # fmt: skip
+            return False, dq, iteration
+        change = y - np.dot(unit, mean.reshape(-1))
+        dq = dq + change
+        decrement = abs(
+            dot(model, residual, change)
+            + np.dot(mean.reshape(-1), contact_displacement(model, q0 + dq) - at_contact)
+        )
+        if not np.isfinite(decrement):
+            return False, dq, iteration
+        if iteration == 1:
+            first = decrement
+        if scheme.linear or decrement <= NEWTON_TOLERANCE**2 * max(state.scalars[SCALE], first):
+            return True, dq, iteration
+        if decrement > 1e8 * first:
+            return False, dq, iteration
+    return False, dq, NEWTON_ITERATIONS
+
+
+@register_jitable
+def accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_state):  # type: ignore[no-untyped-def]
+    """Write a converged step into the state, with its entries in the energy ledger (trapezoidal along the step)."""
+    beta, gamma = scheme.beta, scheme.gamma
+    s = state.scalars
+    a1 = dq / (beta * h * h) - state.v / (beta * h) - (0.5 / beta - 1.0) * state.a
+    v1 = state.v + h * ((1.0 - gamma) * state.a + gamma * a1)
+    s[WORK] += 0.5 * dot(model, load(model, s[TIME]) + load(model, s[TIME] + h), dq)
+    s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, state.v + v1), dq)
+    for p in range(x.shape[0]):
+        for k in range(1, x.shape[1]):
+            s[RUBBED] += 0.5 * (state.force[p, k] + force[p, k]) * (slider[p, k - 1] - state.slider[p, k - 1])
+    state.mean_acceleration[:] = (v1 - state.v) / h
+    state.q[:] += dq
+    state.v[:] = v1
+    if not scheme.line:  # it cancels from the discrete gradient, where it would only carry rounding
+        state.a[:] = a1
+    state.x[:] = x
+    state.force[:] = force
+    state.slider[:] = slider
+    state.state[:] = contact_state
+    s[TIME] += h
+    s[LAST] = h
+    s[STEPS] += 1.0
+    measure(model, contacts, scheme, state)
+
+
+@register_jitable
+def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
+    """Energies of the state, the scales of the run, and the elastic force the next step starts from."""
+    s = state.scalars
+    s[KINETIC] = 0.5 * dot(model, state.v, mass_times(model, state.v))
+    elastic, s[ELASTIC] = elastic_at(model, state.q)
+    state.start[:] = elastic
+    s[CONTACT] = contact.energy(contacts, state.x, state.force)
+    s[SCALE] = max(s[SCALE], s[KINETIC] + abs(s[ELASTIC]))
+    s[SIZE] = max(s[SIZE], np.sqrt(dot(model, state.q, mass_times(model, state.q))))
+
+
+@register_jitable
+def write(model, state, record, row):  # type: ignore[no-untyped-def]
+    """Keep the state as a row of the record."""
+    s = state.scalars
+    record.time[row] = s[TIME]
+    record.displacement[row] = state.x
+    record.probe[row] = probe_displacement(model, state.q)
+    record.force[row] = state.force
+    record.state[row] = state.state
+    for k in range(6):
+        record.energies[row, k] = s[WORK + k]
+    if record.coordinates.shape[1] > 0:
+        record.coordinates[row] = state.q
+
+
+def march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
+    """Advance the state from its time to `end`, keeping a row of the record for each accepted step.
+
+    Args:
+        model: what is integrated: a `Model`, or (compiled) a `ReducedModel`.
+        contacts: parameters of the contact points.
+        scheme: the weights of the scheme.
+        control: how the step is chosen.
+        state: where to start; holds the end on return.
+        origin: where the grid of times starts, s.
+        end: when to stop, s.
+        record: room for the rows.
+
+    Returns:
+        (status, rows written): DONE, FULL (the record is: call again), or FAILED (the smallest step did not converge).
+    """
+    s = state.scalars
+    x = np.empty_like(state.x)
+    force = np.empty_like(state.x)
+    mean = np.zeros_like(state.x)
+    slider = np.empty_like(state.slider)
+    contact_state = np.empty_like(state.state)
+    rows = 0
+    slack = 1e-9 * control.grid
+    while end - s[TIME] > slack:
+        if rows == record.time.size:
+            return FULL, rows
+        goal = min(end, origin + control.grid * (np.floor((s[TIME] - origin) / control.grid + 1e-6) + 1.0))
+        h = min(s[STEP], goal - s[TIME])
+        lands = goal - s[TIME] - h <= slack
+        if lands:
+            h = goal - s[TIME]
+        elif control.tolerance > 0.0 and goal - s[TIME] < 2.0 * h:
+            h = 0.5 * (goal - s[TIME])  # two equal steps instead of a full one and a sliver
+        converged, dq, iterations = attempt(
+            model, contacts, scheme, state, h, x, force, slider, contact_state, mean
+        )
+        s[ITERATIONS] += iterations
+        factor = 0.5
+        if converged and control.tolerance > 0.0 and s[LAST] > 0.0:
+            a1 = dq / (scheme.beta * h * h) - state.v / (scheme.beta * h) - (0.5 / scheme.beta - 1.0) * state.a
+            jump = (1.0 - scheme.gamma) * state.a + scheme.gamma * a1 - state.mean_acceleration
+            size = max(s[SIZE], control.size)
+            local = h**3 / (6.0 * (h + s[LAST])) * np.sqrt(dot(model, jump, mass_times(model, jump)))
+            ratio = local * control.horizon / (h * control.tolerance * size) if size > 0.0 else 0.0
+            converged = ratio <= 1.0
+            factor = min(2.0, max(0.2, 0.9 / np.sqrt(max(ratio, 1e-12))))
+            if converged and iterations > 8:
+                factor = min(factor, 1.0)
+        elif converged:
+            factor = 2.0
+        if converged:
+            nominal = s[STEP]
+            accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_state)
+            if lands:
+                s[TIME] = goal
+            # a step cut short to land on the grid says nothing against the longer one
+            s[STEP] = min(control.grid, max(factor * h, nominal if lands and factor >= 1.0 else 0.0))
+            write(model, state, record, rows)
+            rows += 1
+        else:
+            s[REJECTED] += 1.0
+            s[STEP] = factor * h
+            if not s[STEP] > SMALLEST_STEP * control.grid:
+                return FAILED, rows
+    return DONE, rows
+
+
+@cache
+def _compiled_march() -> Any:
+    return njit(cache=True)(march)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion in time: ns accepted steps, the start included; P contact points in d dimensions.
+
+    Attributes:
+        time: (ns,) s.
+        period: of the loads, s; None without harmonic load.
+        displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or (ns, 1, d) of the probe in
+            global axes where there is no contact, m.
+        force: (ns, P, d) contact forces [N, T] acting against the motion, N.
+        state: (ns, P) -1 open, 0 slip, 1 stick.
+        kinetic: (ns,) kinetic energy, J.
+        elastic: (ns,) elastic energy from the equilibrium, J.
+        contact_energy: (ns,) energy of the contact springs, J.
+        work: (ns,) work of the loads since the start, J.
+        damped: (ns,) energy dissipated by damping since the start, J.
+        rubbed: (ns,) energy dissipated by friction since the start, J.
+        steady: whether the motion was found to repeat.
+        periods: number of periods run.
+        steps: accepted steps.
+        rejected: rejected steps.
+        newton_iterations: of all steps, rejected ones included.
+        seconds: run time of the integration, compilation excluded.
+        coordinates: (k, n) coordinates q of the last period, where they were asked for.
+        coordinate_time: (k,) their times, s.
+    """
+
+    time: Array
+    period: float | None
+    displacement: Array
+    force: Array
+    state: NDArray[np.int8]
+    kinetic: Array
+    elastic: Array
+    contact_energy: Array
+    work: Array
+    damped: Array
+    rubbed: Array
+    steady: bool
+    periods: int
+    steps: int
+    rejected: int
+    newton_iterations: int
+    seconds: float
+    coordinates: Array | None = None
+    coordinate_time: Array | None = None
+
+    @property
+    def imbalance(self) -> Array:
+        """(ns,) the energy ledger: energy + dissipated - work - initial, J; 0 but for the scheme's own error."""
+        energy = self.kinetic + self.elastic + self.contact_energy
+        return energy - energy[0] + self.damped + self.rubbed - self.work
+
+    @property
+    def relative_imbalance(self) -> float:
+        """Largest imbalance relative to the largest kinetic plus elastic energy of the run."""
+        scale = np.max(self.kinetic + np.abs(self.elastic))
+        return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
+
+    def last_period(self) -> slice:
+        """The steps of the last period, both its ends included; all steps where there is no period."""
+        if self.period is None:
+            return slice(0, self.time.size)
+        start = np.searchsorted(self.time, self.time[-1] - self.period * (1.0 + 1e-9))
+        return slice(int(start), self.time.size)
+
+
+def initial_state(model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array) -> State:
+    """The state at t = 0 with the sliders at rest where the points are, and the acceleration that balances the forces."""
+    x = np.ascontiguousarray(contact_displacement(model, q)).reshape(-1, dimension)
+    points = x.shape[0]
+    force, slider, codes = np.zeros_like(x), x[:, 1:].copy(), np.zeros(points, dtype=np.int8)
+    tangent = np.zeros((dimension, dimension))
+    for p in range(points):
+        codes[p] = contact.law(contacts, p, x[p], slider[p].copy(), force[p], tangent, slider[p])
+    zero = np.zeros_like(q)
+    state = State(q.copy(), v.copy(), zero.copy(), zero.copy(), zero.copy(), x, force, slider, codes, np.zeros(14))
+    measure(model, contacts, scheme, state)
+    if not scheme.line:
+        _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
+        residual = state.start + scheme.damping * mass_times(model, v) - load(model, 0.0)
+        y, unit, _ = responses(model, 1.0, nothing, residual)
+        state.a[:] = y - unit @ force.reshape(-1)
+        state.mean_acceleration[:] = state.a
+    return state
+
+
+def static_size(model: Any, contacts: Contacts, dimension: int, q: Array, amplitudes: Array, omega: Array) -> float:
+    """Size in the mass norm of the linear static response to the load amplitudes and the preload: a scale for errors."""
+    _, slope = elastic_over_step(model, np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1))
+    push = np.zeros_like(q)
+    for k in range(omega.size):  # each load at its crest
+        crest = (0.5 * np.pi - model.signals.phase[k]) / omega[k] if omega[k] > 0.0 else 0.0
+        push = push + np.abs(load(model, crest))
+    y, unit, _ = responses(model, 0.0, slope, -push)
+    preload = np.zeros((contacts.preload.size, dimension))
+    preload[:, 0] = contacts.preload
+    y = np.abs(y) + np.abs(unit) @ preload.reshape(-1)
+    return float(np.sqrt(dot(model, y, mass_times(model, y))))
+
+
+def integrate(
+    model: Any,
+    contacts: Contacts,
+    settings: Any,
+    period: float | None,
+    *,
+    dimension: int,
+    start: tuple[Array, Array] | None = None,
+    keep_coordinates: bool = False,
+    compiled: bool = True,
+    progress: Callable[[float, float], None] | None = None,
+) -> Motion:
+    """Integrate a model to its steady state, or to the given time.
+
+    Args:
+        model: a `ReducedModel` or any `Model`.
+        contacts: parameters of the P contact points, in the order of the model's contact displacements.
+        settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance, or duration.
+        period: of the loads, s; None runs for `settings.duration`.
+        dimension: d, of space.
+        start: displacement and velocity (n,) at t = 0; at rest in the equilibrium without it.
+        keep_coordinates: keep the coordinates of the last period.
+        compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
+        progress: called after each period with the fraction of the run done and the change since the last period.
+
+    Returns:
+        The motion, steady or at the end of the periods (`Motion.steady` says which).
+
+    Raises:
+        ConvergenceError: at the smallest step Newton did not converge; `partial` holds the motion up to there.
+    """
+    plan = scheme(settings.scheme, model, settings.spectral_radius)
+    advance = _compiled_march() if compiled and isinstance(model, ReducedModel) else march
+    like = load(model, 0.0)
+    q, v = (np.zeros_like(like), np.zeros_like(like)) if start is None else start
+    state = initial_state(model, contacts, plan, dimension, q, v)
+    s = state.scalars
+    horizon = period if period is not None else settings.duration
+    tolerance = settings.tolerance or 0.0
+    if tolerance:
+        size = static_size(model, contacts, dimension, q, model.signals.amplitude, model.signals.omega)
+        control = Control(horizon, tolerance, horizon, max(size, s[SIZE]))
+        s[STEP] = 1e-4 * horizon
+    else:
+        s[STEP] = period / settings.steps_per_period if period is not None else settings.step
+        control = Control(s[STEP], 0.0, horizon, s[SIZE])
+    points, width, rows = state.x.shape[0], state.q.size if keep_coordinates else 0, 4096
+    if keep_coordinates and not tolerance:
+        rows = min(rows, round(horizon / s[STEP]) + 1)
+    record = Record(
+        np.empty(rows), np.empty((rows, points, dimension)), np.empty((rows, dimension)), np.empty((rows, points, dimension)),
+        np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
+    )  # fmt: skip
+    write(model, state, record, 0)
+    history = [_rows([record], [1])]
+    if advance is not march:  # compile outside of the clock: a call that finds nothing to do
+        advance(model, contacts, plan, control, state, 0.0, 0.0, record)
+    begin = clock.perf_counter()
+    spans = settings.periods if period is not None else 1
+    steady, status = False, DONE
+    for span in range(1, spans + 1):
+        q0, pieces, counts = state.q.copy(), [], []
+        while status != FAILED:
+            status, count = advance(model, contacts, plan, control, state, (span - 1) * horizon, span * horizon, record)
+            pieces.append(_copy(record, count))
+            counts.append(count)
+            if status == DONE:
+                break
+        history[-1] = history[-1]._replace(coordinates=history[-1].coordinates[-1:])  # one row: where this period starts
+        history.append(_rows(pieces, counts))
+        if status == FAILED or period is None:
+            break
+        change = max(_norm(model, state.q - q0) / max(s[SIZE], 1e-300), _change(history[-2], history[-1], period))
+        if progress is not None:
+            progress(span / spans, change)
+        if change <= settings.steady_tolerance:
+            steady = True
+            break
+    seconds = clock.perf_counter() - begin
+    motion = _motion(history, period, steady, s, seconds)
+    if status == FAILED or not np.all(np.isfinite(motion.kinetic)):
+        names = {-1: "open", 0: "slip", 1: "stick"}
+        where = ", ".join(f"point {p + 1} {names[int(c)]}" for p, c in enumerate(state.state)) or "no contact"
+        raise ConvergenceError(
+            f"time integration stopped at t = {s[TIME]:.6g} s: no convergence with the smallest step "
+            f"{SMALLEST_STEP * control.grid:.3g} s ({where}; scheme {settings.scheme}); the motion up to there is kept",
+            motion,
+        )
+    return motion
+
+
+def _norm(model: Any, vector: Array) -> float:
+    return float(np.sqrt(dot(model, vector, mass_times(model, vector))))
+
+
+def _copy(record: Record, count: int) -> Record:
+    return Record._make(array[:count].copy() for array in record)
+
+
+def _rows(pieces: list[Record], counts: list[int]) -> Record:
+    """The rows written, joined."""
+    return Record._make(
+        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
+        for arrays in zip(*pieces, strict=True)
+    )
+
+
+def _change(before: Record, after: Record, period: float) -> float:
+    """Largest difference of the contact (or probe) displacement from a period ago, relative to the largest displacement."""
+    was, now = (r.displacement.reshape(r.time.size, -1) for r in (before, after))
+    if now.shape[1] == 0:
+        was, now = before.probe, after.probe
+    if before.time.size < 2:
+        return np.inf
+    there = np.array([np.interp(after.time - period, before.time, column) for column in was.T]).T
+    return float(np.max(np.abs(now - there)) / max(np.max(np.abs(now)), 1e-300))
+
+
+def _motion(history: list[Record], period: float | None, steady: bool, s: Array, seconds: float) -> Motion:
+    last = [r.coordinates for r in history[-2:]]
+    coordinates = np.concatenate(last) if last[-1].size else None
+    whole = _rows([r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history])
+    work, damped, rubbed, kinetic, elastic, contact_energy = whole.energies.T
+    return Motion(
+        time=whole.time,
+        period=period,
+        displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
+        force=whole.force,
+        state=whole.state,
+        kinetic=kinetic,
+        elastic=elastic,
+        contact_energy=contact_energy,
+        work=work,
+        damped=damped,
+        rubbed=rubbed,
+        steady=steady,
+        periods=len(history) - 1 if period is not None else 0,
+        steps=int(s[STEPS]),
+        rejected=int(s[REJECTED]),
+        newton_iterations=int(s[ITERATIONS]),
+        seconds=seconds,
+        coordinates=coordinates,
+        coordinate_time=whole.time[-coordinates.shape[0] :] if coordinates is not None else None,
+    )

@@ -1,0 +1,179 @@
+"""Component modes about the equilibrium: free- and fixed-interface normal modes, attachment, residual-flexibility and constraint modes.
+
+One factorisation of K serves everything. With the contact displacements x_c = B^T u held, the inverse of the stiffness is
+
+    K_held^-1 = K^-1 - G (B^T G)^-1 G^T,    G = K^-1 B    (attachment modes)
+
+The static modes are those of the method: residual flexibility Psi^r = G - sum phi_p (phi_p^T B) / omega_p^2 (Rubin, eq. 9
+corrected), constraint modes Psi^c = G (B^T G)^-1 (Craig-Bampton, eq. 11 corrected).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.errors import SceneError
+from fenicsrom.linalg import Inverse, eigenmodes, multiply
+from fenicsrom.solid import Solid
+
+Array = NDArray[np.float64]
+
+PAIR_TOLERANCE = 1e-4  # relative distance of frequencies below which modes are rotated to face the load
+FACING_TOLERANCE = 1e-6  # participation, relative to the largest of all modes, that counts as none
+
+
+@dataclass(frozen=True, eq=False)
+class ComponentModes:
+    """The vectors X = [Phi, Psi] of a method, (local, k) each.
+
+    Attributes:
+        method: "rubin" or "craig-bampton".
+        omega: (v,) angular frequencies of the normal modes, rad/s.
+        normal: (local, v) Phi, mass-normalised.
+        static: (local, m) Psi, the static modes of the method.
+        masters: (local, m) R_m = G (B^T G)^-1: unit displacement of one contact coordinate, the others held.
+        rows: (m, local) B^T.
+        inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
+        labels: 1V, 2V, ..; 1S, 2S, ..: of the columns of X.
+        flexibility_condition: condition number of B^T Psi^r scaled to unit diagonal, as Rubin's method inverts it; 1 without
+            contact. It grows with the number of modes; the basis does not use this inverse.
+    """
+
+    method: str
+    omega: Array
+    normal: Array
+    static: Array
+    masters: Array
+    rows: Array
+    inverse: Inverse
+    labels: tuple[str, ...]
+    flexibility_condition: float
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """(v,) natural frequencies, Hz."""
+        return self.omega / (2.0 * np.pi)
+
+    @property
+    def vectors(self) -> Array:
+        """(local, v + m) X = [Phi, Psi]."""
+        return np.concatenate([self.normal, self.static], axis=1)
+
+
+class Held:
+    """K^-1 with the contact displacements held at zero."""
+
+    def __init__(self, inverse: Inverse, attachment: Array, flexibility: Array, solid: Solid):
+        """Keep G (local, m) and the inverse of B^T G (m, m)."""
+        self._inverse, self._attachment, self._solid = inverse, attachment, solid
+        self._stiffness = np.linalg.inv(flexibility)
+
+    def solve(self, block: Array) -> Array:
+        """K_held^-1 times the columns of a block (local, k)."""
+        free = self._inverse.solve(block)
+        return free - self._attachment @ (self._stiffness @ self._solid.gram(self._attachment, block))
+
+
+def component_modes(solid: Solid, method: str, count: int) -> ComponentModes:
+    """Compute the normal and static modes of a method.
+
+    Args:
+        solid: the body; its `factor` does every solve.
+        method: "rubin" (free interface) or "craig-bampton" (contact displacements held).
+        count: number of normal modes.
+
+    Raises:
+        SceneError: more modes than unknowns; a contact direction that the supports forbid, or depends on others.
+        ConvergenceError: the eigensolver did not find them all.
+        AccuracyError: a mode failed its residual check.
+    """
+    b = solid.contact_rows
+    m = b.shape[0]
+    free = solid.size - int(solid.comm.allreduce(solid.clamped_count)) - (m if method == "craig-bampton" else 0)
+    extra = min(2, max(free - count, 0))  # so that a pair at the end of the list is whole when it is turned
+    if count > free:
+        raise SceneError(f"{solid.scene.source}: basis.modes = {count}: must be at most {free}, the number of free unknowns")
+    attachment = solid.factor.solve(b.T.copy()) if m else np.zeros((solid.local, 0))
+    flexibility = solid.gram(b.T, attachment)
+    check_flexibility(solid, flexibility)
+    inverse: Inverse = solid.factor
+    if method == "craig-bampton" and m:
+        inverse = Held(solid.factor, attachment, flexibility, solid)
+    squares, normal = eigenmodes(solid.stiffness, solid.mass, inverse, count + extra if count else 0, "fenicsrom_modes")
+    if np.any(squares <= 0.0):
+        solid.warnings.append(f"the equilibrium is unstable: {int(np.sum(squares <= 0))} modes have omega^2 < 0")
+    normal = face_loads(solid, squares, normal)[:, :count]
+    squares = squares[:count]
+    masters = attachment @ np.linalg.inv(flexibility)
+    residual = attachment - normal @ (solid.gram(normal, b.T) / squares[:, None])
+    condition = scaled_condition(solid.gram(b.T, residual)) if method == "rubin" else scaled_condition(flexibility)
+    static = residual if method == "rubin" else masters
+    labels = tuple([f"{k + 1}V" for k in range(count)] + [f"{k + 1}S" for k in range(m)])
+    return ComponentModes(
+        method, np.sqrt(np.maximum(squares, 0.0)), normal, static, masters, b, inverse, labels, condition
+    )
+
+
+def check_flexibility(solid: Solid, flexibility: Array) -> None:
+    """Refuse contact coordinates that cannot move: B^T G must be positive definite."""
+    if flexibility.size == 0:
+        return
+    d = solid.scene.geometry.dimension
+    diagonal = np.diag(flexibility)
+    for k in np.flatnonzero(~(diagonal > 1e-14 * np.max(diagonal))):
+        raise SceneError(
+            f"{solid.scene.source}: contacts[{k // d}]: the supports forbid its motion along direction {k % d + 1} "
+            f"of [normal, tangents]; move the contact away from the supports"
+        )
+    if scaled_condition(flexibility) > 1e12:
+        raise SceneError(f"{solid.scene.source}: contacts: two contact coordinates always move together; remove one of them")
+
+
+def scaled_condition(matrix: Array) -> float:
+    """Condition number of a symmetric matrix after scaling to unit diagonal; 1 for an empty one."""
+    if matrix.size == 0:
+        return 1.0
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    return float(np.linalg.cond(matrix / np.outer(scale, scale)))
+
+
+def face_loads(solid: Solid, squares: Array, modes: Array) -> Array:
+    """Turn groups of modes of one frequency to face the loads, then the contact directions, and fix all signs.
+
+    A symmetric section has pairs of modes that an eigensolver returns at an arbitrary angle. In each group of frequencies
+    closer than `PAIR_TOLERANCE` the first mode takes all that the first load does, the second all that the next direction
+    does, and so on; every mode does positive work with the first direction that moves it.
+    """
+    if modes.shape[1] == 0:
+        return modes
+    directions = np.concatenate([solid.load_vectors, solid.contact_rows.T, solid.probe_rows.T], axis=1)
+    rigid = np.zeros((solid.local, solid.probe_rows.shape[0]))
+    for k in range(rigid.shape[1]):
+        rigid[k :: rigid.shape[1], k] = 1.0
+    rigid = multiply(solid.mass, rigid)
+    work = np.concatenate([solid.gram(modes, directions), solid.gram(modes, rigid)], axis=1)
+    largest = np.max(np.abs(work), axis=0)
+    seen = np.abs(work) > FACING_TOLERANCE * largest
+    turned = modes.copy()
+    omega = np.sqrt(np.abs(squares))
+    start = 0
+    while start < omega.size:
+        end = start + 1
+        while end < omega.size and omega[end] - omega[end - 1] <= PAIR_TOLERANCE * omega[end]:
+            end += 1
+        group = slice(start, end)
+        if end - start > 1:
+            useful = np.flatnonzero(np.any(seen[group], axis=0))
+            q, _ = np.linalg.qr(np.concatenate([work[group][:, useful], np.eye(end - start)], axis=1), mode="complete")
+            turned[:, group] = modes[:, group] @ q
+            work[group] = q.T @ work[group]
+            seen[group] = np.abs(work[group]) > FACING_TOLERANCE * largest
+        start = end
+    for k in range(turned.shape[1]):
+        first = np.flatnonzero(seen[k])
+        if first.size and work[k, first[0]] < 0.0:
+            turned[:, k] *= -1.0
+    return turned

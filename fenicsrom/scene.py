@@ -1,0 +1,740 @@
+"""Scenes: what to compute, as frozen dataclasses read from TOML and checked. All quantities are in SI units.
+
+Every key of the file is one field below, annotated with its rule (type and range): a new key is a new line.
+A field without a default is required; a default of None is filled in by `_complete` from the rest of the scene.
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import functools
+import json
+import math
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+from fenicsrom.errors import SceneError
+from fenicsrom.paths import shared_meshes
+
+
+@dataclass(frozen=True)
+class _Where:
+    """A place in a scene: the file and the dotted key, for messages."""
+
+    source: str
+    key: str = ""
+
+    def at(self, name: object) -> _Where:
+        """The place of an entry (an integer: of a list; a name: of a table) below this one."""
+        if isinstance(name, int):
+            return replace(self, key=f"{self.key}[{name}]")
+        return replace(self, key=f"{self.key}.{name}" if self.key else str(name))
+
+    def refuse(self, value: object, allowed: str) -> SceneError:
+        """The error that `value` (or `MISSING`) does not stand here, in one line."""
+        what = "is missing" if value is MISSING else f"= {_show(value)}"
+        return _error(f"{self.source}: {self.key} {what}: {allowed}")
+
+
+def _error(sentence: str) -> SceneError:
+    """A SceneError of one printable line, whatever the names and values in it contain."""
+    return SceneError("".join(c if c.isprintable() else ascii(c)[1:-1] for c in sentence))
+
+
+def _show(value: object, width: int = 60) -> str:
+    """A value as the scene file spells it, shortened to `width` characters."""
+    try:
+        text = json.dumps(value, ensure_ascii=False, default=str)
+    except (ValueError, TypeError, RecursionError):  # integers of thousands of digits, tables within themselves
+        text = f"({type(value).__name__})"
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+# Rules: a rule takes what stands in the file and its place, and returns what the field holds or raises SceneError.
+
+Rule = Callable[[Any, _Where], Any]
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value is a finite number that a float can hold; true and false are not numbers."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
+def _number(
+    *, above: float = -math.inf, least: float = -math.inf, below: float = math.inf, most: float = math.inf
+) -> Rule:
+    """A finite number in a range."""
+    bounds = {"above": above, "of at least": least, "below": below, "of at most": most}
+    limits = " and ".join(f"{word} {bound:g}" for word, bound in bounds.items() if math.isfinite(bound))
+    allowed = f"must be a finite number {limits}".rstrip()
+
+    def rule(value: Any, where: _Where) -> float:
+        if not (_is_number(value) and above < value < below and least <= value <= most):
+            raise where.refuse(value, allowed)
+        return float(value)
+
+    return rule
+
+
+def _integer(least: int, most: int) -> Rule:
+    """An integer in a range, ends included."""
+
+    def rule(value: Any, where: _Where) -> int:
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise where.refuse(value, f"must be an integer from {least} to {most}")
+        return int(value)
+
+    return rule
+
+
+def _choice(*options: str | int) -> Rule:
+    """One of the options."""
+
+    def rule(value: Any, where: _Where) -> Any:
+        for option in options:
+            if type(value) is type(option) and value == option:
+                return option
+        raise where.refuse(value, f"must be {' or '.join(_show(option) for option in options)}")
+
+    return rule
+
+
+def _flag(value: Any, where: _Where) -> bool:
+    """True or false."""
+    if not isinstance(value, bool):
+        raise where.refuse(value, "must be true or false")
+    return value
+
+
+def _text(value: Any, where: _Where) -> str:
+    """Any text."""
+    if not isinstance(value, str):
+        raise where.refuse(value, "must be a text in quotes")
+    return value
+
+
+def _name(value: Any, where: _Where) -> str:
+    """A text that is not empty."""
+    if not isinstance(value, str) or not value.strip():
+        raise where.refuse(value, "must be a name in quotes")
+    return value
+
+
+def _path(value: Any, where: _Where) -> Path:
+    """The path of a file, found later."""
+    return Path(_name(value, where))
+
+
+def _point(value: Any, where: _Where) -> tuple[float, ...]:
+    """Two or three coordinates; which of both is checked against the dimension later."""
+    if not isinstance(value, list | tuple) or len(value) not in (2, 3) or not all(map(_is_number, value)):
+        raise where.refuse(value, "must be a list of as many finite numbers as the dimension")
+    return tuple(float(component) for component in value)
+
+
+def _direction(value: Any, where: _Where) -> tuple[float, ...]:
+    """A vector, scaled to unit length (and left alone, to the bit, where it has it)."""
+    vector = _point(value, where)
+    largest = max(map(abs, vector))
+    if largest == 0.0:
+        raise where.refuse(value, "must have a length above zero")
+    if abs(math.hypot(*vector) - 1.0) <= 1e-14:
+        return vector
+    scaled = [component / largest for component in vector]
+    return tuple(component / math.hypot(*scaled) for component in scaled)
+
+
+def _parameters(value: Any, where: _Where) -> dict[str, float]:
+    """Numbers by name; a name becomes a variable of the .geo file, so it must look like one."""
+    if not isinstance(value, Mapping):
+        raise where.refuse(value, "must be a table of numbers")
+    for name, entry in value.items():
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z_0-9]*", str(name)):
+            raise where.at(name).refuse(entry, "a parameter's name must be of letters, digits and underscores")
+    return {str(name): _number()(entry, where.at(name)) for name, entry in value.items()}
+
+
+def _label(value: Any, where: _Where) -> str:
+    """The label of a modal derivative in its one spelling: V before S, lower numbers first (1S2V becomes 2V1S)."""
+    match = re.fullmatch(r"([0-9]{1,6})([VS])([0-9]{1,6})([VS])", value) if isinstance(value, str) else None
+    if match is None or not int(match[1]) or not int(match[3]):
+        raise where.refuse(value, 'must be two modes such as "1V1V" or "1V2S", counted from 1, V normal and S static')
+    pair = sorted([("VS".index(match[2]), int(match[1])), ("VS".index(match[4]), int(match[3]))])
+    return "".join(f"{number}{'VS'[kind]}" for kind, number in pair)
+
+
+def _derivatives(value: Any, where: _Where) -> str | tuple[str, ...]:
+    """A way of choosing derivatives, or their labels."""
+    if value in ("none", "all", "mmi", "mmi-nls"):
+        return str(value)
+    if not isinstance(value, list | tuple):
+        raise where.refuse(value, 'must be "none", "all", "mmi", "mmi-nls" or a list of labels such as "1V1S"')
+    labels = tuple(_label(entry, where.at(index)) for index, entry in enumerate(value))
+    for index, label in enumerate(labels):
+        if label in labels[:index]:
+            raise where.at(index).refuse(value[index], "must not name the same derivative twice")
+    return labels
+
+
+def _table(kind: type) -> Rule:
+    """A table whose keys are the fields of a dataclass."""
+
+    def rule(value: Any, where: _Where) -> Any:
+        if not isinstance(value, Mapping):
+            raise where.refuse(value, "must be a table")
+        known = _names(kind)
+        for name, entry in value.items():
+            if name not in known:
+                near = difflib.get_close_matches(str(name)[:100], known, n=1)
+                hint = f"did you mean {near[0]}?" if near else f"known here are {', '.join(known)}"
+                raise where.at(name).refuse(entry, f"unknown key, {hint}")
+        return _build(kind, value, where)
+
+    return rule
+
+
+def _tables(kind: type, least: int = 0) -> Rule:
+    """A list of such tables."""
+
+    def rule(value: Any, where: _Where) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or len(value) < least:
+            number = "at least one table" if least else "tables"
+            raise where.refuse(value, f"must be a list of {number}, each headed [[{where.key}]]")
+        return tuple(_table(kind)(entry, where.at(index)) for index, entry in enumerate(value))
+
+    return rule
+
+
+@functools.cache
+def _rules(kind: type) -> dict[str, Any]:
+    """The rule of each field of a dataclass that is a key; a dataclass for a rule: its keys stand in the same table."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {name: hint.__metadata__[0] for name, hint in hints.items() if hasattr(hint, "__metadata__")}
+
+
+def _names(kind: type) -> list[str]:
+    """The keys of the table of a dataclass."""
+    return [key for name, rule in _rules(kind).items() for key in (_names(rule) if isinstance(rule, type) else [name])]
+
+
+def _build(kind: type, table: Mapping[str, Any], where: _Where) -> Any:
+    """The dataclass a table describes; keys of other dataclasses in it are passed over."""
+    values = {}
+    required = {item.name for item in fields(kind) if item.default is item.default_factory is MISSING}
+    for name, rule in _rules(kind).items():
+        if isinstance(rule, type):
+            values[name] = _build(rule, table, where)
+        elif name in table or name in required:
+            values[name] = rule(table.get(name, MISSING), where.at(name))
+    return kind(**values)
+
+
+def _plain(value: Any) -> Any:
+    """The inverse of the rules: plain data; what is None is left out."""
+    if is_dataclass(value) and not isinstance(value, type):
+        table: dict[str, Any] = {}
+        for name, rule in _rules(type(value)).items():
+            entry = getattr(value, name)
+            if isinstance(rule, type):
+                table |= _plain(entry)
+            elif entry is not None:
+                table[name] = _plain(entry)
+        return table
+    if isinstance(value, tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, dict):
+        return dict(value)
+    return str(value) if isinstance(value, Path) else value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """The mesh and the displacement field on it.
+
+    Attributes:
+        mesh: path of the mesh or .geo file.
+        dimension: 2 or 3.
+        cells: "structured" (quadrilaterals, hexahedra) or "simplex"; None unless the mesh is made from a .geo file.
+        degree: degree of the displacement, 1 or 2.
+        thickness: thickness in m; None in 3D.
+        plane: "stress" or "strain"; None in 3D.
+        curved: whether cells are curved (geometry of degree 2).
+        parameters: numbers handed to the .geo file, by name.
+    """
+
+    mesh: Annotated[Path, _path]
+    dimension: Annotated[int, _choice(2, 3)]
+    cells: Annotated[str | None, _choice("structured", "simplex")] = None
+    degree: Annotated[int, _choice(1, 2)] = 2
+    thickness: Annotated[float | None, _number(above=0.0)] = None
+    plane: Annotated[str | None, _choice("stress", "strain")] = None
+    curved: Annotated[bool, _flag] = False
+    parameters: Annotated[dict[str, float], _parameters] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """A St Venant–Kirchhoff material with mass-proportional damping C = α M.
+
+    Attributes:
+        young: Young's modulus in Pa.
+        poisson: Poisson's ratio.
+        density: density in kg/m³.
+        mass_damping: α in 1/s.
+    """
+
+    young: Annotated[float, _number(above=0.0)]
+    poisson: Annotated[float, _number(least=0.0, below=0.5)]
+    density: Annotated[float, _number(above=0.0)]
+    mass_damping: Annotated[float, _number(least=0.0)] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A point of the solid: on a group of facets, or a node; one of both is None.
+
+    Attributes:
+        group: name of a facet group.
+        node: coordinates in m of a node.
+        at: on a group, "mean" (area-weighted mean over it) or "centre" (the node nearest to its centroid).
+    """
+
+    group: Annotated[str | None, _name] = None
+    node: Annotated[tuple[float, ...] | None, _point] = None
+    at: Annotated[str, _choice("mean", "centre")] = "mean"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """A facet group on which every displacement is clamped.
+
+    Attributes:
+        group: name of the facet group.
+    """
+
+    group: Annotated[str, _name]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """A point force of constant direction, force · sin(2π frequency t + phase), or static.
+
+    Attributes:
+        place: where it acts.
+        direction: unit vector.
+        force: force in N.
+        frequency: frequency in Hz; None for a static load, which is part of the equilibrium.
+        phase: phase in rad.
+    """
+
+    place: Annotated[Place, Place]
+    direction: Annotated[tuple[float, ...], _direction]
+    force: Annotated[float, _number()]
+    frequency: Annotated[float | None, _number(above=0.0)] = None
+    phase: Annotated[float, _number()] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """A point against a rigid plane.
+
+    Attributes:
+        place: the point.
+        normal: unit vector into the plane.
+        preload: normal force N0 in N at the undeformed position.
+        gap: initial distance from the plane in m.
+        normal_stiffness: k_n in N/m.
+        tangential_stiffness: k_t in N/m.
+        friction: coefficient of friction.
+    """
+
+    place: Annotated[Place, Place]
+    normal: Annotated[tuple[float, ...], _direction]
+    preload: Annotated[float, _number(least=0.0)]
+    gap: Annotated[float, _number(least=0.0)] = 0.0
+    normal_stiffness: Annotated[float, _number(above=0.0)]
+    tangential_stiffness: Annotated[float, _number(above=0.0)]
+    friction: Annotated[float, _number(least=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Basis:
+    """The reduction basis.
+
+    Attributes:
+        method: "rubin" or "craig-bampton".
+        modes: number of normal modes.
+        derivatives: "none", "all", "mmi", "mmi-nls" or the labels of the derivatives to keep.
+        threshold: smallest weight a derivative is kept with, relative to the largest (mmi and mmi-nls).
+        differentiation: "exact" or "central-difference", of the tangent.
+        elastic_force: "polynomial" (exact, without the mesh) or "projection" (of the full elastic force).
+    """
+
+    method: Annotated[str, _choice("rubin", "craig-bampton")] = "rubin"
+    modes: Annotated[int, _integer(0, 1000)] = 3
+    derivatives: Annotated[str | tuple[str, ...], _derivatives] = "mmi-nls"
+    threshold: Annotated[float, _number(least=0.0, most=1.0)] = 1e-4
+    differentiation: Annotated[str, _choice("exact", "central-difference")] = "exact"
+    elastic_force: Annotated[str, _choice("polynomial", "projection")] = "polynomial"
+
+
+_SCHEMES = ("average-acceleration", "generalised-alpha", "discrete-gradient")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Time:
+    """The time integration; with a harmonic load to a steady state, without one for a duration.
+
+    Attributes:
+        scheme: "average-acceleration", "generalised-alpha" or "discrete-gradient".
+        spectral_radius: of generalised-alpha at high frequency; None for the other schemes.
+        steps_per_period: fixed number of steps; None with `tolerance` or `duration`.
+        tolerance: error allowed over a period, relative to the amplitude, for an adaptive step; None for a fixed one.
+        periods: the most periods to run; None with `duration`.
+        steady_tolerance: relative change over a period taken as steady, 0 for never; None with `duration`.
+        duration: time to run in s; None with a harmonic load.
+        step: time step in s; None unless the step is fixed and there is a `duration`.
+    """
+
+    scheme: Annotated[str, _choice(*_SCHEMES)] = "discrete-gradient"
+    spectral_radius: Annotated[float | None, _number(least=0.0, most=1.0)] = None
+    steps_per_period: Annotated[int | None, _integer(4, 1_000_000)] = None
+    tolerance: Annotated[float | None, _number(above=0.0, below=1.0)] = None
+    periods: Annotated[int | None, _integer(1, 1_000_000)] = None
+    steady_tolerance: Annotated[float | None, _number(least=0.0, below=1.0)] = None
+    duration: Annotated[float | None, _number(above=0.0)] = None
+    step: Annotated[float | None, _number(above=0.0)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BeamSection:
+    """The planar Timoshenko beam of rectangular section that stands for the solid.
+
+    Attributes:
+        length: length in m.
+        height: height of the section in m, in the direction of bending.
+        width: width of the section in m.
+        elements: number of two-node elements.
+        load_at: where the load acts, as a fraction of the length.
+    """
+
+    length: Annotated[float, _number(above=0.0)]
+    height: Annotated[float, _number(above=0.0)]
+    width: Annotated[float, _number(above=0.0)]
+    elements: Annotated[int, _integer(1, 10_000)] = 20
+    load_at: Annotated[float, _number(above=0.0, most=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reference:
+    """The models to compare the reduced one with.
+
+    Attributes:
+        full: whether to run the full solid model.
+        beam: the beam to run, or None. In the file: `beam = true` and the table `beam_section`.
+    """
+
+    full: bool = False
+    beam: BeamSection | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _ReferenceTable:
+    """The table [reference] as the file has it."""
+
+    full: Annotated[bool, _flag] = False
+    beam: Annotated[bool, _flag] = False
+    beam_section: Annotated[BeamSection | None, _table(BeamSection)] = None
+
+
+def _reference(value: Any, where: _Where) -> Reference:
+    """The reference models."""
+    table: _ReferenceTable = _table(_ReferenceTable)(value, where)
+    if table.beam and table.beam_section is None:
+        raise where.at("beam_section").refuse(MISSING, "must be a table, as beam = true asks for it")
+    return Reference(full=table.full, beam=table.beam_section if table.beam else None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Output:
+    """What is written besides the summary, report, history and reduced model.
+
+    Attributes:
+        pictures: PNG pictures.
+        paraview: ParaView files of modes and derivatives.
+        motion: ParaView files of the last period of motion.
+    """
+
+    pictures: Annotated[bool, _flag] = True
+    paraview: Annotated[bool, _flag] = True
+    motion: Annotated[bool, _flag] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Everything a run needs to know; made, checked and completed by `read_scene` or `parse_scene`.
+
+    Attributes:
+        title: a text for the report.
+        geometrically_nonlinear: False for small displacements.
+        geometry: the mesh.
+        material: the material.
+        supports: the clamped groups, at least one.
+        loads: the forces.
+        contacts: the points that may rub.
+        probe: where the amplitude is read in a scene without contact (the first load's place unless given).
+        basis: the reduction basis.
+        time: the time integration.
+        reference: the models to compare with.
+        output: what to write.
+        source: the file it came from.
+    """
+
+    title: Annotated[str, _text] = ""
+    geometrically_nonlinear: Annotated[bool, _flag] = True
+    geometry: Annotated[Geometry, _table(Geometry)]
+    material: Annotated[Material, _table(Material)]
+    supports: Annotated[tuple[Support, ...], _tables(Support, least=1)]
+    loads: Annotated[tuple[Load, ...], _tables(Load)] = ()
+    contacts: Annotated[tuple[Contact, ...], _tables(Contact)] = ()
+    probe: Annotated[Place | None, _table(Place)] = None
+    basis: Annotated[Basis, _table(Basis)] = Basis()
+    time: Annotated[Time, _table(Time)] = Time()
+    reference: Annotated[Reference, _reference] = Reference()
+    output: Annotated[Output, _table(Output)] = Output()
+    source: str = ""
+
+    @property
+    def period(self) -> float | None:
+        """Period of the excitation in s, that of the smallest frequency; None without a harmonic load."""
+        frequencies = [load.frequency for load in self.loads if load.frequency is not None]
+        return 1.0 / min(frequencies) if frequencies else None
+
+
+def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
+    """Key, value and what is allowed, for each key that does not agree with the others."""
+    yield from _geometry_contradictions(scene.geometry)
+    places = [(f"loads[{index}]", load.place) for index, load in enumerate(scene.loads)]
+    places += [(f"contacts[{index}]", contact.place) for index, contact in enumerate(scene.contacts)]
+    places += [("probe", scene.probe)] if scene.probe else []
+    vectors = [(f"{key}.node", place.node) for key, place in places if place.node]
+    vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads)]
+    vectors += [(f"contacts[{index}].normal", contact.normal) for index, contact in enumerate(scene.contacts)]
+    for key, vector in vectors:
+        if len(vector) != scene.geometry.dimension:
+            yield key, vector, f"must have {scene.geometry.dimension} components, as geometry.dimension says"
+    for key, place in places:
+        if place.group is None and place.node is None:
+            yield f"{key}.group", MISSING, "must be given, or node"
+        if place.group is not None and place.node is not None:
+            yield f"{key}.node", place.node, "must not be given together with group"
+        if place.node is not None and place.at != "mean":
+            yield f"{key}.at", place.at, "must not be given together with node"
+    for index, load in enumerate(scene.loads):
+        if load.frequency is None and load.phase:
+            yield f"loads[{index}].phase", load.phase, "must not be given without frequency"
+    if not (scene.contacts or scene.probe or scene.loads):
+        yield "probe", MISSING, "must be a table in a scene with neither contact nor load"
+    yield from _basis_contradictions(scene)
+    yield from _time_contradictions(scene)
+
+
+def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, str]]:
+    """The same within the geometry."""
+    if geometry.dimension == 2 and geometry.thickness is None:
+        yield "geometry.thickness", MISSING, "must be a number above 0 in two dimensions"
+    if geometry.dimension == 3 and geometry.thickness is not None:
+        yield "geometry.thickness", geometry.thickness, "must not be given in three dimensions"
+    if geometry.dimension == 3 and geometry.plane is not None:
+        yield "geometry.plane", geometry.plane, "must not be given in three dimensions"
+    if geometry.mesh.suffix != ".geo" and geometry.cells is not None:
+        yield "geometry.cells", geometry.cells, "must not be given unless mesh is a .geo file"
+    if geometry.mesh.suffix != ".geo" and geometry.parameters:
+        yield "geometry.parameters", geometry.parameters, "must not be given unless mesh is a .geo file"
+    if "structured" in geometry.parameters:
+        yield "geometry.parameters.structured", geometry.parameters["structured"], "must be set by geometry.cells"
+
+
+def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
+    """The same between the basis and the contacts."""
+    if scene.basis.modes < 1 and not scene.contacts:
+        yield "basis.modes", scene.basis.modes, "must be at least 1 in a scene without contact"
+    if isinstance(scene.basis.derivatives, tuple):
+        available = {"V": scene.basis.modes, "S": len(scene.contacts) * scene.geometry.dimension}
+        for index, label in enumerate(scene.basis.derivatives):
+            if any(int(number) > available[kind] for number, kind in re.findall(r"([0-9]+)([VS])", label)):
+                allowed = f"must be of the {available['V']} normal (V) and {available['S']} static (S) modes"
+                yield f"basis.derivatives[{index}]", label, allowed
+
+
+def _time_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
+    """The same between the times and the loads."""
+    time = scene.time
+    if time.spectral_radius is not None and time.scheme != "generalised-alpha":
+        yield "time.spectral_radius", time.spectral_radius, 'must not be given unless scheme is "generalised-alpha"'
+    if scene.period is None:
+        for name in ("steps_per_period", "periods", "steady_tolerance"):
+            if getattr(time, name) is not None:
+                yield f"time.{name}", getattr(time, name), "must not be given unless a load has a frequency"
+        if time.duration is None:
+            yield "time.duration", MISSING, "must be a number above 0, as no load has a frequency"
+        elif time.step is None and time.tolerance is None:
+            yield "time.step", MISSING, "must be a number above 0, or tolerance be given, as no load has a frequency"
+        elif time.step is not None and time.tolerance is not None:
+            yield "time.tolerance", time.tolerance, "must not be given together with step"
+        elif time.step is not None and time.step > time.duration:
+            yield "time.step", time.step, f"must be at most the duration of {time.duration:g}"
+        return
+    for name, instead in (("duration", "periods"), ("step", "steps_per_period")):
+        if getattr(time, name) is not None:
+            yield f"time.{name}", getattr(time, name), f"must not be given with a harmonic load: use {instead}"
+    if time.steps_per_period is not None and time.tolerance is not None:
+        yield "time.tolerance", time.tolerance, "must not be given together with steps_per_period"
+    lowest = min(load.frequency for load in scene.loads if load.frequency is not None)
+    for index, load in enumerate(scene.loads):
+        if load.frequency is not None and abs(math.remainder(load.frequency, lowest)) > 1e-9 * lowest:
+            allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"
+            yield f"loads[{index}].frequency", load.frequency, allowed
+
+
+def _complete(scene: Scene, folder: Path | None) -> Scene:
+    """The scene with its mesh found and the defaults that depend on other keys filled in."""
+    geometry, time = scene.geometry, scene.time
+    if folder is not None:
+        geometry = replace(geometry, mesh=_find(geometry.mesh, folder, _Where(scene.source, "geometry.mesh")))
+    if geometry.mesh.suffix == ".geo" and geometry.cells is None:
+        geometry = replace(geometry, cells="structured")
+    if geometry.dimension == 2 and geometry.plane is None:
+        geometry = replace(geometry, plane="stress")
+    if time.scheme == "generalised-alpha" and time.spectral_radius is None:
+        time = replace(time, spectral_radius=0.8)
+    if scene.period is not None:
+        if time.steps_per_period is None and time.tolerance is None:
+            time = replace(time, steps_per_period=200)
+        periods = 100 if time.periods is None else time.periods
+        steady = 1e-5 if time.steady_tolerance is None else time.steady_tolerance
+        time = replace(time, periods=periods, steady_tolerance=steady)
+    probe = scene.probe
+    if probe is None and not scene.contacts:
+        probe = scene.loads[0].place
+    return replace(scene, geometry=geometry, time=time, probe=probe)
+
+
+def _find(mesh: Path, folder: Path, where: _Where) -> Path:
+    """The mesh file: relative to the folder of the scene, else in the program's own folder of meshes."""
+    folders = [folder, shared_meshes()]
+    for candidate in (parent / mesh for parent in folders):
+        if os.path.isfile(candidate):
+            return candidate.resolve()
+    searched = "an existing file" if mesh.is_absolute() else f"a file in {folders[0].absolute()} or {folders[1]}"
+    raise where.refuse(str(mesh), f"must be {searched}")
+
+
+def override_table(table: Mapping[str, Any], overrides: Sequence[str], source: str) -> dict[str, Any]:
+    """A copy of a scene's table with some of its values replaced.
+
+    Args:
+        table: the plain data of a scene.
+        overrides: replacements such as `loads.0.force=200`: the path of a key, and its value as TOML writes it.
+            Tables on the way that are missing are made; entries of lists must exist.
+        source: name of the table in messages.
+
+    Returns:
+        The new table, not yet checked.
+
+    Raises:
+        SceneError: an override has no `=`, its value is not TOML, or its path leads nowhere.
+    """
+    changed = dict(table)
+    for override in overrides:
+        path, equals, text = override.partition("=")
+        names = [name.strip() for name in path.replace("[", ".").replace("]", "").split(".")]
+        if not equals or not all(names):
+            raise _error(f"{source}: override {_show(override)}: must be a key, = and a value")
+        try:
+            value = tomllib.loads(f"value = {text}")
+        except (ValueError, RecursionError):
+            value = {}
+        if list(value) != ["value"]:
+            raise _error(f"{source}: override {_show(override)}: the value must be as TOML writes it, text in quotes")
+        branch: Any = changed
+        for depth, name in enumerate(names):
+            if isinstance(branch, list) and re.fullmatch(r"[0-9]{1,6}", name) and int(name) < len(branch):
+                step: Any = int(name)
+            elif isinstance(branch, dict):
+                step = name
+            else:
+                there = f"ends at {len(branch) - 1}" if isinstance(branch, list) else "is not a table"
+                raise _error(f"{source}: override {_show(override)}: {'.'.join(names[:depth])} {there}")
+            if depth == len(names) - 1:
+                branch[step] = value["value"]
+            else:  # copies only what is on the way to the key
+                branch[step] = copy.copy(branch.get(step, {}) if isinstance(branch, dict) else branch[step])
+                branch = branch[step]
+    return changed
+
+
+def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:
+    """Check plain data against the rules and make a scene of it.
+
+    Args:
+        table: the data, as TOML or JSON gives it.
+        source: name of the data in messages, usually the file's.
+        folder: folder that the path of the mesh is relative to; None to take the path as it is, without looking for
+            the file (for a reduced model, which needs no mesh).
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: one sentence naming the source, the key, its value and what is allowed.
+    """
+    where = _Where(source)
+    if not isinstance(table, Mapping):
+        raise _error(f"{source}: must be a table")
+    scene: Scene = replace(_table(Scene)(table, where), source=source)
+    for key, value, allowed in _contradictions(scene):
+        raise where.at(key).refuse(value, allowed)
+    return _complete(scene, folder)
+
+
+def read_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """Read a scene from a TOML file.
+
+    Args:
+        path: the file.
+        overrides: values to replace, see `override_table`.
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+    """
+    source = os.fspath(path)
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise _error(f"{source}: cannot be read: {error.strerror}") from None
+    except RecursionError:
+        raise _error(f"{source}: is not TOML: nested too deeply") from None
+    except ValueError as error:
+        raise _error(f"{source}: is not TOML: {error}") from None
+    return parse_scene(override_table(table, overrides, source), source, Path(path).parent)
+
+
+def scene_table(scene: Scene) -> dict[str, Any]:
+    """The plain data of a scene, fit for JSON; `parse_scene` makes the same scene of it."""
+    table: dict[str, Any] = _plain(scene)
+    beam = scene.reference.beam
+    table["reference"] = {"full": scene.reference.full, "beam": beam is not None}
+    if beam is not None:
+        table["reference"]["beam_section"] = _plain(beam)
+    return table

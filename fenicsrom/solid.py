@@ -1,0 +1,444 @@
+"""St Venant-Kirchhoff solid on dolfinx: mass, internal force, tangent and its directional derivative, about an equilibrium.
+
+Strain E = sym(grad u) + grad u^T grad u / 2, stress S = lambda tr(E) I + 2 mu E, virtual work int (F S) : grad v, F = I + grad u.
+Plane stress is exact for this material with lambda* = 2 lambda mu / (lambda + 2 mu). Vectors are numpy arrays of the unknowns
+owned by this rank, zero on the clamped ones; clamped rows of the matrices are those of the identity in K, zero in M.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import basix
+import basix.ufl
+import dolfinx
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from dolfinx import fem
+from numpy.typing import NDArray
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenicsrom.errors import ConvergenceError, SceneError
+from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.mesh import Mesh, unclamped_pieces
+from fenicsrom.reduced import Signals
+from fenicsrom.scene import Place, Scene
+
+Array = NDArray[np.float64]
+
+QUADRATURE_DEGREE = 4  # exact for the force and tangent of affine P2 simplices and for Q2 parallelepipeds (environment notes)
+STATIC_TOLERANCE = 1e-9  # of Newton's decrement, relative to the work of the load, squared
+STATIC_ITERATIONS = 25
+SMALLEST_LOAD_STEP = 1e-4
+CHUNK_BYTES = 200e6  # memory of one chunk of tabulated strains
+
+
+class Solid:
+    """A scene's body: forms, matrices about its equilibrium, places and loads.
+
+    Attributes:
+        scene: the scene.
+        mesh: its mesh.
+        comm: the communicator.
+        space: the displacement space.
+        size: global number of unknowns, clamped ones included.
+        local: number of unknowns owned by this rank.
+        first_lame: lambda (lambda* in plane stress), Pa.
+        shear_modulus: mu, Pa.
+        mass: M.
+        stiffness: K, the tangent at the equilibrium.
+        factor: K, factorised once: modes, attachments, constraints and derivatives all use it.
+        equilibrium: (local,) displacement under the static loads, m.
+        contact_rows: (m, local) B^T: contact displacements in the local frames [normal, tangents], point by point.
+        probe_rows: (d, local) displacement of the probe in global axes.
+        load_vectors: (local, loads) unit loads.
+        signals: time factors of the loads.
+        warnings: sentences for the user.
+    """
+
+    def __init__(self, mesh: Mesh, scene: Scene):
+        """Form the matrices, find the equilibrium and factorise.
+
+        Raises:
+            SceneError: a group is missing, a piece of the body is unclamped, a place is clamped or outside.
+            ConvergenceError: the static loads find no equilibrium.
+        """
+        self.scene, self.mesh, self.comm = scene, mesh, mesh.domain.comm
+        geometry, material = scene.geometry, scene.material
+        domain = mesh.domain
+        d = geometry.dimension
+        self.warnings = list(mesh.warnings)
+        self._scratch: PETSc.Mat | None = None
+        if geometry.degree == 1:
+            self.warnings.append("linear elements lock in bending: frequencies may be several times too high (use degree 2)")
+        element = basix.ufl.element("Lagrange", domain.basix_cell(), geometry.degree, shape=(d,))
+        self.space = fem.functionspace(domain, element)
+        dofmap = self.space.dofmap
+        self.local = dofmap.index_map.size_local * dofmap.index_map_bs
+        self.size = dofmap.index_map.size_global * dofmap.index_map_bs
+
+        groups = [support.group for support in scene.supports]
+        clamped = np.unique(np.concatenate([mesh.facets(name) for name in groups]))
+        pieces = unclamped_pieces(mesh, groups)
+        if pieces:
+            raise SceneError(
+                f"{geometry.mesh}: {pieces} connected piece{'s' if pieces > 1 else ''} of the mesh touch{'' if pieces > 1 else 'es'} "
+                f"no support ({', '.join(groups)}): the stiffness is singular; clamp every piece or join the parts of the mesh"
+            )  # fmt: skip
+        dofs = fem.locate_dofs_topological(self.space, domain.topology.dim - 1, clamped)
+        self._zero = fem.Function(self.space)
+        self.conditions = [fem.dirichletbc(self._zero, dofs)]
+        bs = dofmap.index_map_bs
+        unrolled = (dofs[:, None] * bs + np.arange(bs)).reshape(-1)
+        self._clamped = unrolled[unrolled < self.local]
+        self.clamped_count = self._clamped.size
+
+        self.shear_modulus = material.young / (2.0 * (1.0 + material.poisson))
+        self.first_lame = material.young * material.poisson / ((1.0 + material.poisson) * (1.0 - 2.0 * material.poisson))
+        if geometry.plane == "stress":
+            self.first_lame = 2.0 * self.first_lame * self.shear_modulus / (self.first_lame + 2.0 * self.shear_modulus)
+        self._forms()
+
+        self._frames()
+        self.equilibrium = np.zeros(self.local)
+        static = self.load_vectors @ np.where(self.signals.omega == 0.0, self.signals.amplitude, 0.0)
+        self.mass = self.matrix(self.mass_form, 0.0)
+        self.stiffness = self.matrix(self._tangent_form, 1.0)
+        self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
+        self.loaded = bool(self.comm.allreduce(float(np.abs(static).sum())) > 0.0)
+        if self.loaded:
+            if scene.geometrically_nonlinear:
+                self.equilibrium = self.static(static)
+                self.tangent(self.equilibrium, self.stiffness)
+                self.factor.update()
+            else:
+                self.equilibrium = self.factor.solve(static[:, None])[:, 0]
+
+    # ------------------------------------------------------------------ forms
+
+    def _forms(self) -> None:
+        domain, d = self.mesh.domain, self.scene.geometry.dimension
+        thickness = self.scene.geometry.thickness or 1.0
+        self._dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        self._u = fem.Function(self.space)
+        self._x, self._y = fem.Function(self.space), fem.Function(self.space)
+        self._out = fem.Function(self.space)
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        lame, mu = self.first_lame * thickness, self.shear_modulus * thickness
+
+        def stress(strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+            return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
+
+        gradient, identity = ufl.grad(self._u), ufl.Identity(d)
+        f = identity + gradient
+        strain = ufl.sym(gradient) + 0.5 * gradient.T * gradient
+        s = stress(strain)
+        dg, dv = ufl.grad(trial), ufl.grad(test)
+        gx, gy = ufl.grad(self._x), ufl.grad(self._y)
+        sx, sy = stress(ufl.sym(f.T * gx)), stress(ufl.sym(f.T * gy))
+        sxy = stress(ufl.sym(gx.T * gy))
+        self.mass_form = fem.form(self.scene.material.density * thickness * ufl.inner(trial, test) * self._dx)
+        self._force_form = fem.form(ufl.inner(f * s, dv) * self._dx)
+        self._weight = fem.Constant(domain, 1.0)
+        self._tangent_form = fem.form(
+            self._weight * ufl.inner(dg * s + f * stress(ufl.sym(f.T * dg)), dv) * self._dx
+        )
+        self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self._dx)
+        self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self._dx)
+
+    def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
+        """Assemble a form, with `diagonal` on the clamped rows."""
+        matrix = fem.petsc.create_matrix(form)
+        fem.petsc.assemble_matrix(matrix, form, self.conditions, diagonal)
+        matrix.assemble()
+        return matrix
+
+    def _set(self, function: fem.Function, values: Array) -> None:
+        function.x.array[: self.local] = values
+        function.x.scatter_forward()
+
+    def _vector(self, form: fem.Form) -> Array:
+        self._out.x.array[:] = 0.0
+        fem.assemble_vector(self._out.x.array, form)
+        self._out.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        values = self._out.x.array[: self.local].copy()
+        values[self._clamped] = 0.0
+        return values
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (local,) at a displacement (local,), N."""
+        self._set(self._u, u)
+        return self._vector(self._force_form)
+
+    def tangent(self, u: Array, matrix: PETSc.Mat | None = None) -> PETSc.Mat:
+        """Tangent stiffness at a displacement, N/m; into `matrix` where it is given."""
+        self._set(self._u, u)
+        if matrix is None:
+            return self.matrix(self._tangent_form, 1.0)
+        matrix.zeroEntries()
+        fem.petsc.assemble_matrix(matrix, self._tangent_form, self.conditions, 1.0)
+        matrix.assemble()
+        return matrix
+
+    def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
+        """Add a multiple of the tangent at a displacement to a matrix."""
+        self._set(self._u, u)
+        self._weight.value = weight
+        fem.petsc.assemble_matrix(matrix, self._tangent_form, self.conditions, 1.0)
+        matrix.assemble()  # PETSc drops values added after the inserted diagonal of an unfinished assembly
+        self._weight.value = 1.0
+
+    def energy(self, u: Array) -> float:
+        """Elastic energy at a displacement, J."""
+        self._set(self._u, u)
+        return float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+
+    def tangent_derivative(self, x: Array, y: Array) -> Array:
+        """K'[x] y at the equilibrium, (local,): the third derivative of the energy along x and y, from UFL, exact; N/m^2 m^2."""
+        self._set(self._u, self.equilibrium)
+        self._set(self._x, x)
+        self._set(self._y, y)
+        return self._vector(self._derivative_form)
+
+    def tangent_difference(self, x: Array, y: Array) -> Array:
+        """K'[x] y by the paper's central difference of the tangent, eq. (16); exact at any step for this material."""
+        largest = self.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX)
+        length = self._extent()
+        h = 1e-3 * length / largest
+        plus = self.tangent_times(self.equilibrium + h * x, y)
+        minus = self.tangent_times(self.equilibrium - h * x, y)
+        difference = (plus - minus) / (2.0 * h)
+        difference[self._clamped] = 0.0
+        return difference
+
+    def tangent_times(self, u: Array, block: Array) -> Array:
+        """Tangent at a displacement times the columns of a block (local, k)."""
+        if self._scratch is None:
+            self._scratch = self.stiffness.duplicate()
+        return multiply(self.tangent(u, self._scratch), block)
+
+    def stiffness_times(self, block: Array) -> Array:
+        """K times the columns of a block (local, k)."""
+        return multiply(self.stiffness, block)
+
+    def mass_times(self, block: Array) -> Array:
+        """M times the columns of a block (local, k)."""
+        return multiply(self.mass, block)
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """a^T M b over all ranks for blocks (local, k) and (local, l)."""
+        return self.gram(a, multiply(self.mass, b))
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product over all ranks."""
+        return float(self.comm.allreduce(float(np.dot(a, b))))
+
+    def gram(self, a: Array, b: Array) -> Array:
+        """a^T b over all ranks for blocks (local, k) and (local, l)."""
+        return np.asarray(self.comm.allreduce(a.T @ b))
+
+    def _extent(self) -> float:
+        x = self.mesh.domain.geometry.x
+        low = np.min(self.comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
+        high = np.max(self.comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
+        return float(np.max(high - low))
+
+    # ------------------------------------------------------------------ statics
+
+    def static(self, load: Array, guess: Array | None = None) -> Array:
+        """Nonlinear equilibrium under a load vector, by Newton with load steps.
+
+        Args:
+            load: (local,) N.
+            guess: where to start, the undeformed state without it.
+
+        Returns:
+            (local,) displacement, m.
+
+        Raises:
+            ConvergenceError: the load step fell below `SMALLEST_LOAD_STEP`.
+        """
+        u = np.zeros(self.local) if guess is None else guess.copy()
+        start = self.internal_force(u) if guess is not None else np.zeros(self.local)
+        matrix = self.tangent(u)
+        factor = Factorisation(matrix, "fenicsrom_static")
+        reached, step = 0.0, 1.0
+        while reached < 1.0:
+            aim = min(1.0, reached + step)
+            trial = self._newton(u, start + aim * (load - start), matrix, factor)
+            if trial is None:
+                step *= 0.5
+                if step < SMALLEST_LOAD_STEP:
+                    raise ConvergenceError(
+                        f"static equilibrium: no convergence beyond {100.0 * reached:.4g} % of the load (smallest load step)", u
+                    )
+            else:
+                u, reached, step = trial, aim, 2.0 * step
+        return u
+
+    def _newton(self, u: Array, load: Array, matrix: PETSc.Mat, factor: Factorisation) -> Array | None:
+        u = u.copy()
+        first, last = 0.0, np.inf
+        for iteration in range(STATIC_ITERATIONS):
+            residual = self.internal_force(u) - load
+            self.tangent(u, matrix)
+            try:
+                factor.update()
+            except ConvergenceError:
+                return None
+            change = -factor.solve(residual[:, None])[:, 0]
+            decrement = abs(self.dot(residual, change))
+            first = first or decrement
+            if not np.isfinite(decrement) or decrement > 1e6 * first:
+                return None
+            u += change
+            if decrement <= STATIC_TOLERANCE**2 * max(first, abs(self.dot(load, u))):
+                return u
+            last = decrement
+        return u if last <= 1e-6 * STATIC_TOLERANCE else None
+
+    # ------------------------------------------------------------------ places
+
+    def _frames(self) -> None:
+        scene, d = self.scene, self.scene.geometry.dimension
+        self.contact_frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
+        self.contact_positions = []
+        rows = []
+        for k, contact in enumerate(scene.contacts):
+            at, position = self.place(contact.place, f"contacts[{k}]")
+            rows.append(self.contact_frames[k] @ at)
+            self.contact_positions.append(position)
+        self.contact_rows = np.concatenate(rows) if rows else np.zeros((0, self.local))
+        loads, self.load_positions = [], []
+        for k, load in enumerate(scene.loads):
+            at, position = self.place(load.place, f"loads[{k}]")
+            loads.append(np.array(load.direction) @ at)
+            self.load_positions.append(position)
+        self.load_vectors = np.array(loads).T.copy() if loads else np.zeros((self.local, 0))
+        self.signals = load_signals(scene)
+        probe = scene.probe or (scene.contacts[0].place if scene.contacts else None) or scene.loads[0].place
+        self.probe_rows, self.probe_position = self.place(probe, "probe")
+        assert self.probe_rows.shape[0] == d
+
+    def place(self, place: Place, key: str) -> tuple[Array, Array]:
+        """Rows that give the displacement of a place.
+
+        Args:
+            place: a node, the node nearest to the centroid of a group, or the area-weighted mean over it.
+            key: of the scene, for the error.
+
+        Returns:
+            (d, local) rows, zero on clamped unknowns, and the position (3,) in m.
+
+        Raises:
+            SceneError: the group is missing, the node is clamped, or no node is near the coordinates.
+        """
+        d = self.scene.geometry.dimension
+        rows = np.zeros((d, self.local))
+        if place.group is not None:
+            weights, position = self._mean(place.group, key)
+            if place.at == "mean":
+                for k in range(d):
+                    rows[k, k::d] = weights
+                rows[:, self._clamped] = 0.0
+                return rows, position
+            near = None
+        else:
+            position = np.zeros(3)
+            position[:d] = place.node
+            near = 1e-3 * self._extent()
+        x = self.space.tabulate_dof_coordinates()[: self.local // d]
+        distance = np.linalg.norm(x - position, axis=1)
+        best = int(np.argmin(distance)) if distance.size else -1
+        mine = (round(float(distance[best]), 12), *x[best].round(12), self.comm.rank) if best >= 0 else (np.inf, 0, 0, 0, -1)
+        chosen = min(self.comm.allgather(tuple(float(v) for v in mine)))
+        if near is not None and chosen[0] > near:
+            nearest = [round(v, 6) for v in chosen[1 : 1 + d]]
+            raise SceneError(
+                f"{self.scene.source}: {key}.node = {list(place.node or ())}: no node lies there; the nearest is {nearest}, "
+                f"{chosen[0]:.3g} m away"
+            )
+        clamped = False
+        if int(chosen[-1]) == self.comm.rank:
+            for k in range(d):
+                rows[k, best * d + k] = 1.0
+            clamped = bool(np.isin(best * d, self._clamped))
+            rows[:, self._clamped] = 0.0
+        if self.comm.allreduce(clamped, op=MPI.LOR):
+            raise SceneError(f"{self.scene.source}: {key}: the node at {list(chosen[1 : 1 + d])} is clamped; choose a free one")
+        return rows, np.array(chosen[1:4])
+
+    def _mean(self, group: str, key: str) -> tuple[Array, Array]:
+        """Area-weighted mean over a facet group: weights (local / d,) of the nodes, and the centroid (3,)."""
+        domain = self.mesh.domain
+        ds = self.mesh.surface(group)
+        scalar = fem.functionspace(domain, ("Lagrange", self.scene.geometry.degree))
+        weights = fem.Function(scalar)
+        fem.assemble_vector(weights.x.array, fem.form(ufl.TestFunction(scalar) * ds))
+        weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        x = ufl.SpatialCoordinate(domain)
+        one = fem.Constant(domain, 1.0)
+        area = self.comm.allreduce(fem.assemble_scalar(fem.form(one * ds)))
+        if not area > 0.0:
+            raise SceneError(f"{self.scene.source}: {key}.group = {group!r}: the group has no area; name a group of facets")
+        position = np.zeros(3)
+        for k in range(self.scene.geometry.dimension):
+            position[k] = self.comm.allreduce(fem.assemble_scalar(fem.form(x[k] * ds))) / area
+        local = scalar.dofmap.index_map.size_local
+        return weights.x.array[:local] / area, position
+
+    # ------------------------------------------------------------------ tabulation
+
+    def tabulate(self, fields: Array) -> Iterator[tuple[Array, Array]]:
+        """Quadrature weights and gradients of the equilibrium and of some fields, in chunks of cells owned by this rank.
+
+        Args:
+            fields: (local, n).
+
+        Yields:
+            weights (k,), thickness included, in m^3, and gradients (k, 1 + n, d, d), that of the equilibrium first.
+        """
+        domain, d = self.mesh.domain, self.scene.geometry.dimension
+        points, weights = basix.make_quadrature(domain.basix_cell(), QUADRATURE_DEGREE)
+        gradient = fem.Expression(ufl.grad(self._x), points)
+        volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
+        cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+        thickness = self.scene.geometry.thickness or 1.0
+        n = fields.shape[1]
+        columns = 1 + n + n * (n + 1) // 2
+        chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
+        for start in range(0, cells.size, chunk):
+            part = cells[start : start + chunk]
+            detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+            gradients = np.empty((part.size * weights.size, 1 + n, d, d))
+            for k in range(1 + n):
+                self._set(self._x, self.equilibrium if k == 0 else fields[:, k - 1])
+                gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            yield (thickness * detj * weights).reshape(-1), gradients
+
+
+def load_signals(scene: Scene) -> Signals:
+    """Time factors of a scene's loads; a static load is a sine of frequency zero at its crest."""
+    static = np.array([load.frequency is None for load in scene.loads], dtype=bool)
+    return Signals(
+        np.array([load.force for load in scene.loads], dtype=np.float64),
+        np.array([2.0 * np.pi * (load.frequency or 0.0) for load in scene.loads]),
+        np.where(static, 0.5 * np.pi, np.array([load.phase for load in scene.loads], dtype=np.float64)),
+    )
+
+
+def frame(normal: Array) -> Array:
+    """The local frame of a unit normal: rows normal, tangents; (d, d), right-handed.
+
+    The first tangent in 3D lies nearest to the first of the axes y, z, x that is least aligned with the normal, so that a
+    wall beyond a blade's tip along x has the tangents y and z.
+    """
+    if normal.size == 2:
+        return np.array([normal, [-normal[1], normal[0]]])
+    order = [1, 2, 0]
+    axis = order[int(np.argmin(np.round(np.abs(normal[order]), 12)))]
+    tangent = np.eye(3)[axis] - normal[axis] * normal
+    tangent /= np.linalg.norm(tangent)
+    return np.array([normal, tangent, np.cross(normal, tangent)])

@@ -1,0 +1,410 @@
+"""Numbers, figures and reports from motions known in closed form, and files that appear whole or not at all."""
+
+import json
+import re
+import resource
+import signal
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from fenicsrom import report
+from fenicsrom.errors import AccuracyError
+from fenicsrom.files import whole, whole_folder
+from fenicsrom.integrate import Motion
+
+PERIOD = 0.25
+FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4
+
+
+def jenkins(dimension=2, preload=30.0, normal=1e-3, tangential=8e-3, periods=4, steps=400, uneven=True, phase=0.0):
+    """A point led around: u_n = -normal cos 2wt, u_t = tangential sin wt, with the contact law applied step by step."""
+    parts = np.linspace(0, 1, steps + 1)[:-1]
+    if uneven:
+        parts = parts + 0.12 * np.sin(2 * np.pi * parts) / (2 * np.pi)
+    time = PERIOD * np.append((np.arange(periods)[:, None] + parts).ravel(), periods)
+    angle = 2 * np.pi * time / PERIOD
+    shift = np.zeros((len(time), 1, dimension))
+    shift[:, 0, 0] = -normal * np.cos(2 * angle)
+    shift[:, 0, 1] = tangential * np.sin(angle)
+    if dimension == 3:
+        shift[:, 0, 2] = 0.5 * tangential * np.sin(angle + phase)
+    force, state, rubbed = np.zeros_like(shift), np.zeros((len(time), 1), dtype=np.int8), np.zeros(len(time))
+    slider = shift[0, 0, 1:].copy()
+    for i, u in enumerate(shift[:, 0]):
+        pressure = max(0.0, preload + NORMAL_STIFFNESS * u[0])
+        pull = STIFFNESS * (u[1:] - slider)
+        size = np.linalg.norm(pull)
+        state[i] = -1 if pressure == 0 else 1 if size <= FRICTION * pressure else 0
+        if state[i] < 1:
+            pull = pull * FRICTION * pressure / size if pressure else 0 * pull
+            moved = u[1:] - pull / STIFFNESS - slider
+            slider = slider + moved
+            rubbed[i] = (pull + force[i - 1, 0, 1:]) / 2 @ moved if i else 0.0
+        force[i, 0] = [pressure, *pull]
+    return motion(time, shift, force, state, rubbed=np.cumsum(rubbed))
+
+
+def motion(time, displacement, force=None, state=None, rubbed=None, period=PERIOD):
+    """A motion with an energy ledger that adds up but for 1e-3 J at the end."""
+    ns, _, d = displacement.shape
+    rubbed = np.zeros(ns) if rubbed is None else rubbed
+    return Motion(
+        time=time,
+        period=period,
+        displacement=displacement,
+        force=np.zeros((ns, 0, d)) if force is None else force,
+        state=np.zeros((ns, 0), dtype=np.int8) if state is None else state,
+        kinetic=2.0 * np.sin(2 * np.pi * time / PERIOD) ** 2,
+        elastic=2.0 * np.cos(2 * np.pi * time / PERIOD) ** 2,
+        contact_energy=np.zeros(ns),
+        work=rubbed + time,
+        damped=time - 1e-3 * (time / time[-1]),
+        rubbed=rubbed,
+        steady=True,
+        periods=round(time[-1] / PERIOD),
+        steps=ns - 1,
+        rejected=2,
+        newton_iterations=3 * ns,
+        seconds=0.1,
+    )
+
+
+# numbers
+
+
+def test_amplitudes_are_half_of_peak_to_peak_over_the_last_period():
+    time = np.linspace(0, 3 * PERIOD, 1201)
+    decay = 1 + 5 * np.exp(-40 * time)
+    angle = 2 * np.pi * time / PERIOD
+    u = np.stack([0.7 + 0.002 * np.cos(2 * angle), -0.2 + 0.03 * np.sin(angle), 0.01 * np.cos(angle)], axis=1)
+    got = report.amplitudes(motion(time, (u * np.where(time < 2 * PERIOD - 1e-9, decay, 1)[:, None])[:, None]))
+    assert got["normal"] == pytest.approx(0.002, rel=1e-4)
+    assert got["tangential"] == pytest.approx([0.03, 0.01], rel=1e-4)
+
+
+def test_fractions_weigh_instants_by_time_not_by_count():
+    """Open for 30 % of the period, slip for 50 %, stick for 20 %, with ten times as many steps in the stick."""
+    parts = np.concatenate([np.linspace(0, 0.8, 800, endpoint=False), np.linspace(0.8, 1, 2000, endpoint=False)])
+    time = PERIOD * np.append((np.arange(2)[:, None] + parts).ravel(), 2.0)
+    cycle = (time / PERIOD) % 1
+    state = np.select([cycle < 0.3 - 1e-9, cycle < 0.8 - 1e-9], [-1, 0], 1).astype(np.int8)[:, None]
+    u = np.zeros((len(time), 1, 2))
+    got = report.contact_fractions(motion(time, u, np.zeros_like(u), state))
+    assert got == pytest.approx({"open": 0.3, "slip": 0.5, "stick": 0.2}, abs=1.5e-3)
+    assert sum(got.values()) == pytest.approx(1, abs=1e-12)
+
+
+def test_fractions_average_over_points():
+    u = np.zeros((101, 2, 2))
+    state = np.tile(np.array([1, -1], dtype=np.int8), (101, 1))
+    got = report.contact_fractions(motion(np.linspace(0, PERIOD, 101), u, u, state))
+    assert got == pytest.approx({"open": 0.5, "slip": 0.0, "stick": 0.5})
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_the_jenkins_loop_dissipates_its_area(uneven):
+    """4 mu N (X - mu N / k_t) at a constant normal force, and the slip lasts as long as the loop says."""
+    case = jenkins(normal=0.0, steps=4000, uneven=uneven)
+    limit = FRICTION * 30.0
+    area = 4 * limit * (8e-3 - limit / STIFFNESS)
+    assert report.dissipated_per_period(case) == pytest.approx(area, rel=1e-4)
+    part = case.last_period()
+    assert np.trapezoid(case.force[part, 0, 1], case.displacement[part, 0, 1]) == pytest.approx(area, rel=1e-4)
+    stick = np.arccos(1 - 2 * limit / STIFFNESS / 8e-3) / np.pi
+    if not uneven:
+        assert report.contact_fractions(case)["stick"] == pytest.approx(stick, abs=2e-3)
+    assert report.peak_normal_force(case) == pytest.approx(30.0)
+
+
+def test_lift_off_shows_in_fractions_and_peak_force():
+    """N = 30 - 50 cos 2wt opens where cos 2wt > 0.6."""
+    case = jenkins(normal=5e-3, uneven=False, steps=4000)
+    assert report.contact_fractions(case)["open"] == pytest.approx(np.arccos(0.6) / np.pi, abs=1e-3)
+    assert report.peak_normal_force(case) == pytest.approx(80.0, rel=1e-4)
+
+
+def test_without_contact_everything_is_open_and_nothing_rubs():
+    time = np.linspace(0, 2 * PERIOD, 401)
+    u = np.stack([0.001 * np.sin(4 * np.pi * time / PERIOD), 0.2 * np.sin(2 * np.pi * time / PERIOD)], axis=1)
+    summary = report.response_summary(motion(time, u[:, None]))
+    assert summary["amplitude_m"]["normal"] == pytest.approx(0.001, rel=1e-3)
+    assert summary["amplitude_m"]["tangential"] == pytest.approx([0.2], rel=1e-3)
+    assert summary["fraction"] == {"open": 1.0, "slip": 0.0, "stick": 0.0}
+    assert summary["peak_normal_force_N"] == summary["dissipated_per_period_J"] == 0.0
+
+
+def test_without_a_period_the_whole_motion_counts():
+    case = jenkins(normal=0.0)
+    free = motion(case.time, case.displacement, case.force, case.state, case.rubbed, period=None)
+    assert report.dissipated_per_period(free) == pytest.approx(case.rubbed[-1])
+
+
+def test_the_summary_of_a_response_has_the_promised_keys():
+    summary = report.response_summary(jenkins(3, phase=1.0))
+    assert list(summary) == [
+        "amplitude_m",
+        "fraction",
+        "peak_normal_force_N",
+        "dissipated_per_period_J",
+        "energy_imbalance",
+        "steady",
+        "periods",
+        "steps",
+        "newton_iterations",
+    ]
+    assert list(summary["amplitude_m"]) == ["normal", "tangential"] and len(summary["amplitude_m"]["tangential"]) == 2
+    assert list(summary["fraction"]) == ["open", "slip", "stick"]
+    assert summary["energy_imbalance"] == pytest.approx(1e-3 / 2.0, rel=1e-6)
+    assert summary["steady"] is True and summary["periods"] == 4 and summary["steps"] == 1600
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+def test_errors_are_percent_of_the_reference():
+    exact, close = jenkins(normal=1e-3, tangential=8e-3), jenkins(normal=1.1e-3, tangential=7.96e-3)
+    errors = report.errors_percent(close, exact)
+    assert list(errors) == ["amplitude_tangential", "amplitude_normal"]
+    assert errors["amplitude_tangential"] == pytest.approx(0.5, rel=1e-6)
+    assert errors["amplitude_normal"] == pytest.approx(10, rel=1e-6)
+    assert report.errors_percent(exact, exact) == {"amplitude_tangential": 0.0, "amplitude_normal": 0.0}
+    assert report.errors_percent(close, jenkins(normal=0.0))["amplitude_normal"] is None
+
+
+def test_errors_in_three_dimensions_compare_the_tangential_amplitudes_as_a_vector():
+    plane, space = jenkins(2), jenkins(3, phase=np.pi / 2)
+    assert report.errors_percent(plane, space)["amplitude_tangential"] == pytest.approx(100 * 0.5 / 1.25**0.5, rel=1e-3)
+
+
+# figures
+
+
+def texts(figure):
+    return " | ".join(
+        t.get_text()
+        for axis in figure.axes
+        for t in [axis.xaxis.label, axis.yaxis.label, axis.title, *(axis.get_xticklabels() + axis.get_yticklabels())]
+    )
+
+
+def drawn(figure, tmp_path):
+    """Draw a figure and return the picture."""
+    from matplotlib.image import imread
+
+    figure.savefig(tmp_path / "figure.png")
+    picture = imread(tmp_path / "figure.png")
+    assert picture.shape[1] > 900 and picture[..., :3].std() > 0.02
+    return picture
+
+
+def test_motion_is_drawn_over_its_last_two_periods_in_mm(tmp_path):
+    cases = {"full": jenkins(), "reduced": jenkins(periods=6), "beam": jenkins()}
+    figure = report.plot_motion(cases)
+    assert len(figure.axes) == 2
+    for axis, k in zip(figure.axes, range(2), strict=True):
+        assert [line.get_label() for line in axis.lines] == list(cases)
+        curves = [line.get_xydata() for line in axis.lines]
+        for x, y in (curve.T for curve in curves):
+            assert x[0] == pytest.approx(0) and x[-1] == pytest.approx(2)
+            assert np.ptp(y) / 2 == pytest.approx([1.0, 8.0][k], rel=1e-3)
+        np.testing.assert_allclose(curves[0], curves[1], atol=1e-9)  # phases agree though the runs differ in length
+    assert "time / period" in texts(figure) and "mm" in texts(figure)
+    drawn(figure, tmp_path)
+    assert len(report.plot_motion({"full": jenkins(3), "beam": jenkins(2)}).axes) == 3
+
+
+def test_contact_is_drawn_as_states_and_loops(tmp_path):
+    cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
+    figure = report.plot_contact(cases)
+    states, tangential, normal = figure.axes
+    case = cases["full"]
+    part = case.last_period()
+    np.testing.assert_allclose(
+        tangential.lines[0].get_xydata(),
+        np.stack([1e3 * case.displacement[part, 0, 1], case.force[part, 0, 1]], axis=1),
+    )
+    assert normal.lines[0].get_ydata().max() == pytest.approx(80, rel=1e-3)
+    bars = [bar for bar in states.patches if bar.get_y() < 0.5]
+    assert sum(bar.get_width() for bar in bars) == pytest.approx(1)
+    ends = [bar.get_x() + bar.get_width() for bar in bars]
+    np.testing.assert_allclose([bar.get_x() for bar in bars][1:], ends[:-1])
+    share = {name: 0.0 for name in ("open", "slip", "stick")}
+    names = {report.STATES[k][1].upper(): report.STATES[k][0] for k in report.STATES}
+    from matplotlib.colors import to_hex
+
+    for bar in bars:
+        share[names[to_hex(bar.get_facecolor()).upper()]] += bar.get_width()
+    assert share == pytest.approx(report.contact_fractions(case), abs=1e-9)
+    assert "N" in texts(figure) and "mm" in texts(figure)
+    drawn(figure, tmp_path)
+
+
+def test_contact_in_three_dimensions_has_a_loop_per_direction_and_an_orbit(tmp_path):
+    figure = report.plot_contact({"full": jenkins(3, phase=1.0), "beam": jenkins(2)})
+    assert len(figure.axes) == 5
+    orbit = figure.axes[-1]
+    assert orbit.get_title(loc="left") == "orbit" and len(orbit.lines) == 1
+    assert np.ptp(orbit.lines[0].get_ydata()) == pytest.approx(8.0, rel=1e-3)
+    drawn(figure, tmp_path)
+
+
+def test_modes_are_drawn_by_kind_with_a_line_a_label(tmp_path):
+    x = np.linspace(0, 2.54, 61)
+    s = x / x[-1]
+    labels = ["1V", "2V", "1S", "1V1V", "1V1S", "2V1S"]
+    shapes = np.array([[k * s**2, -3 * (1 + k) * s**k] for k in range(len(labels))]).transpose(0, 2, 1)
+    figure = report.plot_modes(labels, x, shapes)
+    axial, transverse = np.array(figure.axes).reshape(3, 2).T
+    assert [[line.get_label() for line in axis.lines] for axis in axial] == [labels[:2], labels[2:3], labels[3:]]
+    assert [axis.get_ylabel().split("\n")[0] for axis in axial] == ["normal modes", "static modes", "derivatives"]
+    for axis in transverse:
+        for line in axis.lines:
+            assert np.abs(line.get_ydata()).max() == pytest.approx(1)
+    assert axial[2].lines[0].get_ydata()[-1] == pytest.approx(3 / 12)
+    drawn(figure, tmp_path)
+    assert len(report.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]])).axes) == 9
+
+
+def test_a_mode_that_does_not_move_is_drawn_as_zero():
+    figure = report.plot_modes(["1V"], np.linspace(0, 1, 5), np.zeros((1, 5, 2)))
+    assert not figure.axes[0].lines[0].get_ydata().any()
+
+
+def test_the_ledger_shows_every_account_and_the_imbalance(tmp_path):
+    figure = report.ledger_plot(jenkins())
+    above, below = figure.axes
+    assert len(above.lines) == 4
+    assert below.lines[0].get_ydata()[-1] == pytest.approx(-1e-3)
+    drawn(figure, tmp_path)
+
+
+def test_line_styles_keep_models_apart():
+    styles = report.line_styles(["full", "reduced", "beam", *(f"{i}V" for i in range(16))])
+    assert len({(style["color"], str(style.get("linestyle", "-"))) for style in styles.values()}) == 19
+    assert styles["reduced"] == report.line_styles(["reduced"])["reduced"]
+
+
+# tables, report
+
+
+def test_the_terminal_table_is_aligned():
+    rows = [
+        ["model", "amplitude, mm", "steady"],
+        ["full", 157.60321, True],
+        ["reduced", 9, False],
+        ["beam", None, True],
+    ]
+    lines = report.text_table(rows).split("\n")
+    assert lines == [
+        "model    amplitude, mm  steady",
+        "───────  ─────────────  ──────",
+        "full             157.6  yes",
+        "reduced              9  no",
+        "beam                 –  yes",
+    ]
+
+
+def test_the_report_is_one_well_formed_file(tmp_path):
+    figure = report.plot_motion({"full": jenkins()})
+    figure.savefig(tmp_path / "a.png")
+    page = report.html_report(
+        "slip & lift-off",
+        [
+            ("Motion", ["a < b", figure, tmp_path / "a.png"]),
+            ("Table", [[["model", "amplitude, mm"], ["full <1>", 157.6]]]),
+        ],
+    )
+    assert page.startswith("<!doctype html>") and "slip &amp; lift-off" in page and "<p>a &lt; b</p>" in page
+    assert page.count("data:image/png;base64,iVBOR") == 2
+    assert "<td>full &lt;1&gt;</td><td class=n>157.6</td>" in page
+    assert not re.search(r"(src|href)=(?!\"data:)", page) and "@import" not in page and "{{" not in page
+    body = page[page.index("<body>") : page.index("</html>")]
+    ElementTree.fromstring(re.sub(r"class=(\w+)", r'class="\1"', re.sub(r"(<img [^>]*)>", r"\1/>", body)))
+
+
+def test_the_summary_keeps_its_order_and_refuses_nan(tmp_path):
+    path = tmp_path / "summary.json"
+    report.write_summary(path, {"b": np.float64(1.5), "a": {"z": np.arange(2), "y": (np.bool_(True), None)}, "p": path})
+    assert list(json.loads(path.read_text())) == ["b", "a", "p"]
+    assert json.loads(path.read_text())["a"] == {"z": [0, 1], "y": [True, None]}
+    before = path.read_bytes()
+    with pytest.raises(AccuracyError, match=r"response\.full\.tangential\[1\] is nan"):
+        report.write_summary(path, {"response": {"full": {"tangential": [1.0, np.nan]}}})
+    with pytest.raises(AccuracyError, match="x is inf"):
+        report.write_summary(path, {"x": np.float32("inf")})
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["summary.json"]
+
+
+# files
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, ValueError, OSError])
+def test_a_file_appears_whole_or_not_at_all(tmp_path, stop):
+    path = tmp_path / "new" / "history.npz"
+    with pytest.raises(stop), whole(path) as temporary:
+        temporary.write_text("half")
+        assert temporary.suffix == ".npz" and temporary.parent == path.parent
+        raise stop
+    assert list(path.parent.iterdir()) == []
+    with whole(path) as temporary:
+        np.savez(temporary, a=1)
+        assert not path.exists()
+    with pytest.raises(stop), whole(path) as temporary:
+        temporary.write_text("half")
+        raise stop
+    assert np.load(path)["a"] == 1 and list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, ValueError, OSError])
+def test_a_folder_appears_whole_or_not_at_all(tmp_path, stop):
+    path = tmp_path / "motion"
+    with pytest.raises(stop), whole_folder(path) as temporary:
+        (temporary / "a.vtu").write_text("half")
+        raise stop
+    assert list(tmp_path.iterdir()) == []
+    with whole_folder(path) as temporary:
+        (temporary / "a.vtu").write_text("first")
+        assert not path.exists()
+    with pytest.raises(stop), whole_folder(path) as temporary:
+        (temporary / "a.vtu").write_text("half")
+        raise stop
+    assert (path / "a.vtu").read_text() == "first"
+    with whole_folder(path) as temporary:
+        (temporary / "b.vtu").write_text("second")
+    assert list(tmp_path.iterdir()) == [path] and [p.name for p in path.iterdir()] == ["b.vtu"]
+
+
+def test_a_full_disk_leaves_no_file_and_is_named(tmp_path):
+    """A limit on the size of files stands for the full disk."""
+    path = tmp_path / "summary.json"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+        with pytest.raises(OSError, match=r"summary\.json"):
+            report.write_summary(path, {"x": list(range(100_000))})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_older_folder_comes_back_if_the_swap_fails(tmp_path, monkeypatch):
+    import os
+
+    path = tmp_path / "motion"
+    path.mkdir()
+    (path / "old").write_text("old")
+    rename, calls = os.rename, []
+
+    def failing(a, b):
+        calls.append((a, b))
+        if len(calls) == 2:
+            raise OSError(28, "No space left on device", str(a))
+        rename(a, b)
+
+    monkeypatch.setattr(os, "rename", failing)
+    with pytest.raises(OSError, match="motion"), whole_folder(path) as temporary:
+        (temporary / "new").write_text("new")
+    assert [p.name for p in tmp_path.iterdir()] == ["motion"] and (path / "old").exists()
+    assert len(calls) == 3
