@@ -12,8 +12,8 @@ contact energy: work and energy then balance exactly, whatever the step. Frictio
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then the contact problem
 exactly in the few contact coordinates (`fenicsrom.contact.resolve`): the iteration over the structure sees no kink. It
-stops when the Newton decrement |r . dq| falls below `NEWTON_TOLERANCE` squared times the energy in the system, a test that
-means the same in any units. A step that does not converge is halved.
+stops when the Newton decrement |r . dq| to come falls below `NEWTON_TOLERANCE` squared times the energy in the system, a
+test that means the same in any units. A step that does not converge is halved.
 
 `march` below is plain Python. Run as it stands, it integrates any object with the methods of `Model`; compiled by numba, it
 integrates a `ReducedModel`, for which the same operations are the compiled functions of `fenicsrom.reduced`.
@@ -32,14 +32,15 @@ from numba import njit, types
 from numba.extending import overload, register_jitable
 from numpy.typing import NDArray
 
-from fenicsrom import contact, reduced
+from fenicsrom import contact
 from fenicsrom.contact import Contacts
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.reduced import ReducedModel
 
 Array = NDArray[np.float64]
 
-NEWTON_TOLERANCE = 1e-8
+NEWTON_TOLERANCE = 1e-11
+NEWTON_ROUNDING = 1e-13  # a decrement below this part of the energy that no longer falls is rounding
 NEWTON_ITERATIONS = 15
 SMALLEST_STEP = 1e-6  # of the nominal step; smaller ones end the run
 
@@ -79,32 +80,83 @@ class Model(Protocol):
         """Load vector at a time."""
 
 
-def _operation(name: str) -> Callable[..., Any]:
-    """The model's method of this name; in compiled code, the compiled function of this name in `fenicsrom.reduced`."""
-    kernel = getattr(reduced, name)
-
-    def call(model, *arguments):  # type: ignore[no-untyped-def]
-        if isinstance(model, ReducedModel):
-            return kernel(model, *arguments)
-        return getattr(model, name)(*arguments)
-
-    @overload(call)
-    def compiled(model, *arguments):  # type: ignore[no-untyped-def]
-        if isinstance(model, types.NamedTuple) and model.instance_class is ReducedModel:
-            return lambda model, *arguments: kernel(model, *arguments)
-        return None
-
-    return call
+# The operations of a model: its method of that name, in compiled code too.
 
 
-elastic_over_step = _operation("elastic_over_step")
-elastic_at = _operation("elastic_at")
-responses = _operation("responses")
-contact_displacement = _operation("contact_displacement")
-probe_displacement = _operation("probe_displacement")
-mass_times = _operation("mass_times")
-dot = _operation("dot")
-load = _operation("load")
+def _is_reduced(model: Any) -> bool:
+    return isinstance(model, types.NamedTuple) and model.instance_class is ReducedModel
+
+
+def elastic_over_step(model, start, q0, dq, start_weight, points, weights):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.elastic_over_step(start, q0, dq, start_weight, points, weights)
+
+
+@overload(elastic_over_step, inline="always", strict=False)
+def _elastic_over_step(model, start, q0, dq, start_weight, points, weights):  # type: ignore[no-untyped-def]
+    return ReducedModel.elastic_over_step if _is_reduced(model) else None
+
+
+def elastic_at(model, q):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.elastic_at(q)
+
+
+@overload(elastic_at, inline="always", strict=False)
+def _elastic_at(model, q):  # type: ignore[no-untyped-def]
+    return ReducedModel.elastic_at if _is_reduced(model) else None
+
+
+def responses(model, inertia, slope, residual):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.responses(inertia, slope, residual)
+
+
+@overload(responses, inline="always", strict=False)
+def _responses(model, inertia, slope, residual):  # type: ignore[no-untyped-def]
+    return ReducedModel.responses if _is_reduced(model) else None
+
+
+def contact_displacement(model, q):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.contact_displacement(q)
+
+
+@overload(contact_displacement, inline="always", strict=False)
+def _contact_displacement(model, q):  # type: ignore[no-untyped-def]
+    return ReducedModel.contact_displacement if _is_reduced(model) else None
+
+
+def probe_displacement(model, q):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.probe_displacement(q)
+
+
+@overload(probe_displacement, inline="always", strict=False)
+def _probe_displacement(model, q):  # type: ignore[no-untyped-def]
+    return ReducedModel.probe_displacement if _is_reduced(model) else None
+
+
+def mass_times(model, v):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.mass_times(v)
+
+
+@overload(mass_times, inline="always", strict=False)
+def _mass_times(model, v):  # type: ignore[no-untyped-def]
+    return ReducedModel.mass_times if _is_reduced(model) else None
+
+
+def dot(model, a, b):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.dot(a, b)
+
+
+@overload(dot, inline="always", strict=False)
+def _dot(model, a, b):  # type: ignore[no-untyped-def]
+    return ReducedModel.dot if _is_reduced(model) else None
+
+
+def load(model, time):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.load(time)
+
+
+@overload(load, inline="always", strict=False)
+def _load(model, time):  # type: ignore[no-untyped-def]
+    return ReducedModel.load if _is_reduced(model) else None
 
 
 class Scheme(NamedTuple):
@@ -185,7 +237,9 @@ class State(NamedTuple):
         q: (n,) displacement coordinates.
         v: (n,) velocity.
         a: (n,) acceleration of the scheme.
-        mean_acceleration: (n,) over the last step, (v1 - v0)/h: predictor and error estimate.
+        rate: (n,) mean velocity dq/h over the last step.
+        growth: (n,) how that changed from the step before, per time: together they extrapolate to the next step, and the
+            distance of the solution from that extrapolation estimates the error.
         start: (n,) elastic force at q, where the scheme asks for it.
         x: (P, d) contact displacement.
         force: (P, d) contact force.
@@ -198,7 +252,8 @@ class State(NamedTuple):
     q: Array
     v: Array
     a: Array
-    mean_acceleration: Array
+    rate: Array
+    growth: Array
     start: Array
     x: Array
     force: Array
@@ -219,7 +274,13 @@ class Record(NamedTuple):
     coordinates: Array
 
 
-@register_jitable
+@register_jitable(inline="always")
+def extrapolate(state, h):  # type: ignore[no-untyped-def]
+    """dq of a step of size h as the two steps before foretell it: the velocities of the scheme may ring, dq/h does not."""
+    return h * (state.rate + 0.5 * (h + state.scalars[LAST]) * state.growth)
+
+
+@register_jitable(inline="always")
 def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, mean):  # type: ignore[no-untyped-def]
     """Solve one step of size h from `state`, writing only to the contact arrays given; returns (converged, dq, iterations)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
@@ -233,8 +294,8 @@ def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, 
         model, (1.0 - am) * a_rest + am * a0 + scheme.damping * ((1.0 - af) * v_rest + af * v0)
     ) - (1.0 - af) * load(model, time + h) - af * load(model, time)  # fmt: skip
     inertia = (1.0 - am) / (beta * h * h) + scheme.damping * (1.0 - af) * gamma / (beta * h)
-    dq = h * v0 + 0.5 * h * h * state.mean_acceleration
-    first = 0.0
+    dq = extrapolate(state, h)
+    first, last = 0.0, 0.0
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, slope = elastic_over_step(
             model, state.start, q0, dq, scheme.start_weight, scheme.points, scheme.weights
@@ -259,14 +320,19 @@ def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, 
             return False, dq, iteration
         if iteration == 1:
             first = decrement
-        if scheme.linear or decrement <= NEWTON_TOLERANCE**2 * max(state.scalars[SCALE], first):
+        scale = max(state.scalars[SCALE], first)
+        # what the next decrement will be, Newton's convergence being quadratic; a small one that no longer falls is rounding
+        coming = decrement * (decrement / last) ** 2 if iteration > 1 and decrement < 1e-3 * last else decrement
+        rounding = decrement <= NEWTON_ROUNDING * scale and decrement > 0.1 * last
+        if scheme.linear or coming <= NEWTON_TOLERANCE**2 * scale or rounding:
             return True, dq, iteration
         if decrement > 1e8 * first:
             return False, dq, iteration
+        last = decrement
     return False, dq, NEWTON_ITERATIONS
 
 
-@register_jitable
+@register_jitable(inline="always")
 def accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_state):  # type: ignore[no-untyped-def]
     """Write a converged step into the state, with its entries in the energy ledger (trapezoidal along the step)."""
     beta, gamma = scheme.beta, scheme.gamma
@@ -278,7 +344,9 @@ def accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_stat
     for p in range(x.shape[0]):
         for k in range(1, x.shape[1]):
             s[RUBBED] += 0.5 * (state.force[p, k] + force[p, k]) * (slider[p, k - 1] - state.slider[p, k - 1])
-    state.mean_acceleration[:] = (v1 - state.v) / h
+    rate = dq / h
+    state.growth[:] = (rate - state.rate) / (0.5 * (h + s[LAST]))
+    state.rate[:] = rate
     state.q[:] += dq
     state.v[:] = v1
     if not scheme.line:  # it cancels from the discrete gradient, where it would only carry rounding
@@ -293,7 +361,7 @@ def accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_stat
     measure(model, contacts, scheme, state)
 
 
-@register_jitable
+@register_jitable(inline="always")
 def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
     """Energies of the state, the scales of the run, and the elastic force the next step starts from."""
     s = state.scalars
@@ -305,7 +373,7 @@ def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
     s[SIZE] = max(s[SIZE], np.sqrt(dot(model, state.q, mass_times(model, state.q))))
 
 
-@register_jitable
+@register_jitable(inline="always")
 def write(model, state, record, row):  # type: ignore[no-untyped-def]
     """Keep the state as a row of the record."""
     s = state.scalars
@@ -360,10 +428,9 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         s[ITERATIONS] += iterations
         factor = 0.5
         if converged and control.tolerance > 0.0 and s[LAST] > 0.0:
-            a1 = dq / (scheme.beta * h * h) - state.v / (scheme.beta * h) - (0.5 / scheme.beta - 1.0) * state.a
-            jump = (1.0 - scheme.gamma) * state.a + scheme.gamma * a1 - state.mean_acceleration
+            surprise = dq - extrapolate(state, h)
             size = max(s[SIZE], control.size)
-            local = h**3 / (6.0 * (h + s[LAST])) * np.sqrt(dot(model, jump, mass_times(model, jump)))
+            local = np.sqrt(dot(model, surprise, mass_times(model, surprise))) / 12.0
             ratio = local * control.horizon / (h * control.tolerance * size) if size > 0.0 else 0.0
             converged = ratio <= 1.0
             factor = min(2.0, max(0.2, 0.9 / np.sqrt(max(ratio, 1e-12))))
@@ -469,14 +536,14 @@ def initial_state(model: Any, contacts: Contacts, scheme: Scheme, dimension: int
     for p in range(points):
         codes[p] = contact.law(contacts, p, x[p], slider[p].copy(), force[p], tangent, slider[p])
     zero = np.zeros_like(q)
-    state = State(q.copy(), v.copy(), zero.copy(), zero.copy(), zero.copy(), x, force, slider, codes, np.zeros(14))
+    state = State(q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), x, force, slider, codes, np.zeros(14))
     measure(model, contacts, scheme, state)
     if not scheme.line:
         _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
         residual = state.start + scheme.damping * mass_times(model, v) - load(model, 0.0)
         y, unit, _ = responses(model, 1.0, nothing, residual)
         state.a[:] = y - unit @ force.reshape(-1)
-        state.mean_acceleration[:] = state.a
+        state.growth[:] = state.a
     return state
 
 

@@ -182,6 +182,78 @@ class ReducedModel(NamedTuple):
         """Gauss points that integrate the force along a step exactly: 2 for a cubic, 1 for a linear force."""
         return 1 if self.linear else 2
 
+    # The operations of `fenicsrom.integrate.Model`. Compiled code calls the same functions with the model as first argument.
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Array]:
+        """Mean elastic force over a step and its derivative by dq: see `fenicsrom.integrate.Scheme`."""
+        n = q0.size
+        mean = start_weight * start
+        slope = np.zeros((n, n))
+        force = np.empty(n)
+        tangent = np.empty((n, n))
+        for g in range(points.size):
+            elastic_force(self.elastic, q0 + points[g] * dq, force, tangent)
+            for i in range(n):
+                mean[i] += weights[g] * force[i]
+                for j in range(n):
+                    slope[i, j] += weights[g] * points[g] * tangent[i, j]
+        return mean, slope
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force (n,) and energy at q."""
+        n = q.size
+        force = np.empty(n)
+        energy = elastic_force(self.elastic, q, force, np.empty((n, n)))
+        return force, energy
+
+    def responses(self, inertia: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve S [y, Z] = [-residual, B] with S = inertia M + slope; returns y (n,), Z (n, m) and G = B^T Z (m, m).
+
+        B holds the first m unit vectors. A linear model keeps its factor while S is the same. A singular S gives NaN.
+        """
+        n = residual.size
+        m = self.contact_offset.size
+        linear = self.elastic.cubic.shape[0] == 0
+        if not (linear and self.key[0] == inertia and self.key[1] == slope[0, 0]):
+            for i in range(n):
+                for j in range(n):
+                    self.factor[i, j] = inertia * self.mass[i, j] + slope[i, j]
+            self.key[0] = inertia if lu_factor(self.factor, self.pivots) else np.nan
+            self.key[1] = slope[0, 0]
+        block = np.zeros((n, 1 + m))
+        for i in range(n):
+            block[i, 0] = -residual[i]
+        for i in range(m):
+            block[i, 1 + i] = 1.0
+        if np.isnan(self.key[0]):
+            block[:] = np.nan
+        else:
+            lu_solve(self.factor, self.pivots, block)
+        return block[:, 0].copy(), block[:, 1:].copy(), block[:m, 1:].copy()
+
+    def contact_displacement(self, q: Array) -> Array:
+        """Contact displacement (m,) at q, m."""
+        return self.contact_offset + q[: self.contact_offset.size]
+
+    def probe_displacement(self, q: Array) -> Array:
+        """Displacement (d,) of the probe at q, m."""
+        return self.probe_offset + np.dot(self.probe, q)
+
+    def mass_times(self, v: Array) -> Array:
+        """M v (n,)."""
+        return np.dot(self.mass, v)
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors (n,)."""
+        return float(np.dot(a, b))
+
+    def load(self, time: float) -> Array:
+        """Load vector (n,) at a time, N."""
+        signals = self.signals
+        return np.dot(self.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
+
 
 def reduced_model(
     mass: Array,
@@ -243,92 +315,6 @@ def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: A
             energy += weight * s[p] * (a[p] / 6.0 + b[p] / 12.0)
             p += 1
     return energy
-
-
-@njit(cache=True)
-def elastic_over_step(
-    model: ReducedModel, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-) -> tuple[Array, Array]:
-    """Mean elastic force over a step and its derivative by dq: see `fenicsrom.integrate.Scheme`."""
-    n = q0.size
-    mean = start_weight * start
-    slope = np.zeros((n, n))
-    force = np.empty(n)
-    tangent = np.empty((n, n))
-    for g in range(points.size):
-        elastic_force(model.elastic, q0 + points[g] * dq, force, tangent)
-        for i in range(n):
-            mean[i] += weights[g] * force[i]
-            for j in range(n):
-                slope[i, j] += weights[g] * points[g] * tangent[i, j]
-    return mean, slope
-
-
-@njit(cache=True)
-def elastic_at(model: ReducedModel, q: Array) -> tuple[Array, float]:
-    """Elastic force (n,) and energy at q."""
-    n = q.size
-    force = np.empty(n)
-    energy = elastic_force(model.elastic, q, force, np.empty((n, n)))
-    return force, energy
-
-
-@njit(cache=True)
-def responses(model: ReducedModel, inertia: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """Solve S [y, Z] = [-residual, B] with S = inertia M + slope; returns y (n,), Z (n, m) and G = B^T Z (m, m).
-
-    B holds the first m unit vectors. A linear model keeps its factor while S is the same. A singular S gives NaN.
-    """
-    n = residual.size
-    m = model.contact_offset.size
-    linear = model.elastic.cubic.shape[0] == 0
-    if not (linear and model.key[0] == inertia and model.key[1] == slope[0, 0]):
-        for i in range(n):
-            for j in range(n):
-                model.factor[i, j] = inertia * model.mass[i, j] + slope[i, j]
-        model.key[0] = inertia if lu_factor(model.factor, model.pivots) else np.nan
-        model.key[1] = slope[0, 0]
-    block = np.zeros((n, 1 + m))
-    for i in range(n):
-        block[i, 0] = -residual[i]
-    for i in range(m):
-        block[i, 1 + i] = 1.0
-    if np.isnan(model.key[0]):
-        block[:] = np.nan
-    else:
-        lu_solve(model.factor, model.pivots, block)
-    return block[:, 0].copy(), block[:, 1:].copy(), block[:m, 1:].copy()
-
-
-@njit(cache=True)
-def contact_displacement(model: ReducedModel, q: Array) -> Array:
-    """Contact displacement (m,) at q, m."""
-    return model.contact_offset + q[: model.contact_offset.size]
-
-
-@njit(cache=True)
-def probe_displacement(model: ReducedModel, q: Array) -> Array:
-    """Displacement (d,) of the probe at q, m."""
-    return model.probe_offset + np.dot(model.probe, q)
-
-
-@njit(cache=True)
-def mass_times(model: ReducedModel, v: Array) -> Array:
-    """M v (n,)."""
-    return np.dot(model.mass, v)
-
-
-@njit(cache=True)
-def dot(model: ReducedModel, a: Array, b: Array) -> float:
-    """Inner product of two vectors (n,)."""
-    return float(np.dot(a, b))
-
-
-@njit(cache=True)
-def load(model: ReducedModel, time: float) -> Array:
-    """Load vector (n,) at a time, N."""
-    signals = model.signals
-    return np.dot(model.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
 
 
 class DenseModel:

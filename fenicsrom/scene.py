@@ -517,6 +517,18 @@ class Scene:
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         return 1.0 / min(frequencies) if frequencies else None
 
+    @property
+    def signals(self) -> tuple[list[float], list[float], list[float]]:
+        """Time factors of the loads, amplitude · sin(ω t + phase): amplitudes in N, ω in rad/s, phases in rad.
+
+        A static load is a sine of frequency zero at its crest.
+        """
+        return (
+            [load.force for load in self.loads],
+            [2.0 * math.pi * (load.frequency or 0.0) for load in self.loads],
+            [load.phase if load.frequency is not None else 0.5 * math.pi for load in self.loads],
+        )
+
 
 def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     """Key, value and what is allowed, for each key that does not agree with the others."""

@@ -213,6 +213,11 @@ class Solid:
         difference[self._clamped] = 0.0
         return difference
 
+    def largest(self, block: Array) -> Array:
+        """Largest displacement component of each column of a block (local, k), over all ranks."""
+        mine = np.max(np.abs(block), axis=0, initial=0.0)
+        return np.max(self.comm.allgather(mine), axis=0)
+
     def tangent_times(self, u: Array, block: Array) -> Array:
         """Tangent at a displacement times the columns of a block (local, k)."""
         if self._scratch is None:
@@ -230,6 +235,12 @@ class Solid:
     def mass_inner(self, a: Array, b: Array) -> Array:
         """a^T M b over all ranks for blocks (local, k) and (local, l)."""
         return self.gram(a, multiply(self.mass, b))
+
+    def field(self, values: Array) -> fem.Function:
+        """A displacement field of these values (local,), its ghosts up to date."""
+        function = fem.Function(self.space)
+        self._set(function, values)
+        return function
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product over all ranks."""
@@ -317,7 +328,7 @@ class Solid:
             loads.append(np.array(load.direction) @ at)
             self.load_positions.append(position)
         self.load_vectors = np.array(loads).T.copy() if loads else np.zeros((self.local, 0))
-        self.signals = load_signals(scene)
+        self.signals = Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
         probe = scene.probe or (scene.contacts[0].place if scene.contacts else None) or scene.loads[0].place
         self.probe_rows, self.probe_position = self.place(probe, "probe")
         assert self.probe_rows.shape[0] == d
@@ -417,16 +428,6 @@ class Solid:
                 self._set(self._x, self.equilibrium if k == 0 else fields[:, k - 1])
                 gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             yield (thickness * detj * weights).reshape(-1), gradients
-
-
-def load_signals(scene: Scene) -> Signals:
-    """Time factors of a scene's loads; a static load is a sine of frequency zero at its crest."""
-    static = np.array([load.frequency is None for load in scene.loads], dtype=bool)
-    return Signals(
-        np.array([load.force for load in scene.loads], dtype=np.float64),
-        np.array([2.0 * np.pi * (load.frequency or 0.0) for load in scene.loads]),
-        np.where(static, 0.5 * np.pi, np.array([load.phase for load in scene.loads], dtype=np.float64)),
-    )
 
 
 def frame(normal: Array) -> Array:

@@ -1,0 +1,312 @@
+"""A study: the stages of a scene in their order, each run only if the scene needs it.
+
+    scene -> mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motion
+
+Each step is a function of its own, to be called from Python one by one (`demos/slip_liftoff.py`) or all together by `run`.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.basis import ReducedBasis, build_basis
+from fenicsrom.derivatives import all_pairs, modal_derivatives
+from fenicsrom.errors import SceneError
+from fenicsrom.integrate import Motion
+from fenicsrom.modes import ComponentModes, component_modes
+from fenicsrom.online import simulate
+from fenicsrom.plan import Stage, plan
+from fenicsrom.reduced import project, project_intrusively
+from fenicsrom.scene import Scene
+from fenicsrom.selection import STATIC_LEVELS, Selection, participation, select
+from fenicsrom.solid import Solid
+
+Array = NDArray[np.float64]
+
+SNAPSHOTS = 200  # of the linear transient, at most
+SNAPSHOT_STEADINESS = 1e-3  # change over a period at which the linear transient is steady enough to choose modes by
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Modal derivatives by label: vectors (local, k)."""
+
+    labels: tuple[str, ...]
+    vectors: Array
+
+
+def choose(solid: Solid, modes: ComponentModes) -> Selection:
+    """Choose the modes and derivatives the scene's [basis] asks for.
+
+    Raises:
+        ConvergenceError: the linear transient or the nonlinear statics did not converge.
+    """
+    scene = solid.scene
+    wanted = scene.basis.derivatives
+    if not scene.geometrically_nonlinear or wanted == "none":
+        return Selection(modes.labels, (), {}, {})
+    if wanted == "all":
+        return Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
+    if not isinstance(wanted, str):
+        return Selection(modes.labels, wanted, {}, {})
+    snapshots = linear_snapshots(solid, modes)
+    if wanted == "mmi-nls":
+        snapshots = np.concatenate([static_snapshots(solid, snapshots), snapshots], axis=1)
+    coordinates = participation(modes.vectors, snapshots, solid.mass_inner, solid.largest(modes.vectors))
+    return select(coordinates, modes.labels, wanted, scene.basis.threshold)
+
+
+def linear_snapshots(solid: Solid, modes: ComponentModes) -> Array:
+    """Deflections (local, s) over the last period of a geometrically linear transient with friction."""
+    scene = solid.scene
+    labels = [label for label in modes.labels if label.endswith("V")]
+    basis = build_basis(
+        modes.method, modes.masters, modes.rows, modes.normal, labels, solid.mass_inner, solid.comm.allreduce
+    )
+    coarse = scene.time.steady_tolerance
+    time = replace(scene.time, steady_tolerance=max(coarse, SNAPSHOT_STEADINESS) if coarse is not None else None)
+    motion = simulate(project(solid, basis, nonlinear=False), replace(scene, time=time), keep_coordinates=True)
+    assert motion.coordinates is not None
+    step = -(-motion.coordinates.shape[0] // SNAPSHOTS)
+    return basis.vectors @ motion.coordinates[::step].T
+
+
+def static_snapshots(solid: Solid, linear: Array) -> Array:
+    """Nonlinear static deflections (local, `STATIC_LEVELS`) from the equilibrium.
+
+    The force is the one that would hold the linear structure in its largest deflection of the transient, f = K u (eq. 18 at
+    the phase of the largest deflection), in equal levels up to all of it.
+    """
+    sizes = np.array([solid.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
+    force = solid.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
+    rest = solid.internal_force(solid.equilibrium)
+    u, found = solid.equilibrium, []
+    for level in range(1, STATIC_LEVELS + 1):
+        u = solid.static(rest + level / STATIC_LEVELS * force, u)
+        found.append(u - solid.equilibrium)
+    return np.array(found).T
+
+
+def differentiate(solid: Solid, modes: ComponentModes, labels: tuple[str, ...]) -> Derivatives:
+    """Solve for the modal derivatives of these labels.
+
+    Raises:
+        AccuracyError: a derivative is not symmetric.
+    """
+    exact = solid.scene.basis.differentiation == "exact"
+    derivative = solid.tangent_derivative if exact else solid.tangent_difference
+    total = solid.comm.allreduce
+    return Derivatives(labels, modal_derivatives(modes.vectors, modes.labels, labels, derivative, modes.inverse, total))
+
+
+def enrich(solid: Solid, modes: ComponentModes, selection: Selection, derivatives: Derivatives) -> ReducedBasis:
+    """The basis of the selected modes and derivatives."""
+    kept = [k for k, label in enumerate(modes.labels) if label.endswith("V") and label in selection.modes]
+    vectors = np.concatenate([modes.normal[:, kept], derivatives.vectors], axis=1)
+    labels = [modes.labels[k] for k in kept] + list(derivatives.labels)
+    return build_basis(modes.method, modes.masters, modes.rows, vectors, labels, solid.mass_inner, solid.comm.allreduce)
+
+
+def reduce(solid: Solid, basis: ReducedBasis) -> Any:
+    """The reduced model the scene's `basis.elastic_force` asks for: polynomial, or projection of the full force."""
+    scene = solid.scene
+    if scene.geometrically_nonlinear and scene.basis.elastic_force == "projection":
+        return project_intrusively(solid, basis)
+    return project(solid, basis, scene.geometrically_nonlinear)
+
+
+class Stopwatch:
+    """Times stages and says when they begin and end."""
+
+    def __init__(self, say: Callable[[str], None]):
+        """Say what happens through `say`, a line at a time."""
+        self.say = say
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[None]:
+        """Time a stage."""
+        self.say(f"{stage} ..")
+        begin = clock.perf_counter()
+        yield
+        self.seconds[stage] = clock.perf_counter() - begin
+
+    def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:
+        """A callback for `simulate` that says how far it is, every two seconds at most."""
+        last = clock.perf_counter()
+        count = 0
+
+        def say(fraction: float, change: float) -> None:
+            nonlocal last, count
+            count += 1
+            if clock.perf_counter() - last > 2.0:
+                last = clock.perf_counter()
+                goal = f" (steady at {steady:.0e})" if steady else ""
+                self.say(f"  {model}: period {count}, change {change:.1e}{goal}")
+
+        return say
+
+
+@dataclass(eq=False)
+class Study:
+    """What a run found.
+
+    Attributes:
+        scene: the scene.
+        stages: the plan it followed.
+        solid: the body.
+        modes: its component modes.
+        selection: the modes and derivatives kept.
+        derivatives: the derivatives.
+        basis: the basis; None if only modes were asked for.
+        model: the reduced model; None if only modes were asked for.
+        motions: "reduced", "full" and "beam" -> motion, as far as they ran.
+        seconds: stage -> run time in s.
+        left_out: what the scene did not need, and why.
+        unfinished: the name of the model whose integration failed, with its error; None if all went well.
+    """
+
+    scene: Scene
+    stages: list[Stage]
+    solid: Solid
+    modes: ComponentModes
+    selection: Selection
+    derivatives: Derivatives
+    basis: ReducedBasis | None = None
+    model: Any = None
+    motions: dict[str, Motion] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    unfinished: tuple[str, Exception] | None = None
+
+
+def offline(scene: Scene, comm: Any, watch: Stopwatch) -> Study:
+    """Mesh, solid, modes, selection and derivatives of a scene."""
+    from fenicsrom.mesh import build_mesh
+
+    stages = plan(scene)
+    with watch("mesh"):
+        mesh = build_mesh(scene.geometry, comm)
+    with watch("solid"):
+        solid = Solid(mesh, scene)
+    with watch("modes"):
+        modes = component_modes(solid, scene.basis.method, scene.basis.modes)
+    with watch("selection"):
+        selection = choose(solid, modes)
+    with watch("derivatives"):
+        derivatives = differentiate(solid, modes, selection.derivatives)
+    study = Study(scene, stages, solid, modes, selection, derivatives, seconds=watch.seconds)
+    study.left_out = [f"{stage.name}: {stage.why}" for stage in stages if not stage.runs]
+    dropped = [label for label in modes.labels if label not in selection.modes]
+    light = [label for label, weight in selection.weights.items() if label not in selection.derivatives]
+    threshold = scene.basis.threshold
+    if dropped:
+        study.left_out.append(f"modes {', '.join(dropped)}: take part with less than {threshold:g} of the largest")
+    if light:
+        study.left_out.append(f"derivatives {', '.join(light)}: weigh at most {threshold:g} of the largest")
+    return study
+
+
+def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
+    """Everything a scene asks for, but the files.
+
+    Args:
+        scene: the scene.
+        comm: MPI communicator of the offline stage and the full model.
+        say: is told what happens, a line at a time.
+
+    Returns:
+        What was found; `unfinished` names a model whose integration failed, its motion up to there is in `motions`.
+
+    Raises:
+        SceneError: the scene asks for something impossible.
+        ConvergenceError, AccuracyError: an offline stage failed.
+    """
+    from fenicsrom.errors import ConvergenceError
+
+    watch = Stopwatch(say)
+    study = offline(scene, comm, watch)
+    with watch("basis"):
+        study.basis = enrich(study.solid, study.modes, study.selection, study.derivatives)
+    with watch("reduction"):
+        study.model = reduce(study.solid, study.basis)
+    models: dict[str, Callable[[], Any]] = {"reduced": lambda: study.model}
+    if scene.reference.full:
+        models["full"] = lambda: _full(study.solid)
+    if scene.reference.beam is not None:
+        models["beam"] = lambda: beam_model(scene)
+    for name, make in models.items():
+        model = make()
+        with watch(f"{name} motion"):
+            try:
+                study.motions[name] = simulate(
+                    model, scene, keep_coordinates=name == "reduced", progress=watch.progress(name, scene.time.steady_tolerance)
+                )
+            except ConvergenceError as error:
+                if error.partial is not None:
+                    study.motions[name] = error.partial
+                study.unfinished = (name, error)
+        if study.unfinished:
+            break
+        # the run time proper, without compilation
+        watch.seconds[f"{name} motion"] = study.motions[name].seconds
+    return study
+
+
+def _full(solid: Solid) -> Any:
+    from fenicsrom.full import FullModel
+
+    return FullModel(solid)
+
+
+def beam_model(scene: Scene) -> Any:
+    """The planar Timoshenko beam of a scene, in the plane of x and y: loads at its section, contact and probe at its tip.
+
+    Raises:
+        SceneError: the scene's loads or contacts are not those of a planar beam along x.
+    """
+    from fenicsrom.beam import timoshenko
+    from fenicsrom.online import signals
+    from fenicsrom.reduced import DenseModel
+    from fenicsrom.solid import frame
+
+    section, d = scene.reference.beam, scene.geometry.dimension
+    assert section is not None
+    try:
+        beam = timoshenko(section, scene.material, not scene.geometrically_nonlinear)
+    except SceneError as error:
+        raise SceneError(f"{scene.source}: {error}") from None
+    n = beam.mass.shape[0]
+    if len(scene.contacts) > 1:
+        raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {len(scene.contacts)}")
+    for k, item in enumerate([*scene.loads, *scene.contacts]):
+        vector = item.direction if k < len(scene.loads) else item.normal
+        if d == 3 and abs(vector[2]) > 1e-12:
+            raise SceneError(f"{scene.source}: reference.beam = true: the beam moves in the x-y plane, {list(vector)} leaves it")
+
+    def rows(node: int) -> Array:
+        found = np.zeros((d, n))
+        found[0, beam.unknown(node, 0)] = found[1, beam.unknown(node, 1)] = 1.0
+        return found
+
+    tip = rows(beam.tip_node)
+    loads = np.array([np.array(load.direction) @ rows(beam.load_node) for load in scene.loads]).reshape(-1, n).T
+    contact_rows = np.concatenate([frame(np.array(c.normal)) @ tip for c in scene.contacts] or [np.zeros((0, n))])
+    static = np.zeros(n)
+    for k, load in enumerate(scene.loads):
+        if load.frequency is None:
+            static += load.force * loads[:, k]
+    if np.any(static):
+        raise SceneError(f"{scene.source}: reference.beam = true: the beam starts at rest, undeformed; leave out static loads")
+    return DenseModel(
+        beam.mass, scene.material.mass_damping, beam.elastic, beam.energy, loads, signals(scene),
+        contact_rows, np.zeros(contact_rows.shape[0]), tip, np.zeros(d),
+        linear=not scene.geometrically_nonlinear, gauss_points=1 if not scene.geometrically_nonlinear else 5,
+    )  # fmt: skip
