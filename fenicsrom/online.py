@@ -212,8 +212,12 @@ def rescene(stored: StoredModel, overrides: Sequence[str]) -> tuple[ReducedModel
     scene = parse_scene(override_table(table, overrides, stored.scene.source), stored.scene.source, None)
     if (key := changed_key(stored.scene, scene)) is not None:
         raise SceneError(f"{scene.source}: {key} cannot change on a stored reduced model: run the scene again")
-    model = stored.model._replace(signals=signals(scene), damping=float(scene.material.mass_damping))
-    return model, scene
+    return with_scene(stored, scene)
+
+
+def with_scene(stored: StoredModel, scene: Scene) -> tuple[ReducedModel, Scene]:
+    """The stored model with the time factors and damping of a scene that agrees with its own (`changed_key` is None)."""
+    return stored.model._replace(signals=signals(scene), damping=float(scene.material.mass_damping)), scene
 
 
 def changed_key(made: Scene, wanted: Scene) -> str | None:

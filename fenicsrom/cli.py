@@ -1,0 +1,189 @@
+"""The commands: run, plan and modes. Exit codes: 0 done, 1 a numerical failure, 2 wrong input, 130 interrupted."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.scene import Scene, read_scene
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.command(options))
+    except SceneError as error:
+        return _refuse(str(error), 2)
+    except (ConvergenceError, AccuracyError) as error:
+        return _refuse(str(error), 1)
+    except OSError as error:
+        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
+    except ModuleNotFoundError as error:
+        needed = "a stored model needs no dolfinx: fenicsrom run --from reduced_model.npz"
+        return _refuse(f"this command needs the Python module {error.name}, which is not installed ({needed})", 1)
+    except KeyboardInterrupt:
+        return _refuse("interrupted", 130)
+
+
+def _refuse(sentence: str, code: int) -> int:
+    print(f"fenicsrom: {sentence}", file=sys.stderr)
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="fenicsrom", description="Reduced-order models of structures that rub.")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    run = commands.add_parser("run", help="run a scene, or integrate a stored reduced model again")
+    run.add_argument("scene", nargs="?", help="scene file (TOML)")
+    run.add_argument("--from", dest="stored", metavar="MODEL", help="a reduced_model.npz to integrate again, without a mesh")
+    run.set_defaults(command=_run)
+
+    plan = commands.add_parser("plan", help="say what a scene will compute, what it leaves out, and why")
+    plan.add_argument("scene", help="scene file (TOML)")
+    plan.set_defaults(command=_plan)
+
+    modes = commands.add_parser("modes", help="modes and derivatives only, for ParaView")
+    modes.add_argument("scene", help="scene file (TOML)")
+    modes.set_defaults(command=_modes)
+
+    for command in (run, plan, modes):
+        command.add_argument(
+            "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
+            help="change a value of the scene, such as loads.0.force=200 (text in quotes); may be repeated",
+        )  # fmt: skip
+    for command in (run, modes):
+        command.add_argument("--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)")
+    return parser
+
+
+def _folder(options: argparse.Namespace, source: str) -> Path:
+    return Path(options.output) if options.output else Path("out") / Path(source).stem
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.stored:
+        return _rerun(options)
+    if options.scene is None:
+        raise SceneError("fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model")
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
+    comm, say = _start(folder)
+    from fenicsrom import results, study
+
+    found = study.run(scene, comm, say)
+    say("files ..")
+    files = results.write_study(found, folder)
+    if comm.rank == 0:
+        _found(scene, results.terminal_table(found.motions, results.sizes(found)), found.solid.warnings)
+        basis = found.basis
+        assert basis is not None
+        print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
+        errors = results.motions_summary(found.motions).get("error_percent")
+        if errors:
+            print(results.error_sentence(errors))
+        if "full" in found.motions and "reduced" in found.motions:
+            slow, fast = (found.motions[name] for name in ("full", "reduced"))
+            ratio = (slow.seconds / max(slow.steps, 1)) / (fast.seconds / max(fast.steps, 1))
+            print(f"The reduced model took 1/{ratio:.0f} of the full model's time for a step.")
+        _files(files)
+    if found.unfinished:
+        raise found.unfinished[1]
+    return 0
+
+
+def _rerun(options: argparse.Namespace) -> int:
+    from fenicsrom import online, results
+
+    stored = online.load_model(Path(options.stored))
+    overrides = list(options.overrides)
+    if options.scene is not None:
+        wanted = read_scene(options.scene, overrides)
+        if (key := online.changed_key(stored.scene, wanted)) is not None:
+            raise SceneError(f"{options.scene}: {key} is not what {options.stored} was made from: run the scene without --from")
+        model, scene = online.with_scene(stored, wanted)
+    else:
+        model, scene = online.rescene(stored, overrides)
+    folder = _folder(options, options.scene or options.stored)
+    _writable(folder)
+    unfinished: ConvergenceError | None = None
+    try:
+        motion = online.simulate(model, scene)
+    except ConvergenceError as error:
+        if error.partial is None:
+            raise
+        motion, unfinished = error.partial, error
+    files = results.write_rerun(stored, scene, motion, folder)
+    _found(scene, results.terminal_table({"reduced": motion}, {"reduced": stored.size}), [])
+    _files(files)
+    if unfinished:
+        raise unfinished
+    return 0
+
+
+def _modes(options: argparse.Namespace) -> int:
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
+    comm, say = _start(folder)
+    from fenicsrom import results, study
+
+    found = study.offline(scene, comm, study.Stopwatch(say))
+    say("files ..")
+    files = results.write_study(found, folder)
+    if comm.rank == 0:
+        print()
+        print("\n".join(f"warning: {warning}" for warning in found.solid.warnings), end="")
+        for k, frequency in enumerate(found.modes.frequencies_hz):
+            print(f"{k + 1}V  {frequency:.5g} Hz")
+        if found.derivatives.labels:
+            print(f"derivatives: {' '.join(found.derivatives.labels)}")
+        _files(files)
+    return 0
+
+
+def _plan(options: argparse.Namespace) -> int:
+    from fenicsrom.plan import plan
+
+    scene = read_scene(options.scene, options.overrides)
+    for stage in plan(scene):
+        print(f"{'runs     ' if stage.runs else 'left out '} {stage.name:26} {stage.why}")
+    return 0
+
+
+def _start(folder: Path) -> tuple[Any, Any]:
+    """The communicator and where progress goes; the output folder is made first, so that a run is not lost for want of it."""
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    if comm.rank == 0:
+        _writable(folder)
+
+    def say(line: str) -> None:
+        if comm.rank == 0:
+            print(line, file=sys.stderr, flush=True)
+
+    return comm, say
+
+
+def _writable(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _found(scene: Scene, table: str, warnings: Sequence[str]) -> None:
+    print()
+    if scene.title:
+        print(scene.title)
+    print(table)
+    for warning in warnings:
+        print(f"warning: {warning}")
+
+
+def _files(files: Sequence[Path]) -> None:
+    print("files:")
+    for path in files:
+        print(f"  {path}")

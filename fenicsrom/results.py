@@ -1,0 +1,317 @@
+"""The files of a run: summary, report, history, reduced model, ParaView files and pictures."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.files import whole
+from fenicsrom.integrate import Motion
+from fenicsrom.online import StoredModel, provenance, save_model
+from fenicsrom.reduced import ReducedModel
+from fenicsrom.report import (
+    errors_percent,
+    html_report,
+    ledger_plot,
+    plot_contact,
+    plot_modes,
+    plot_motion,
+    response_summary,
+    text_table,
+    write_summary,
+)
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.study import Study
+
+Array = NDArray[np.float64]
+
+FRAMES = 60  # of the motion for ParaView, at most
+
+
+def free_unknowns(study: Study) -> int:
+    """Global number of unknowns that no support clamps."""
+    solid = study.solid
+    return int(solid.size - solid.comm.allreduce(solid.clamped_count))
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """The contents of `summary.json`."""
+    basis = study.basis
+    found: dict[str, Any] = {
+        "scene": study.scene.source,
+        "dofs": free_unknowns(study),
+        "frequencies_hz": study.modes.frequencies_hz,
+        "basis": {
+            "method": study.modes.method,
+            "size": basis.size if basis else None,
+            "labels": list(basis.labels) if basis else [*study.modes.labels, *study.derivatives.labels],
+            "dropped": basis.dropped if basis else {},
+            "mass_condition": basis.condition if basis else None,
+            "flexibility_condition": study.modes.flexibility_condition,
+            "participation": study.selection.participation,
+            "weights": study.selection.weights,
+        },
+        "seconds": study.seconds,
+        "left_out": study.left_out,
+    }
+    found |= motions_summary(study.motions)
+    if study.unfinished:
+        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
+    found["warnings"] = study.solid.warnings
+    found["provenance"] = provenance()
+    return found
+
+
+def motions_summary(motions: Mapping[str, Motion]) -> dict[str, Any]:
+    """The responses of the models that ran, and the errors of the reduced one against the full one."""
+    found: dict[str, Any] = {"response": {name: response_summary(motion) for name, motion in motions.items()}}
+    if "reduced" in motions and "full" in motions:
+        found["error_percent"] = errors_percent(motions["reduced"], motions["full"])
+    return found
+
+
+def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
+    """The table of what was found, its head first."""
+    head = ["model", "unknowns", "tangential mm", "normal mm", "open %", "slip %", "stick %", "peak N", "J/period", "periods"]
+    rows: list[list[Any]] = [[*head, "steady", "imbalance"]]
+    for name, motion in motions.items():
+        r = response_summary(motion)
+        tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
+        fraction = [f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")]
+        if motion.force.shape[1] == 0:
+            fraction = [None, None, None]
+        rows.append(
+            [
+                name, sizes.get(name), tangential, f"{1e3 * r['amplitude_m']['normal']:.5g}", *fraction,
+                f"{r['peak_normal_force_N']:.5g}", f"{r['dissipated_per_period_J']:.5g}", r["periods"],
+                "yes" if r["steady"] else "no", f"{r['energy_imbalance']:.1e}",
+            ]
+        )  # fmt: skip
+    return rows
+
+
+def write_history(path: Path, motions: Mapping[str, Motion]) -> None:
+    """Write the motions as one `.npz`: arrays `MODEL_time`, `MODEL_displacement`, `MODEL_force`, `MODEL_state` and energies."""
+    arrays: dict[str, Any] = {}
+    for name, motion in motions.items():
+        for key in ("time", "displacement", "force", "state", "kinetic", "elastic", "contact_energy", "work", "damped", "rubbed"):
+            arrays[f"{name}_{key}"] = getattr(motion, key)
+    with whole(path) as temporary, open(temporary, "wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def write_figure(path: Path, figure: Any) -> Path:
+    """Write a matplotlib figure as PNG."""
+    with whole(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=130)
+    return path
+
+
+def motion_figures(folder: Path, motions: Mapping[str, Motion]) -> list[tuple[str, Path]]:
+    """Pictures of the motion, the contact and the energy ledger: (heading, file)."""
+    pictures = [("Motion", write_figure(folder / "motion.png", plot_motion(motions)))]
+    first = next(iter(motions.values()))
+    for point in range(first.force.shape[1]):
+        name = "contact.png" if first.force.shape[1] == 1 else f"contact_{point + 1}.png"
+        heading = "Contact" if first.force.shape[1] == 1 else f"Contact point {point + 1}"
+        touching = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
+        pictures.append((heading, write_figure(folder / name, plot_contact(touching, point))))
+    pictures.append(("Energy", write_figure(folder / "energy.png", ledger_plot(first))))
+    return pictures
+
+
+def shapes(study: Study) -> dict[str, dict[str, Any]]:
+    """Normal modes, static modes and derivatives: file name -> label -> field."""
+    solid, modes = study.solid, study.modes
+    kinds: dict[str, dict[str, Any]] = {"normal_modes": {}, "static_modes": {}, "derivatives": {}}
+    for k, label in enumerate(modes.labels):
+        kind = "normal_modes" if label.endswith("V") else "static_modes"
+        kinds[kind][label] = solid.field(modes.vectors[:, k])
+    for k, label in enumerate(study.derivatives.labels):
+        kinds["derivatives"][label] = solid.field(study.derivatives.vectors[:, k])
+    if solid.loaded:
+        kinds["equilibrium"] = {"displacement": solid.field(solid.equilibrium)}
+    return {name: fields for name, fields in kinds.items() if fields}
+
+
+def write_shapes(study: Study, folder: Path) -> list[Path]:
+    """ParaView files of the shapes; collective."""
+    from fenicsrom.export import write_fields
+
+    return [write_fields(folder, name, study.solid.space, fields) for name, fields in shapes(study).items()]
+
+
+def write_last_period(study: Study, folder: Path) -> list[Path]:
+    """ParaView files of the reduced model's last period; collective."""
+    from fenicsrom.export import write_motion
+
+    motion, basis, solid = study.motions["reduced"], study.basis, study.solid
+    if basis is None or motion.coordinates is None or motion.coordinate_time is None:
+        return []
+    vectors = np.array([solid.field(vector).x.array.copy() for vector in basis.vectors.T])
+    rest = solid.field(solid.equilibrium).x.array.copy()
+    step = -(-motion.coordinates.shape[0] // FRAMES)
+    q = motion.coordinates[::step]
+    return [write_motion(folder, "motion", solid.space, motion.coordinate_time[::step], lambda k: rest + q[k] @ vectors)]
+
+
+def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """Pictures of the shapes: along the axis, and as bodies; collective."""
+    from fenicsrom.export import centreline, picture_modes
+
+    fields = {label: field for kind, named in shapes(study).items() if kind != "equilibrium" for label, field in named.items()}
+    if not fields:
+        return []
+    space = study.solid.space
+    positions, values = centreline(space, fields)
+    pictures = []
+    if study.solid.comm.rank == 0:
+        pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", plot_modes(list(fields), positions, values))))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        bodies = picture_modes(folder / "shapes.png", space, fields)
+    study.solid.warnings += [str(warning.message) for warning in caught]
+    if bodies is not None:
+        pictures.append(("Shapes", bodies))
+    return pictures
+
+
+def write_study(study: Study, folder: Path) -> list[Path]:
+    """Write all files of a study that the scene asks for; collective.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    root = study.solid.comm.rank == 0
+    output = study.scene.output
+    files: list[Path] = []
+    pictures: list[tuple[str, Path]] = []
+    if output.paraview:
+        files += write_shapes(study, folder)
+    if output.motion and "reduced" in study.motions:
+        files += write_last_period(study, folder)
+    if output.pictures:
+        if root and study.motions:
+            pictures += motion_figures(folder, study.motions)
+        pictures += write_pictures(study, folder)
+    if not root:
+        return []
+    if isinstance(study.model, ReducedModel) and study.basis is not None:
+        path = folder / "reduced_model.npz"
+        save_model(path, stored_model(study))
+        files.append(path)
+    if study.motions:
+        write_history(folder / "history.npz", study.motions)
+        files.append(folder / "history.npz")
+    files += [path for _, path in pictures]
+    write_summary(folder / "summary.json", summary(study))
+    _write_text(folder / "report.html", html_report(study.scene.title or study.scene.source, report_sections(study, pictures)))
+    return [folder / "report.html", folder / "summary.json", *files]
+
+
+def stored_model(study: Study) -> StoredModel:
+    """What `reduced_model.npz` holds."""
+    assert study.basis is not None
+    return StoredModel(
+        study.model, study.scene, study.basis.method, study.basis.labels, free_unknowns(study), study.modes.frequencies_hz,
+        provenance(),
+    )  # fmt: skip
+
+
+def sizes(study: Study) -> dict[str, int]:
+    """Number of unknowns of each model."""
+    beam = study.scene.reference.beam
+    return {
+        "reduced": study.basis.size if study.basis else 0,
+        "full": free_unknowns(study),
+        "beam": 3 * beam.elements if beam else 0,
+    }
+
+
+def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tuple[str, list[Any]]]:
+    """Headings and items of `report.html`."""
+    sections: list[tuple[str, list[Any]]] = []
+    found: list[Any] = []
+    if study.motions:
+        found.append(response_rows(study.motions, sizes(study)))
+        found.append("Amplitudes are half of peak-to-peak over the last period; imbalance is the largest error of the energy ledger "
+                     "relative to the largest energy of the motion.")  # fmt: skip
+    errors = motions_summary(study.motions).get("error_percent")
+    if errors:
+        found.append(error_sentence(errors))
+    if study.unfinished:
+        found.append(f"The {study.unfinished[0]} model did not finish: {study.unfinished[1]}")
+    found += [f"Warning: {warning}" for warning in study.solid.warnings]
+    if found:
+        sections.append(("What was found", found))
+    sections += [(heading, [path]) for heading, path in pictures]
+    modes = [["mode", "frequency Hz"], *[[f"{k + 1}V", f"{f:.5g}"] for k, f in enumerate(study.modes.frequencies_hz)]]
+    basis: list[Any] = [modes]
+    if study.basis:
+        basis.append(f"{study.basis.method}, {study.basis.size} coordinates: {', '.join(study.basis.labels)}. Condition number of the "
+                     f"reduced mass, scaled: {study.basis.condition:.3g}.")  # fmt: skip
+        if study.basis.dropped:
+            basis.append("Dropped as dependent: " + ", ".join(f"{k} ({v:.0e})" for k, v in study.basis.dropped.items()))
+    if study.selection.weights:
+        order = sorted(study.selection.weights.items(), key=lambda item: -item[1])
+        kept = set(study.selection.derivatives)
+        basis.append([["derivative", "weight", "kept"], *[[k, f"{w:.2e}", "yes" if k in kept else "no"] for k, w in order]])
+    sections.append(("Basis", basis))
+    stages = [["stage", "s"], *[[stage, f"{seconds:.3g}"] for stage, seconds in study.seconds.items()]]
+    sections.append(("Run time", [stages]))
+    sections.append(("Left out", [[["stage", "why"], *[line.split(": ", 1) for line in study.left_out]]] if study.left_out else []))
+    made = ", ".join(f"{name} {number}" for name, number in provenance().items())
+    sections.append(("Made by", [made or "this program, not installed as a package"]))
+    return sections
+
+
+def error_sentence(errors: Mapping[str, float | None]) -> str:
+    """The errors against the full model in a sentence."""
+    parts = [f"{name.removeprefix('amplitude_')} {value:.3g} %" for name, value in errors.items() if value is not None]
+    return "Error of the reduced model's amplitudes against the full model's: " + (", ".join(parts) or "none to compare") + "."
+
+
+def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:
+    """Write the files of an integration of a stored model: summary, report, history and pictures.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    motions = {"reduced": motion}
+    pictures = motion_figures(folder, motions) if scene.output.pictures else []
+    write_history(folder / "history.npz", motions)
+    found = {
+        "scene": scene.source,
+        "dofs": stored.dofs,
+        "frequencies_hz": stored.frequencies_hz,
+        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
+        "seconds": {"reduced motion": motion.seconds},
+        "left_out": ["offline stages: the reduced model was read from a file"],
+        **motions_summary(motions),
+        "provenance": stored.provenance,
+    }
+    write_summary(folder / "summary.json", found)
+    rows = response_rows(motions, {"reduced": stored.size})
+    sections = [("What was found", [rows]), *[(heading, [path]) for heading, path in pictures]]
+    _write_text(folder / "report.html", html_report(scene.title or scene.source, sections))
+    return [folder / "report.html", folder / "summary.json", folder / "history.npz", *[path for _, path in pictures]]
+
+
+def _write_text(path: Path, text: str) -> None:
+    with whole(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def terminal_table(motions: Mapping[str, Motion], unknowns: Mapping[str, int]) -> str:
+    """The table of what was found, for the terminal."""
+    return text_table(response_rows(motions, unknowns))
