@@ -43,7 +43,7 @@ def no_contacts() -> Contacts:
     return Contacts(*(np.zeros(0) for _ in Contacts._fields))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tangent: Array, new_slider: Array) -> int:
     """Forces of point p by return mapping, with the consistent tangent (unsymmetric in slip: T depends on N).
 
@@ -94,7 +94,7 @@ def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tange
     return SLIP
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def energy(contacts: Contacts, x: Array, force: Array) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J; x and force (P, d)."""
     total = 0.0
@@ -105,7 +105,7 @@ def energy(contacts: Contacts, x: Array, force: Array) -> float:
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     """Mean normal force along a straight step, and its derivative by `after`.
 
@@ -128,7 +128,7 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     return -0.5 * before**2 / span, 0.5 * (before / span) ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def resolve(
     contacts: Contacts,
     compliance: Array,

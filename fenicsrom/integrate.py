@@ -29,7 +29,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import njit, types
-from numba.extending import overload, register_jitable
+from numba.core import cgutils
+from numba.extending import intrinsic, overload, register_jitable
 from numpy.typing import NDArray
 
 from fenicsrom import contact
@@ -157,6 +158,37 @@ def load(model, time):  # type: ignore[no-untyped-def]  # noqa: D103
 @overload(load, inline="always", strict=False)
 def _load(model, time):  # type: ignore[no-untyped-def]
     return ReducedModel.load if _is_reduced(model) else None
+
+
+def borrowed(value):  # noqa: D103
+    return value
+
+
+def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    if isinstance(kind, types.BaseTuple):
+        members = [
+            _without_owners(context, builder, member, builder.extract_value(value, k)) for k, member in enumerate(kind)
+        ]
+        return context.make_tuple(builder, kind, members)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        return array._getvalue()
+    return value
+
+
+@intrinsic
+def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return _without_owners(context, builder, value, arguments[0])
+
+    return value(value), generate
+
+
+@overload(borrowed, inline="always")
+def _borrowed(value):  # type: ignore[no-untyped-def]
+    return lambda value: _borrow(value)
 
 
 class Scheme(NamedTuple):
@@ -404,6 +436,9 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     Returns:
         (status, rows written): DONE, FULL (the record is: call again), or FAILED (the smallest step did not converge).
     """
+    model, contacts, scheme, state, record = (
+        borrowed(model), borrowed(contacts), borrowed(scheme), borrowed(state), borrowed(record)
+    )
     s = state.scalars
     x = np.empty_like(state.x)
     force = np.empty_like(state.x)

@@ -142,7 +142,7 @@ def load_model(path: Path) -> StoredModel:
         SceneError: the file is missing, damaged, of another format, or its arrays do not fit together.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             data = {name: np.array(file[name]) for name in file.files}
         header = json.loads(str(data["header"][()]))
         if header.get("format") != FORMAT:

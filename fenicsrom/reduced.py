@@ -26,7 +26,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.dense import lu_factor, lu_solve
+from fenicsrom.dense import add_combined_rows, inner, lu_factor, lu_solve, times
 
 Array = NDArray[np.float64]
 
@@ -191,14 +191,7 @@ class ReducedModel(NamedTuple):
         n = q0.size
         mean = start_weight * start
         slope = np.zeros((n, n))
-        force = np.empty(n)
-        tangent = np.empty((n, n))
-        for g in range(points.size):
-            elastic_force(self.elastic, q0 + points[g] * dq, force, tangent)
-            for i in range(n):
-                mean[i] += weights[g] * force[i]
-                for j in range(n):
-                    slope[i, j] += weights[g] * points[g] * tangent[i, j]
+        add_elastic_mean(self.elastic, q0, dq, points, weights, mean, slope)
         return mean, slope
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
@@ -239,20 +232,20 @@ class ReducedModel(NamedTuple):
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
-        return self.probe_offset + np.dot(self.probe, q)
+        return self.probe_offset + times(self.probe, q)
 
     def mass_times(self, v: Array) -> Array:
         """M v (n,)."""
-        return np.dot(self.mass, v)
+        return times(self.mass, v)
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors (n,)."""
-        return float(np.dot(a, b))
+        return inner(a, b)
 
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
         signals = self.signals
-        return np.dot(self.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
+        return times(self.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
 
 
 def reduced_model(
@@ -276,7 +269,75 @@ def reduced_model(
     )  # fmt: skip
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def elastic_products(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array, Array]:
+    """The products of the polynomial at k points q (k, n), in one pass over its coefficients.
+
+    Returns:
+        s, a, b: (k, p) the pairs of q, a and b of the module docstring; those i = j of s and b are halved. (So they make use
+        of the symmetry of B: rows of the matrix are combined, which is faster than to take products with them.)
+    """
+    points, n = q.shape
+    p = elastic.cubic.shape[0]
+    s, a, b = np.empty((points, p)), np.empty((points, p)), np.zeros((points, p))
+    for g in range(points):
+        row = 0
+        for i in range(n):
+            s[g, row] = 0.5 * q[g, i] * q[g, i]
+            row += 1
+            for j in range(i + 1, n):
+                s[g, row] = q[g, i] * q[g, j]
+                row += 1
+        for row in range(p):
+            value = 0.0
+            for k in range(n):
+                value += elastic.quadratic[row, k] * q[g, k]
+            a[g, row] = value
+    add_combined_rows(s, elastic.cubic, b)
+    return s, a, b
+
+
+@njit(cache=True, error_model="numpy")
+def add_elastic_mean(
+    elastic: ElasticPolynomial, q0: Array, dq: Array, points: Array, weights: Array, mean: Array, slope: Array
+) -> None:
+    """Add sum_g w_g f(q0 + s_g dq) to mean (n,) and its derivative by dq to slope (n, n)."""
+    n, count = q0.size, points.size
+    q = np.empty((count, n))
+    linear = 0.0
+    for g in range(count):
+        linear += weights[g] * points[g]
+        for i in range(n):
+            q[g, i] = q0[i] + points[g] * dq[i]
+    for g in range(count):
+        for i in range(n):
+            value = elastic.force[i]
+            for j in range(n):
+                value += elastic.stiffness[i, j] * q[g, j]
+            mean[i] += weights[g] * value
+    for i in range(n):
+        for j in range(n):
+            slope[i, j] += linear * elastic.stiffness[i, j]
+    if elastic.cubic.shape[0] == 0:
+        return
+    _, a, b = elastic_products(elastic, q)
+    for g in range(count):
+        row = 0
+        for i in range(n):
+            mean[i] += weights[g] * (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
+            slope[i, i] += weights[g] * points[g] * (a[g, row] + 2.0 * b[g, row])
+            row += 1
+            for j in range(i + 1, n):
+                both = weights[g] * points[g] * (a[g, row] + b[g, row])
+                mixed = weights[g] * (0.5 * a[g, row] + b[g, row] * (1.0 / 3.0))
+                slope[i, j] += both
+                slope[j, i] += both
+                mean[i] += mixed * q[g, j]
+                mean[j] += mixed * q[g, i]
+                row += 1
+
+
+@njit(cache=True, error_model="numpy")
 def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
     """Force f (n,) and tangent T (n, n) at q, written into the arrays given; returns the energy, zero at q = 0, in J."""
     n = q.size
@@ -292,28 +353,20 @@ def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: A
         force[i] += elastic.force[i]
     if elastic.cubic.shape[0] == 0:
         return energy
-    s = np.empty(elastic.cubic.shape[0])
-    p = 0
+    s, a, b = elastic_products(elastic, q.copy().reshape(1, n))
+    row = 0
     for i in range(n):
         for j in range(i, n):
-            s[p] = q[i] * q[j]
-            p += 1
-    a = np.dot(elastic.quadratic, q)
-    b = np.dot(elastic.cubic, s)
-    p = 0
-    for i in range(n):
-        for j in range(i, n):
-            both = a[p] + b[p]
-            mixed = 0.5 * a[p] + b[p] / 3.0
+            twice = 2.0 if i == j else 1.0
+            both = a[0, row] + twice * b[0, row]
+            mixed = 0.5 * a[0, row] + twice * b[0, row] / 3.0
             tangent[i, j] += both
             force[i] += mixed * q[j]
-            weight = 1.0
             if j > i:
                 tangent[j, i] += both
                 force[j] += mixed * q[i]
-                weight = 2.0
-            energy += weight * s[p] * (a[p] / 6.0 + b[p] / 12.0)
-            p += 1
+            energy += s[0, row] * (a[0, row] / 3.0 + twice * b[0, row] / 6.0)
+            row += 1
     return energy
 
 

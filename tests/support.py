@@ -1,0 +1,179 @@
+"""What several test files share: differences, slopes, small scenes and small models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.contact import Contacts
+from fenicsrom.reduced import ElasticPolynomial, ReducedModel, Signals, elastic_polynomial, reduced_model, strain_products
+from fenicsrom.scene import Scene, Time, override_table, parse_scene
+
+Array = NDArray[np.float64]
+
+
+def assert_tangent(
+    f: Callable[[Array], Any], df: Callable[[Array], Any], x: Array, *, step: float = 1e-3, tolerance: float = 1e-8
+) -> None:
+    """Compare a derivative with differences of fourth order, exact for polynomials of degree 4 at any step.
+
+    Args:
+        f: the function of x (n,), a number or (m,).
+        df: its derivative at x: (n,) or (m, n).
+        x: where, (n,).
+        step: of the differences, in every component of x.
+        tolerance: relative to the largest entry of the derivative.
+    """
+    given = np.atleast_2d(df(x))
+    columns = []
+    for k in range(x.size):
+        e = np.zeros(x.size)
+        e[k] = step
+        near = np.array(f(x + e)) - np.array(f(x - e))
+        far = np.array(f(x + 2 * e)) - np.array(f(x - 2 * e))
+        columns.append(np.atleast_1d((8 * near - far) / (12 * step)))
+    differences = np.array(columns).T
+    assert given.shape == differences.shape
+    size = np.abs(given).max()
+    assert np.abs(differences).max() > 0
+    error = np.abs(given - differences).max()
+    assert error <= tolerance * size, f"derivative off by {error / size:.1e} of its largest entry {size:.3g}"
+
+
+def slope(steps: Any, errors: Any) -> float:
+    """Observed order: the slope of log(errors) against log(steps), by least squares."""
+    return float(np.polyfit(np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float)), 1)[0])
+
+
+# ------------------------------------------------------------------ scenes
+
+STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0, "mass_damping": 5.0}
+
+
+def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: Any) -> Scene:
+    """The paper's case: a cantilever whose tip rubs against a wall, loaded at 0.7 of its length, at the centre nodes.
+
+    Args:
+        dimension: 2 or 3.
+        overrides: as on the command line, such as "geometry.degree=1".
+        tables: whole tables of the scene in place of those below; None leaves one out.
+    """
+    up, along = [[0.0, 1.0, 0.0][:dimension], [1.0, 0.0, 0.0][:dimension]]
+    geometry: dict[str, Any] = {"mesh": f"beam{dimension}d.geo", "dimension": dimension, "parameters": {}}
+    if dimension == 2:
+        geometry["thickness"] = 0.0254
+    table = {
+        "geometry": geometry,
+        "material": STEEL,
+        "supports": [{"group": "root"}],
+        "loads": [{"group": "load", "at": "centre", "direction": up, "force": 111.29, "frequency": 3.2}],
+        "contacts": [
+            {"group": "tip", "at": "centre", "normal": along, "preload": 40.0, "friction": 0.5,
+             "normal_stiffness": 1e4, "tangential_stiffness": 1e4},
+        ],
+    } | tables  # fmt: skip
+    table = {name: value for name, value in table.items() if value is not None}
+    return parse_scene(override_table(table, overrides, "test"), "test", Path.cwd())
+
+
+STOCKY = tuple(f"geometry.parameters.{size}" for size in ("length=1.0", "height=0.2", "elements_along=4", "load_at=0.5"))
+"""Overrides that make the beam short and its mesh tiny."""
+
+
+def make_solid(scene: Scene) -> Any:
+    """Mesh and solid of a scene."""
+    from mpi4py import MPI
+
+    from fenicsrom.mesh import build_mesh
+    from fenicsrom.solid import Solid
+
+    return Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
+
+
+def free_unknowns(solid: Any) -> NDArray[np.int64]:
+    """The unknowns that are not clamped: those with mass."""
+    return np.flatnonzero(solid.mass.getDiagonal().array > 0)
+
+
+def dense(matrix: Any, keep: NDArray[np.int64]) -> Array:
+    """Rows and columns of a PETSc matrix as an array."""
+    return np.array(matrix.copy().convert("dense").getDenseArray())[np.ix_(keep, keep)]
+
+
+def random_field(solid: Any, size: float, seed: int = 0) -> Array:
+    """A rough field with entries of a given size, zero on the clamped unknowns."""
+    field = np.zeros(solid.local)
+    keep = free_unknowns(solid)
+    field[keep] = size * np.random.default_rng(seed).standard_normal(keep.size)
+    return field
+
+
+def enriched(solid: Any, method: str = "rubin", modes: int = 1, wanted: Any = None) -> tuple[Any, Any, Any]:
+    """Modes, derivatives (all unless given by label) and basis of a solid."""
+    from fenicsrom.basis import build_basis
+    from fenicsrom.derivatives import all_pairs, modal_derivatives
+    from fenicsrom.modes import component_modes
+
+    found = component_modes(solid, method, modes)
+    labels = all_pairs(found.labels) if wanted is None else list(wanted)
+    theta = modal_derivatives(found.vectors, found.labels, labels, solid.tangent_derivative, found.inverse)
+    basis = build_basis(
+        method, found.masters, found.rows, np.concatenate([found.normal, theta], axis=1),
+        [*found.labels[:modes], *labels], solid.mass_inner, solid.comm.allreduce,
+    )  # fmt: skip
+    return found, theta, basis
+
+
+# ------------------------------------------------------------------ small models
+
+NO_LOADS = Signals(np.zeros(0), np.zeros(0), np.zeros(0))
+
+
+def linear_model(
+    mass: Any, stiffness: Any, *, damping: float = 0.0, loads: Any = None, signals: Signals = NO_LOADS, masters: int = 0,
+    probes: int = 2,
+) -> ReducedModel:  # fmt: skip
+    """A linear model of dense matrices; its first coordinates are its contact displacements and its probe."""
+    mass, stiffness = np.atleast_2d(mass), np.atleast_2d(stiffness)
+    n = mass.shape[0]
+    elastic = ElasticPolynomial(np.zeros(n), stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
+    loads = np.zeros((n, 0)) if loads is None else np.asarray(loads, float).reshape(n, -1)
+    probe = np.eye(probes, n)
+    return reduced_model(mass, damping, elastic, loads, signals, np.zeros(masters), probe, np.zeros(probes))
+
+
+def random_polynomial(n: int, dimension: int = 2, seed: int = 0, points: int = 40) -> ElasticPolynomial:
+    """The elastic polynomial of random displacement gradients: of an imagined body, but positive and conservative."""
+    rng = np.random.default_rng(seed)
+    gradients = rng.standard_normal((points, 1 + n, dimension, dimension))
+    gradients[:, 0] = 0.0
+    weights = rng.uniform(0.5, 1.5, points) / points
+    return elastic_polynomial(strain_products([(weights, gradients)], 1.0, 0.8, n), n)
+
+
+def random_model(
+    n: int, *, seed: int = 0, damping: float = 0.0, masters: int = 0, force: float = 0.0, omega: float = 1.0
+) -> ReducedModel:
+    """A nonlinear model with a random mass matrix and polynomial, one load on all coordinates."""
+    rng = np.random.default_rng(seed + 1)
+    root = rng.standard_normal((n, n))
+    mass = np.eye(n) + 0.2 * root @ root.T
+    signals = Signals(np.array([force]), np.array([omega]), np.array([0.3]))
+    loads = rng.uniform(0.5, 1.0, (n, 1))
+    elastic = random_polynomial(n, seed=seed)
+    return reduced_model(mass, damping, elastic, loads, signals, np.zeros(masters), np.eye(2, n), np.zeros(2))
+
+
+def one_contact(**values: float) -> Contacts:
+    """Parameters of one contact point, or of several if a value is a list."""
+    given = {"preload": 0.0, "gap": 0.0, "normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.0} | values
+    return Contacts(*np.broadcast_arrays(*(np.atleast_1d(np.asarray(given[name], float)) for name in Contacts._fields)))
+
+
+def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
+    """Settings of a run of a number of equal steps."""
+    return Time(scheme=scheme, duration=duration, step=duration / steps, spectral_radius=radius)

@@ -1,0 +1,243 @@
+"""The commands, as a user meets them: exit codes, sentences, files."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fenicsrom.cli import main
+
+DEMOS = Path(__file__).parent.parent / "demos"
+SCENE = DEMOS / "slip_liftoff_2d.toml"
+QUICK = ["--set", "time.periods=2", "--set", "basis.modes=1", "--set", "reference.full=false"]
+NO_PICTURES = ["--set", "output.pictures=false"]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    motion = ["--set", "output.motion=true", "--set", "reference.full=true"]
+    assert main(["run", str(SCENE), "--output", str(folder), *QUICK, *motion]) == 0
+    return folder
+
+
+def test_summary_has_its_keys(results):
+    found = json.loads((results / "summary.json").read_text())
+    for key in ("scene", "dofs", "frequencies_hz", "basis", "seconds", "left_out", "response", "error_percent"):
+        assert key in found
+    assert found["dofs"] == 240
+    assert found["basis"]["method"] == "rubin"
+    assert found["basis"]["size"] == len(found["basis"]["labels"])
+    assert set(found["response"]) == {"reduced", "full", "beam"}
+    for response in found["response"].values():
+        assert list(response) == [
+            "amplitude_m", "fraction", "peak_normal_force_N", "dissipated_per_period_J", "energy_imbalance", "steady",
+            "periods", "steps", "newton_iterations",
+        ]  # fmt: skip
+        assert response["steady"] is False and response["periods"] == 2
+        assert sum(response["fraction"].values()) == pytest.approx(1.0)
+    assert set(found["error_percent"]) == {"amplitude_tangential", "amplitude_normal"}
+
+
+def test_files_open(results):
+    import pyvista
+
+    modes = pyvista.read(results / "normal_modes.vtu")
+    assert set(modes.point_data) >= {"1V"}
+    assert modes["1V"].shape == (modes.n_points, 3)
+    assert set(pyvista.read(results / "static_modes.vtu").point_data) >= {"1S", "2S"}
+    assert "1V1V" in pyvista.read(results / "derivatives.vtu").point_data
+    motion = pyvista.get_reader(results / "motion" / "motion.pvd")
+    assert len(motion.time_values) > 10
+    for name in ("motion.png", "contact.png", "energy.png", "modes.png"):
+        assert (results / name).read_bytes().startswith(b"\x89PNG")
+    page = (results / "report.html").read_text()
+    assert "src=" in page and "http" not in page.replace("http-equiv", "")
+    with np.load(results / "history.npz") as history:
+        steps = history["reduced_time"].size
+        assert history["reduced_displacement"].shape == (steps, 1, 2)
+
+
+def test_stored_model_without_dolfinx(results, tmp_path):
+    """The online stage again in a Python that cannot import dolfinx, PETSc, gmsh or MPI."""
+    program = (
+        "import sys\n"
+        "class Refuse:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in ('dolfinx', 'petsc4py', 'slepc4py', 'gmsh', 'ufl', 'basix', 'mpi4py', 'pyvista'):\n"
+        "            raise ModuleNotFoundError(name, name=name)\n"
+        "sys.meta_path.insert(0, Refuse())\n"
+        "from fenicsrom.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    call = [sys.executable, "-c", program, "run", "--from", str(results / "reduced_model.npz"), *NO_PICTURES]
+    subprocess.run([*call, "--output", str(tmp_path / "same")], check=True, capture_output=True)
+    same = json.loads((tmp_path / "same" / "summary.json").read_text())["response"]["reduced"]
+    first = json.loads((results / "summary.json").read_text())["response"]["reduced"]
+    assert same == first
+    changed = ["--set", "loads.0.force=200", "--set", "loads.0.frequency=3.0", "--set", "contacts.0.friction=0.1"]
+    subprocess.run([*call, "--output", str(tmp_path / "other"), *changed], check=True, capture_output=True)
+    other = json.loads((tmp_path / "other" / "summary.json").read_text())["response"]["reduced"]
+    assert other["amplitude_m"] != first["amplitude_m"]
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("material.young=1e9", "material cannot change on a stored reduced model"),
+        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal cannot change"),
+        ("contacts.0.friction=-1", "contacts[0].friction"),
+    ],
+)
+def test_stored_model_keeps_what_it_was_made_from(results, tmp_path, capsys, override, sentence):
+    model = str(results / "reduced_model.npz")
+    assert main(["run", "--from", model, "--output", str(tmp_path), "--set", override]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("damage", ["truncated", "empty", "text", "pickle", "version", "shape", "nan", "missing"])
+def test_damaged_stored_model(results, tmp_path, capsys, damage):
+    good, bad = results / "reduced_model.npz", tmp_path / "bad.npz"
+    with np.load(good) as file:
+        data = {name: file[name] for name in file.files}
+    if damage == "truncated":
+        bad.write_bytes(good.read_bytes()[:2000])
+    elif damage == "empty":
+        bad.write_bytes(b"")
+    elif damage == "text":
+        bad.write_text("not a model")
+    elif damage == "pickle":
+        np.savez(bad, **{**data, "mass": np.array([{}], dtype=object)})
+    elif damage == "version":
+        header = json.loads(str(data["header"])) | {"format": "fenicsrom reduced model 99"}
+        np.savez(bad, **{**data, "header": np.array(json.dumps(header))})
+    elif damage == "shape":
+        np.savez(bad, **{**data, "loads": data["loads"][1:]})
+    elif damage == "nan":
+        np.savez(bad, **{**data, "stiffness": np.nan * data["stiffness"]})
+    assert main(["run", "--from", str(bad), "--output", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"fenicsrom: {bad}: ") and message.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["material.yung=1"], ["material.yung", "young"]),
+        (["material.young='stiff'"], ["material.young", "stiff"]),
+        (["material.young=-1.0"], ["material.young", "-1"]),
+        (["material.poisson=0.5"], ["material.poisson", "0.5"]),
+        (["material.density=nan"], ["material.density", "NaN"]),
+        (["geometry.mesh='nothing.geo'"], ["geometry.mesh", "nothing.geo"]),
+        (["contacts.0.friction=-0.1"], ["contacts[0].friction", "-0.1"]),
+        (["contacts.0.normal_stiffness=-1.0"], ["contacts[0].normal_stiffness", "-1"]),
+        (["contacts.0.normal=[0.0, 0.0]"], ["contacts[0].normal"]),
+        (["contacts.0.group='tap'"], ["tap", "tip"]),
+        (["supports.0.group='rot'"], ["rot", "root"]),
+        (["basis.modes=500"], ["basis.modes", "500", "at most"]),
+        (["contacts.0.group='root'"], ["contacts[0]", "clamped"]),
+        (["geometry.parameters.length=-1.0"], ["geometry.parameters.length", "-1"]),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path, capsys, overrides, words):
+    arguments = [part for override in overrides for part in ("--set", override)]
+    assert main(["run", str(SCENE), "--output", str(tmp_path), *QUICK, *arguments]) == 2
+    message = capsys.readouterr().err
+    sentences = [line for line in message.splitlines() if line.startswith("fenicsrom: ")]
+    assert len(sentences) == 1 and "Traceback" not in message
+    for word in words:
+        assert word in sentences[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_scene(capsys):
+    assert main(["run", "no_such_scene.toml"]) == 2
+    assert capsys.readouterr().err == "fenicsrom: no_such_scene.toml: cannot be read: No such file or directory\n"
+
+
+def test_numerical_failure_keeps_the_motion(tmp_path, capsys, monkeypatch):
+    """Exit code 1, a sentence that says when and where, and the history up to there."""
+    from fenicsrom import integrate
+
+    monkeypatch.setattr(integrate, "NEWTON_ITERATIONS", 1)  # the plain loop of the beam reads it; the compiled one keeps its own
+    arguments = ["--set", "reference.beam=true", "--output", str(tmp_path), *QUICK, *NO_PICTURES]
+    assert main(["run", str(SCENE), *arguments]) == 1
+    assert "time integration stopped at t = " in capsys.readouterr().err
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert found["unfinished"]["model"] == "beam"
+    assert "reduced" in found["response"]
+    with np.load(tmp_path / "history.npz") as history:
+        assert "beam_time" in history
+
+
+def test_output_folder_that_cannot_be(tmp_path, capsys):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 1
+    assert str(blocked) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("overrides", "left_out", "kept"),
+    [
+        ([], ["static equilibrium", "second tangent direction", "ParaView motion"], ["modal derivatives", "static modes"]),
+        (["geometrically_nonlinear=false"], ["modal derivatives", "elastic polynomial", "Newton iterations"], ["static modes"]),
+        (["contacts=[]", "probe={group='tip'}"], ["static modes", "contact forces"], ["modal derivatives"]),
+        (["reference.full=false", "output.pictures=false"], ["full model", "pictures"], ["normal modes"]),
+    ],
+)
+def test_plan(capsys, overrides, left_out, kept):
+    assert main(["plan", str(SCENE), *[part for override in overrides for part in ("--set", override)]]) == 0
+    lines = {line[10:36].strip(): line.startswith("left out") for line in capsys.readouterr().out.splitlines()}
+    assert all(lines[name] for name in left_out)
+    assert not any(lines[name] for name in kept)
+
+
+def test_what_is_left_out_is_not_computed(tmp_path):
+    """A linear scene without contact: no static modes, derivatives, polynomial, pictures, ParaView files or heavy imports."""
+    program = (
+        "import sys\n"
+        "from fenicsrom.cli import main\n"
+        "code = main(sys.argv[1:])\n"
+        "print([name for name in ('pyvista', 'matplotlib', 'meshio') if name in sys.modules], file=sys.stderr)\n"
+        "sys.exit(code)\n"
+    )
+    off = ["geometrically_nonlinear=false", "contacts=[]", "probe={group='tip'}", "reference.beam=false",
+           "output.pictures=false", "output.paraview=false"]  # fmt: skip
+    arguments = ["run", str(SCENE), "--output", str(tmp_path), *QUICK, *[p for o in off for p in ("--set", o)]]
+    done = subprocess.run([sys.executable, "-c", program, *arguments], check=True, capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1] == "[]"
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert found["basis"]["labels"] == ["1V"]
+    assert found["response"]["reduced"]["newton_iterations"] == found["response"]["reduced"]["steps"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "history.npz", "reduced_model.npz", "report.html", "summary.json",
+    ]  # fmt: skip
+
+
+def test_modes_command(tmp_path, capsys):
+    assert main(["modes", str(SCENE), "--output", str(tmp_path), *NO_PICTURES]) == 0
+    assert "1V  3.28 Hz" in capsys.readouterr().out
+    assert (tmp_path / "derivatives.vtu").exists() and not (tmp_path / "history.npz").exists()
+
+
+def test_interrupted_run_leaves_no_half_written_file(tmp_path):
+    """SIGINT during a long run: exit code 130, and every file there is can be read."""
+    arguments = ["-m", "fenicsrom", "run", str(SCENE), "--output", str(tmp_path), "--set", "time.steps_per_period=20000"]
+    process = subprocess.Popen([sys.executable, *arguments], stderr=subprocess.PIPE, text=True, env=dict(os.environ))
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("full motion"):
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert not list(tmp_path.iterdir())
