@@ -24,13 +24,16 @@ motion.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import scipy.linalg
 from numba import njit
 from numpy.typing import NDArray
 
-from fenicsrom.errors import SceneError
-from fenicsrom.scene import BeamSection, Material
+from fenicsrom.errors import ConvergenceError, SceneError
+from fenicsrom.reduced import DenseModel, Signals
+from fenicsrom.scene import BeamSection, Material, Scene
 
 Array = NDArray[np.float64]
 
@@ -227,3 +230,139 @@ def _node_at(fraction: float, elements: int) -> int:
         f"reference.beam_section.load_at: {fraction:g} is not at a free node of a beam of {elements} elements, "
         f"nearest allowed: {allowed}"
     )
+
+
+STATIC_TOLERANCE = 1e-9
+"""Of Newton's decrement, relative to the work of the load, squared."""
+
+STATIC_ITERATIONS = 50
+
+
+class _Alone:
+    """The communicator of a body that every rank holds whole."""
+
+    rank, size = 0, 1
+
+    def allreduce(self, value: Any) -> Any:
+        """The sum over the one rank there is."""
+        return value
+
+    def bcast(self, value: Any) -> Any:
+        """The value of the one rank there is."""
+        return value
+
+
+class _Cholesky:
+    """A dense positive definite matrix, factorised once."""
+
+    def __init__(self, matrix: Array):
+        self._factor = scipy.linalg.cho_factor(matrix)
+
+    def solve(self, block: Array) -> Array:
+        """The inverse times the columns of a block (n, k)."""
+        return np.asarray(scipy.linalg.cho_solve(self._factor, block))
+
+
+class BeamBody:
+    """The beam as modes, derivatives, selection and projection want a body: what a `fenicsrom.solid.Solid` offers, dense.
+
+    Attributes are those of `Solid`, about the undeformed beam, which is its equilibrium. The elastic force is no polynomial;
+    five Gauss points integrate it along a time step to rounding.
+    """
+
+    gauss_points = 5
+    comm = _Alone()
+
+    def __init__(self, scene: Scene, beam: TimoshenkoBeam, loads: Array, contact_rows: Array, probe_rows: Array):
+        """Keep the beam and its places: unit loads (n, loads), B^T (m, n) and the rows of the probe (d, n)."""
+        self.scene, self.beam = scene, beam
+        self.mass, self.stiffness = beam.mass, beam.stiffness
+        self.size = self.local = self.free = beam.mass.shape[0]
+        self.load_vectors, self.contact_rows, self.probe_rows = loads, contact_rows, probe_rows
+        self.signals = Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
+        self.equilibrium = self.rest_force = np.zeros(self.size)
+        self.factor = _Cholesky(beam.stiffness)
+        self.warnings: list[str] = []
+
+    def full_model(self) -> DenseModel:
+        """All its unknowns, as the time integration wants them."""
+        linear = self.beam.linear
+        return DenseModel(
+            self.mass, self.scene.material.mass_damping, self.beam.elastic, self.beam.energy, self.load_vectors, self.signals,
+            self.contact_rows, np.zeros(self.contact_rows.shape[0]), self.probe_rows, np.zeros(self.probe_rows.shape[0]),
+            linear=linear, gauss_points=1 if linear else self.gauss_points,
+        )  # fmt: skip
+
+    def gram(self, a: Array, b: Array) -> Array:
+        """a^T b for blocks (n, k) and (n, l)."""
+        return a.T @ b
+
+    def mass_times(self, block: Array) -> Array:
+        """M times a block (n, k)."""
+        return self.mass @ block
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """a^T M b."""
+        return a.T @ (self.mass @ b)
+
+    def stiffness_times(self, block: Array) -> Array:
+        """K times a block (n, k)."""
+        return self.stiffness @ block
+
+    def internal_force(self, u: Array) -> Array:
+        """Elastic force (n,)."""
+        return self.beam.elastic(u)[0]
+
+    def tangent_times(self, u: Array, block: Array) -> Array:
+        """Tangent at u times a block (n, k)."""
+        return self.beam.elastic(u)[1] @ block
+
+    def energy(self, u: Array) -> float:
+        """Elastic energy, J."""
+        return self.beam.energy(u)
+
+    def tangent_difference(self, x: Array, y: Array) -> Array:
+        """K'[x] y by central differences of fourth order; the step turns no section by more than a milliradian."""
+        turn = max(np.max(np.abs(x[2::UNKNOWNS])), np.max(self.largest(x[:, None])) / self.beam.length)
+        h = 1e-3 / turn
+
+        def change(step: float) -> Array:
+            return self.tangent_times(step * x, y) - self.tangent_times(-step * x, y)
+
+        return (8.0 * change(h) - change(2.0 * h)) / (12.0 * h)
+
+    tangent_derivative = tangent_difference
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement component of each column of a block (n, k), rotations apart."""
+        return np.max(np.abs(np.concatenate([block[0::UNKNOWNS], block[1::UNKNOWNS]])), axis=0)
+
+    def translations(self) -> Array:
+        """(n, 2) unit translations along the axes."""
+        return np.tile(np.eye(UNKNOWNS, 2), (self.size // UNKNOWNS, 1))
+
+    def eigenmodes(self, inverse: Any, count: int) -> tuple[Array, Array]:
+        """omega^2 (count,) and mass-normalised modes (n, count) of M phi / omega^2 = M K^-1 M phi, the lowest first."""
+        lower = np.linalg.cholesky(self.mass)
+        compliance = lower.T @ inverse.solve(lower)
+        values, vectors = scipy.linalg.eigh(0.5 * (compliance + compliance.T))
+        values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
+        return 1.0 / values, scipy.linalg.solve_triangular(lower.T, vectors)
+
+    def static(self, load: Array, guess: Array | None = None) -> Array:
+        """Nonlinear equilibrium (n,) under a load (n,), by Newton from a guess.
+
+        Raises:
+            ConvergenceError: no convergence.
+        """
+        u = np.zeros(self.size) if guess is None else guess.copy()
+        first = 0.0
+        for _ in range(STATIC_ITERATIONS):
+            force, tangent = self.beam.elastic(u)
+            change = np.linalg.solve(tangent, load - force)
+            decrement = abs(float((load - force) @ change))
+            first = first or decrement
+            u += change
+            if decrement <= STATIC_TOLERANCE**2 * max(first, abs(float(load @ u))):
+                return u
+        raise ConvergenceError("static equilibrium of the beam: no convergence", u)

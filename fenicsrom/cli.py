@@ -1,10 +1,15 @@
-"""The commands: run, plan and modes. Exit codes: 0 done, 1 a numerical failure, 2 wrong input, 130 interrupted."""
+"""The commands: run, plan, modes, compare and stability.
+
+Exit codes: 0 done, 1 a numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
+"""
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +21,58 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     options = _parser().parse_args(arguments)
     try:
-        return int(options.command(options))
+        with _terminable():
+            return int(options.command(options))
     except SceneError as error:
         return _refuse(str(error), 2)
     except (ConvergenceError, AccuracyError) as error:
         return _refuse(str(error), 1)
     except OSError as error:
-        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
+        code = _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
+        if _ranks()[1] > 1:  # the other ranks may be waiting for this one
+            sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(code)
+        return code
     except ModuleNotFoundError as error:
         needed = "a stored model needs no dolfinx: fenicsrom run --from reduced_model.npz"
         return _refuse(f"this command needs the Python module {error.name}, which is not installed ({needed})", 1)
+    except Terminated:
+        return _refuse("terminated", 143)
     except KeyboardInterrupt:
         return _refuse("interrupted", 130)
 
 
+class Terminated(BaseException):
+    """SIGTERM arrived: files half written are taken away on the way out."""
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Turn SIGTERM into `Terminated`, where signals are this thread's to handle."""
+
+    def stop(number: int, frame: object) -> None:
+        raise Terminated
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # not the main thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _refuse(sentence: str, code: int) -> int:
-    print(f"fenicsrom: {sentence}", file=sys.stderr)
+    if _ranks()[0] == 0:
+        print(f"fenicsrom: {sentence}", file=sys.stderr)
     return code
+
+
+def _ranks() -> tuple[int, int]:
+    """Rank and number of ranks; 0 and 1 where MPI is not in use."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    return (mpi.COMM_WORLD.rank, mpi.COMM_WORLD.size) if mpi else (0, 1)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -52,12 +92,20 @@ def _parser() -> argparse.ArgumentParser:
     modes.add_argument("scene", help="scene file (TOML)")
     modes.set_defaults(command=_modes)
 
-    for command in (run, plan, modes):
+    compare = commands.add_parser("compare", help="every basis against the full model: error against run time")
+    compare.add_argument("scene", help="scene file (TOML); its [compare] table says what to compare")
+    compare.set_defaults(command=_compare)
+
+    stability = commands.add_parser("stability", help="a hundred extreme variants of a scene, and a verdict on each")
+    stability.add_argument("scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)")
+    stability.set_defaults(command=_stability)
+
+    for command in (run, plan, modes, compare, stability):
         command.add_argument(
             "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
             help="change a value of the scene, such as loads.0.force=200 (text in quotes); may be repeated",
         )  # fmt: skip
-    for command in (run, modes):
+    for command in (run, modes, compare, stability):
         command.add_argument("--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)")
     return parser
 
@@ -84,6 +132,10 @@ def _run(options: argparse.Namespace) -> int:
         basis = found.basis
         assert basis is not None
         print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
+        condition = found.modes.flexibility_condition
+        print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
+        if found.errors:
+            print(results.estimate_sentence(found.errors))
         errors = results.motions_summary(found.motions).get("error_percent")
         if errors:
             print(results.error_sentence(errors))
@@ -111,13 +163,15 @@ def _rerun(options: argparse.Namespace) -> int:
         model, scene = online.rescene(stored, overrides)
     folder = _folder(options, options.scene or options.stored)
     _writable(folder)
-    unfinished: ConvergenceError | None = None
+    unfinished: ConvergenceError | AccuracyError | None = None
     try:
         motion = online.simulate(model, scene)
     except ConvergenceError as error:
         if error.partial is None:
             raise
         motion, unfinished = error.partial, error
+    else:
+        unfinished = online.doubt(model, scene, motion)
     files = results.write_rerun(stored, scene, motion, folder)
     _found(scene, results.terminal_table({"reduced": motion}, {"reduced": stored.size}), [])
     _files(files)
@@ -144,6 +198,36 @@ def _modes(options: argparse.Namespace) -> int:
             print(f"derivatives: {' '.join(found.derivatives.labels)}")
         _files(files)
     return 0
+
+
+def _compare(options: argparse.Namespace) -> int:
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
+    comm, say = _start(folder)
+    from fenicsrom import compare, compare_report
+
+    found = compare.compare(scene, comm, say)
+    if comm.rank == 0:
+        files = compare_report.write_comparison(found, folder)
+        _found(scene, compare_report.terminal(found), found.warnings)
+        _files(files)
+    return 0
+
+
+def _stability(options: argparse.Namespace) -> int:
+    from fenicsrom.paths import shared_demos
+
+    path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
+    folder = Path(options.output) if options.output else Path("out") / "stability"
+    _writable(folder)
+    from fenicsrom import stability
+
+    matrix = stability.stability(path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True))
+    files = stability.write(matrix, folder)
+    print()
+    print("\n".join(stability.sentences(matrix)))
+    _files(files)
+    return 1 if matrix.count(stability.WRONG) else 0
 
 
 def _plan(options: argparse.Namespace) -> int:

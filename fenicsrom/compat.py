@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import dolfinx.mesh
+import numpy as np
 from mpi4py import MPI
 
 try:
@@ -20,7 +21,7 @@ def model_to_mesh(
 
     Args:
         model: the gmsh model on rank 0 (anything elsewhere), nodes numbered from 1 without gaps, every cell in
-            exactly one physical group, at least one physical group of facets.
+            exactly one physical group.
         comm: the communicator of the mesh.
         dimension: of space, 2 or 3.
 
@@ -28,4 +29,7 @@ def model_to_mesh(
         The mesh, the tags of its cells and the tags of its facets: the tags of the physical groups.
     """
     domain, cell_tags, facet_tags = _gmsh_io.model_to_mesh(model, comm, 0, gdim=dimension)[:3]
+    if facet_tags is None:  # after 0.9, where the model has no facets
+        nothing = np.empty(0, dtype=np.int32)
+        facet_tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, nothing, nothing)
     return domain, cell_tags, facet_tags

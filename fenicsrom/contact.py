@@ -18,14 +18,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from fenicsrom.dense import lu_factor, lu_solve
+from fenicsrom.dense import compiled, kernel, lu_factor, lu_solve
 
 Array = NDArray[np.float64]
 
 OPEN, SLIP, STICK = -1, 0, 1
+
+CONTACT_ITERATIONS = 25  # of Newton before it is taken to cycle
+CONTACT_SWEEPS = 100  # tens of sweeps before the contact is given up
+ROUNDING = 5e-16  # of the displacements: a residual that no update could better
 
 
 class Contacts(NamedTuple):
@@ -43,7 +46,7 @@ def no_contacts() -> Contacts:
     return Contacts(*(np.zeros(0) for _ in Contacts._fields))
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tangent: Array, new_slider: Array) -> int:
     """Forces of point p by return mapping, with the consistent tangent (unsymmetric in slip: T depends on N).
 
@@ -65,7 +68,8 @@ def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tange
     force[:] = 0.0
     tangent[:] = 0.0
     if not normal > 0.0:
-        new_slider[:] = x[1:]
+        for k in range(1, d):
+            new_slider[k - 1] = x[k]
         return OPEN
     force[0] = normal
     tangent[0, 0] = kn
@@ -76,9 +80,9 @@ def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tange
     size = np.sqrt(size)
     limit = contacts.friction[p] * normal
     if size < limit or (size == limit and limit > 0.0):
-        new_slider[:] = slider
         for k in range(1, d):
             tangent[k, k] = kt
+            new_slider[k - 1] = slider[k - 1]
         return STICK
     for k in range(1, d):
         direction = force[k] / size if size > 0.0 else 0.0
@@ -94,7 +98,7 @@ def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tange
     return SLIP
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def energy(contacts: Contacts, x: Array, force: Array) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J; x and force (P, d)."""
     total = 0.0
@@ -105,7 +109,7 @@ def energy(contacts: Contacts, x: Array, force: Array) -> float:
     return total
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     """Mean normal force along a straight step, and its derivative by `after`.
 
@@ -128,7 +132,27 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     return -0.5 * before**2 / span, 0.5 * (before / span) ** 2
 
 
-@njit(cache=True, error_model="numpy")
+class Workspace(NamedTuple):
+    """Room for `resolve` with m = P d unknowns."""
+
+    guess: Array
+    held: Array
+    slopes: Array
+    jacobian: Array
+    update: Array
+    pivots: NDArray[np.int64]
+
+
+@compiled
+def workspace(points: int, d: int) -> Workspace:
+    """A `Workspace` for P points in d dimensions."""
+    m = points * d
+    return Workspace(
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d, d)), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64)
+    )  # fmt: skip
+
+
+@compiled
 def resolve(
     contacts: Contacts,
     compliance: Array,
@@ -147,7 +171,8 @@ def resolve(
     """Find the contact displacements at the end of a step: x + G F(x) = x_free, with F the mean force over the step.
 
     Everything but the contact is linear in this problem (it is one Newton iteration of the step, condensed to the contact
-    displacements), so the contact is solved in full: semismooth Newton, damped when the plain iteration cycles.
+    displacements), so the contact is solved in full: semismooth Newton and, where that cycles between states,
+    Newton again from where a nonlinear Gauss-Seidel iteration has come to.
 
     Args:
         contacts: the parameters of P points.
@@ -165,68 +190,200 @@ def resolve(
         mean: (P, d) out: mean force over the step.
 
     Returns:
-        True if the update fell to round-off (1e-15 of the displacements, at the least 1e-11), False otherwise.
+        True if the residual or the update fell to round-off; False if no iteration found a solution.
+    """
+    work = workspace(x.shape[0], x.shape[1])
+    return resolve_with(
+        work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean
+    )
+
+
+@kernel
+def resolve_with(
+    work: Workspace,
+    contacts: Contacts,
+    compliance: Array,
+    free: Array,
+    x0: Array,
+    force0: Array,
+    slider0: Array,
+    start_weight: float,
+    line: bool,
+    x: Array,
+    force: Array,
+    slider: Array,
+    state: NDArray[np.int8],
+    mean: Array,
+) -> bool:
+    """`resolve` with room to work in."""
+    points, d = x.shape
+    guess, held = work.guess, work.held
+    for p in range(points):
+        for k in range(d):
+            guess[p, k] = x[p, k]
+    if newton(work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean):
+        return True
+    evaluate(work.slopes, contacts, guess, x0, force0, slider0, start_weight, line, force, slider, state, held)
+    for _ in range(CONTACT_SWEEPS):
+        for _ in range(10):
+            sweep(contacts, compliance, free, x0, force0, slider0, start_weight, line, guess, held)
+        for p in range(points):
+            for k in range(d):
+                x[p, k] = guess[p, k]
+        if newton(work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean):
+            return True
+    return False
+
+
+@kernel
+def sweep(
+    contacts: Contacts,
+    compliance: Array,
+    free: Array,
+    x0: Array,
+    force0: Array,
+    slider0: Array,
+    start_weight: float,
+    line: bool,
+    x: Array,
+    mean: Array,
+) -> None:
+    """Solve each point in turn, the forces of the others held: first its normal force, by bisection, then its friction.
+
+    This nonlinear Gauss-Seidel iteration is slow, but does not cycle between states: the tangential force is projected on
+    the friction disc as a force, not found from a displacement that a wrong normal force has thrown far away.
     """
     points, d = x.shape
-    m = points * d
-    tangent = np.zeros((d, d))
-    slopes = np.zeros((points, d, d))
-    jacobian = np.zeros((m, m))
-    update = np.zeros((m, 1))
-    pivots = np.zeros(m, dtype=np.int64)
-    residual = np.zeros(m)
-    trial = x.copy()
-    step = np.zeros((points, d))
-    fraction = 1.0
-    best = np.inf
-    size = np.inf
-    scale = 0.0
-    for iteration in range(200):
-        for p in range(points):
-            for k in range(d):
-                trial[p, k] = x[p, k] + fraction * step[p, k]
-        scale = 0.0
-        for p in range(points):
-            state[p] = law(contacts, p, trial[p], slider0[p], force[p], tangent, slider[p])
-            for k in range(d):
-                mean[p, k] = start_weight * force0[p, k] + (1.0 - start_weight) * force[p, k]
-                for j in range(d):
-                    slopes[p, k, j] = (1.0 - start_weight) * tangent[k, j]
+    end_weight = 1.0 - start_weight
+    for p in range(points):
+        kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
+        offset = contacts.preload[p] - kn * contacts.gap[p]
+        before = offset + kn * x0[p, 0]
+        row = p * d
+        rest = free[p, 0]
+        for j in range(points * d):
+            if j != row:
+                rest -= compliance[row, j] * mean[j // d, j % d]
+        g = compliance[row, row]
+        low, high = 0.0, 0.0
+        for step in range(100):  # the displacement lies between rest and what the force at rest would leave of it
+            middle = rest if step == 0 else 0.5 * (low + high)
+            after = offset + kn * middle
             if line:
-                kn = contacts.normal_stiffness[p]
-                before = contacts.preload[p] + kn * (x0[p, 0] - contacts.gap[p])
-                after = contacts.preload[p] + kn * (trial[p, 0] - contacts.gap[p])
-                mean[p, 0], slope = mean_normal_force(before, after)
-                slopes[p, 0, 0] = slope * kn
-            for k in range(d):
-                scale = max(scale, abs(trial[p, k]), abs(free[p, k]), abs(x0[p, k]))
-        norm = 0.0
+                push, _ = mean_normal_force(before, after)
+            else:
+                push = start_weight * force0[p, 0] + end_weight * max(after, 0.0)
+            if step == 0:
+                low, high = rest - g * push, rest
+            elif middle + g * push > rest:
+                high = middle
+            else:
+                low = middle
+        x[p, 0] = 0.5 * (low + high)
+        mean[p, 0] = max(rest - x[p, 0], 0.0) / g
+        limit = contacts.friction[p] * max(offset + kn * x[p, 0], 0.0)
+        g = 0.0
+        for k in range(1, d):
+            g = max(g, compliance[row + k, row + k])
+        size = 0.0
+        for k in range(1, d):
+            rest = free[p, k]
+            for j in range(points * d):
+                if j != row + k:
+                    rest -= compliance[row + k, j] * mean[j // d, j % d]
+            rest += (g - compliance[row + k, row + k]) * mean[p, k]
+            x[p, k] = (rest - g * start_weight * force0[p, k] - slider0[p, k - 1]) / (1.0 / kt + g * end_weight)
+            size += x[p, k] ** 2
+        size = np.sqrt(size)
+        factor = limit / size if size > limit else 1.0
+        for k in range(1, d):  # x held the trial force
+            mean[p, k] = start_weight * force0[p, k] + end_weight * factor * x[p, k]
+        for k in range(1, d):
+            x[p, k] = free[p, k]
+            for j in range(points * d):
+                x[p, k] -= compliance[row + k, j] * mean[j // d, j % d]
+
+
+@kernel
+def evaluate(
+    slopes: Array,
+    contacts: Contacts,
+    x: Array,
+    x0: Array,
+    force0: Array,
+    slider0: Array,
+    start_weight: float,
+    line: bool,
+    force: Array,
+    slider: Array,
+    state: NDArray[np.int8],
+    mean: Array,
+) -> None:
+    """Forces and states at the end of the step for a displacement x, the mean forces, and their slopes (P, d, d) by x."""
+    points, d = x.shape
+    for p in range(points):
+        state[p] = law(contacts, p, x[p], slider0[p], force[p], slopes[p], slider[p])
+        for k in range(d):
+            mean[p, k] = start_weight * force0[p, k] + (1.0 - start_weight) * force[p, k]
+            for j in range(d):
+                slopes[p, k, j] *= 1.0 - start_weight
+        if line:
+            kn = contacts.normal_stiffness[p]
+            before = contacts.preload[p] + kn * (x0[p, 0] - contacts.gap[p])
+            after = contacts.preload[p] + kn * (x[p, 0] - contacts.gap[p])
+            mean[p, 0], slope = mean_normal_force(before, after)
+            slopes[p, 0, 0] = slope * kn
+
+
+@kernel
+def newton(
+    work: Workspace,
+    contacts: Contacts,
+    compliance: Array,
+    free: Array,
+    x0: Array,
+    force0: Array,
+    slider0: Array,
+    start_weight: float,
+    line: bool,
+    x: Array,
+    force: Array,
+    slider: Array,
+    state: NDArray[np.int8],
+    mean: Array,
+) -> bool:
+    """Semismooth Newton for x + G F(x) = x_free from the x given; True if it converged."""
+    points, d = x.shape
+    m = points * d
+    slopes, jacobian, update, pivots = work.slopes, work.jacobian, work.update, work.pivots
+    size = np.inf
+    for _ in range(CONTACT_ITERATIONS):
+        evaluate(slopes, contacts, x, x0, force0, slider0, start_weight, line, force, slider, state, mean)
+        scale = 0.0
+        worst = 0.0
         for i in range(m):
-            residual[i] = trial[i // d, i % d] - free[i // d, i % d]
+            here, aim = x[i // d, i % d], free[i // d, i % d]
+            residual = here - aim
             for j in range(m):
-                residual[i] += compliance[i, j] * mean[j // d, j % d]
+                residual += compliance[i, j] * mean[j // d, j % d]
+            update[i, 0] = -residual
+            worst = max(worst, abs(residual))
+            scale = max(scale, abs(here), abs(aim), abs(x0[i // d, i % d]))
+        if worst <= ROUNDING * scale:
+            return True
         for i in range(m):
             for j in range(m):
                 jacobian[i, j] = 1.0 if i == j else 0.0
                 for k in range(d):
                     jacobian[i, j] += compliance[i, (j // d) * d + k] * slopes[j // d, k, j % d]
-            update[i, 0] = -residual[i]
-            norm += residual[i] ** 2
-        norm = np.sqrt(norm)
-        if iteration > 20 and fraction > 1e-3 and not norm < (1.0 - 1e-4 * fraction) * best:
-            fraction *= 0.5  # the plain iteration cycles: shorten the step until the residual falls
-            continue
-        best = norm
         if not lu_factor(jacobian, pivots):
             return False
         lu_solve(jacobian, pivots, update)
-        last = size
-        size = 0.0
+        last, size = size, 0.0
         for i in range(m):
-            x[i // d, i % d] = trial[i // d, i % d]
-            step[i // d, i % d] = update[i, 0]
             size = max(size, abs(update[i, 0]))
-        fraction = 1.0
         if size <= 1e-15 * scale or (size <= 1e-11 * scale and size >= 0.5 * last):
-            return True
-    return size <= 1e-11 * scale
+            return True  # the forces belong to the x they were evaluated at
+        for i in range(m):
+            x[i // d, i % d] += update[i, 0]
+    return False

@@ -1,6 +1,12 @@
-"""Small dense matrices, compiled: the reduced model meets millions of them, each too small for BLAS and LAPACK to pay."""
+"""Small dense matrices, compiled: the reduced model meets millions, each too small for BLAS and LAPACK to pay."""
 
 from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -9,7 +15,35 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, error_model="numpy")
+def _sources() -> str:
+    """A digest of the modules whose compiled functions call each other."""
+    digest = hashlib.sha256()
+    for name in ("dense", "contact", "reduced", "integrate"):
+        digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
+    return digest.hexdigest()
+
+
+_SOURCES = _sources()
+
+
+def compiled(function: Callable[..., Any], **options: Any) -> Any:
+    """Compile a function with numba, and keep the machine code for the next process.
+
+    Numba keeps it until the function's own file changes, but it holds code of other files too: here it is kept until one
+    of them changes.
+    """
+    dispatcher = njit(cache=True, error_model="numpy", **options)(function)
+    with suppress(AttributeError):  # no public way; a numba built otherwise keeps to its own rule
+        dispatcher._cache._cache_file._source_stamp = _SOURCES
+    return dispatcher
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function that makes no arrays: numba then counts no references to those it is given."""
+    return compiled(function, _nrt=False)
+
+
+@compiled
 def times(a: Array, x: Array) -> Array:
     """A x for a matrix a (n, k) and a vector x (k,)."""
     result = np.empty(a.shape[0])
@@ -21,7 +55,7 @@ def times(a: Array, x: Array) -> Array:
     return result
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def inner(x: Array, y: Array) -> float:
     """Inner product of two vectors."""
     value = 0.0
@@ -30,12 +64,12 @@ def inner(x: Array, y: Array) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
     """Add weights @ rows to out; (k, r), (r, n), (k, n), k small.
 
-    Three rows are taken at a time, for all k: the compiler turns the innermost loop into vector instructions that have more
-    to do than load and store.
+    Three rows are taken at a time, for all k: the innermost loop becomes vector instructions that have more to do than
+    load and store.
     """
     k, count, n = weights.shape[0], rows.shape[0], rows.shape[1]
     whole = count - count % 3
@@ -51,7 +85,7 @@ def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
                 out[c, j] += factor * rows[r, j]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lu_factor(a: Array, pivots: NDArray[np.int64]) -> bool:
     """Factorise a square matrix in place, PA = LU with partial pivoting.
 
@@ -74,15 +108,16 @@ def lu_factor(a: Array, pivots: NDArray[np.int64]) -> bool:
         if row != k:
             for j in range(n):
                 a[k, j], a[row, j] = a[row, j], a[k, j]
+        inverse = 1.0 / a[k, k]
         for i in range(k + 1, n):
-            a[i, k] /= a[k, k]
+            a[i, k] *= inverse
             factor = a[i, k]
             for j in range(k + 1, n):
                 a[i, j] -= factor * a[k, j]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@kernel
 def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
     """Solve in place for every column of b (n, k), with a and pivots from `lu_factor`."""
     n = a.shape[0]
@@ -100,5 +135,6 @@ def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
         for j in range(i + 1, n):
             for c in range(columns):
                 b[i, c] -= a[i, j] * b[j, c]
+        inverse = 1.0 / a[i, i]
         for c in range(columns):
-            b[i, c] /= a[i, i]
+            b[i, c] *= inverse

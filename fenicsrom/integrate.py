@@ -24,23 +24,24 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba import njit, types
-from numba.core import cgutils
+from numba import types
+from numba.core import cgutils, ir_utils
 from numba.extending import intrinsic, overload, register_jitable
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from fenicsrom import contact
 from fenicsrom.contact import Contacts
+from fenicsrom.dense import compiled
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.reduced import ReducedModel
 
 Array = NDArray[np.float64]
 
-NEWTON_TOLERANCE = 1e-11
+NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # a decrement below this part of the energy that no longer falls is rounding
 NEWTON_ITERATIONS = 15
 SMALLEST_STEP = 1e-6  # of the nominal step; smaller ones end the run
@@ -160,15 +161,17 @@ def _load(model, time):  # type: ignore[no-untyped-def]
     return ReducedModel.load if _is_reduced(model) else None
 
 
-def borrowed(value):  # noqa: D103
+# Numba counts the references to every array of every tuple that is handed on, in atomic operations that took more than
+# half of the time. So the compiled loop works with arrays that have no owner to count for: its caller holds them.
+
+
+def borrowed(value):  # type: ignore[no-untyped-def]  # noqa: D103
     return value
 
 
 def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     if isinstance(kind, types.BaseTuple):
-        members = [
-            _without_owners(context, builder, member, builder.extract_value(value, k)) for k, member in enumerate(kind)
-        ]
+        members = [_without_owners(context, builder, k, builder.extract_value(value, i)) for i, k in enumerate(kind)]
         return context.make_tuple(builder, kind, members)
     if isinstance(kind, types.Array):
         array = context.make_array(kind)(context, builder, value)
@@ -180,15 +183,20 @@ def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return _without_owners(context, builder, value, arguments[0])
-
-    return value(value), generate
+    return value(value), lambda context, builder, _, arguments: _without_owners(context, builder, value, arguments[0])
 
 
-@overload(borrowed, inline="always")
+@overload(borrowed, jit_options={"forceinline": True})
 def _borrowed(value):  # type: ignore[no-untyped-def]
     return lambda value: _borrow(value)
+
+
+def _same_memory(result, arguments, aliases, argument_aliases):  # type: ignore[no-untyped-def]
+    """Tell numba that to write to what is borrowed is to write to the argument, and not dead code."""
+    ir_utils._add_alias(result, arguments[0].name, aliases, argument_aliases)
+
+
+ir_utils.alias_func_extensions["borrowed", __name__] = _same_memory
 
 
 class Scheme(NamedTuple):
@@ -262,8 +270,39 @@ class Control(NamedTuple):
 TIME, STEP, LAST, WORK, DAMPED, RUBBED, KINETIC, ELASTIC, CONTACT, SCALE, SIZE, STEPS, REJECTED, ITERATIONS = range(14)
 
 
+class Trial(NamedTuple):
+    """The step that is being tried.
+
+    Attributes:
+        dq: (n,) the step.
+        change: (n,) its last change in the iteration; then the new velocity.
+        residual: (n,) of the equations of motion.
+        rest: (n,) M times this is the part of the inertia and damping forces that does not depend on dq.
+        push: (n,) mean load.
+        total: (n,) a sum to be handed on.
+        x, force, slider, state: of the contact at the end of the step, as in `State`.
+        mean: (P, d) mean contact force over the step.
+        before: (P, d) x before the iteration.
+        work: for the contact problem.
+    """
+
+    dq: Array
+    change: Array
+    residual: Array
+    rest: Array
+    push: Array
+    total: Array
+    x: Array
+    force: Array
+    slider: Array
+    state: NDArray[np.int8]
+    mean: Array
+    before: Array
+    work: contact.Workspace
+
+
 class State(NamedTuple):
-    """The last accepted state; only acceptance of a step writes to it.
+    """The last accepted state; only acceptance of a step writes to it (but for `trial`).
 
     Attributes:
         q: (n,) displacement coordinates.
@@ -273,12 +312,14 @@ class State(NamedTuple):
         growth: (n,) how that changed from the step before, per time: together they extrapolate to the next step, and the
             distance of the solution from that extrapolation estimates the error.
         start: (n,) elastic force at q, where the scheme asks for it.
+        load: (n,) load vector at the time.
         x: (P, d) contact displacement.
         force: (P, d) contact force.
         slider: (P, d-1).
         state: (P,) OPEN, SLIP, STICK.
         scalars: time, next step, last step, work of the loads, energies dissipated by damping and friction, kinetic, elastic
             and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
+        trial: the step that is being tried: no part of the state, but room that is needed at every step.
     """
 
     q: Array
@@ -287,11 +328,13 @@ class State(NamedTuple):
     rate: Array
     growth: Array
     start: Array
+    load: Array
     x: Array
     force: Array
     slider: Array
     state: NDArray[np.int8]
     scalars: Array
+    trial: Trial
 
 
 class Record(NamedTuple):
@@ -306,50 +349,96 @@ class Record(NamedTuple):
     coordinates: Array
 
 
-@register_jitable(inline="always")
-def extrapolate(state, h):  # type: ignore[no-untyped-def]
-    """dq of a step of size h as the two steps before foretell it: the velocities of the scheme may ring, dq/h does not."""
-    return h * (state.rate + 0.5 * (h + state.scalars[LAST]) * state.growth)
+# In compiled code a new array costs more than the arithmetic on these short vectors: they are written into room that is there.
+
+
+def combine(out, *terms):  # type: ignore[no-untyped-def]
+    """Write a x + b y + .. into out (n,), which may be one of the vectors; the terms are a, x, b, y, .. , at most three."""
+    out[:] = sum(factor * vector for factor, vector in zip(terms[::2], terms[1::2], strict=True))
+
+
+@overload(combine, jit_options={"_nrt": False})
+def _combine(out, *terms):  # type: ignore[no-untyped-def]
+    def two(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i]
+
+    def three(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y, c, z = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i] + c * z[i]
+
+    return {4: two, 6: three}.get(len(terms))
+
+
+def answer(out, y, unit, mean):  # type: ignore[no-untyped-def]
+    """Write into out what the structure does: y (n,) and its response unit (n, P d) to the contact forces mean (P, d)."""
+    out[:] = y - np.dot(unit, mean.reshape(-1))
+
+
+@overload(answer, jit_options={"_nrt": False})
+def _answer(out, y, unit, mean):  # type: ignore[no-untyped-def]
+    def write_answer(out, y, unit, mean):  # type: ignore[no-untyped-def]
+        d = mean.shape[1]
+        for i in range(y.size):
+            value = y[i]
+            for j in range(mean.size):
+                value -= unit[i, j] * mean[j // d, j % d]
+            out[i] = value
+
+    return write_answer
 
 
 @register_jitable(inline="always")
-def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, mean):  # type: ignore[no-untyped-def]
-    """Solve one step of size h from `state`, writing only to the contact arrays given; returns (converged, dq, iterations)."""
+def extrapolate(out, state, h):  # type: ignore[no-untyped-def]
+    """Write dq of a step of size h as the steps before foretell it: the velocities of the scheme may ring, dq/h does not."""
+    combine(out, h, state.rate, 0.5 * h * (h + state.scalars[LAST]), state.growth)
+
+
+@register_jitable(inline="always")
+def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
+    """Solve one step of size h from `state`, writing only to its trial; returns (converged, iterations)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    points, d = x.shape
+    trial = state.trial
+    points, d = trial.x.shape
+    dq, residual, change, total = trial.dq, trial.residual, trial.change, trial.total
     q0, v0, a0 = state.q, state.v, state.a
-    time = state.scalars[TIME]
-    # the part of the inertia and damping forces that does not depend on dq
-    a_rest = -v0 / (beta * h) - (0.5 / beta - 1.0) * a0
-    v_rest = v0 + h * ((1.0 - gamma) * a0 + gamma * a_rest)
-    rest = mass_times(
-        model, (1.0 - am) * a_rest + am * a0 + scheme.damping * ((1.0 - af) * v_rest + af * v0)
-    ) - (1.0 - af) * load(model, time + h) - af * load(model, time)  # fmt: skip
+    # the part of the mean acceleration and alpha times the mean velocity that does not depend on dq, from v0 and a0 ..
+    from_v = -(1.0 - am) / (beta * h) + scheme.damping * ((1.0 - af) * (1.0 - gamma / beta) + af)
+    from_a = am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
+    combine(trial.rest, from_v, v0, from_a, a0)
+    # .. and the factor of dq in them
     inertia = (1.0 - am) / (beta * h * h) + scheme.damping * (1.0 - af) * gamma / (beta * h)
-    dq = extrapolate(state, h)
+    combine(trial.push, 1.0 - af, load_ahead, af, state.load)
+    extrapolate(dq, state, h)
+    combine(total, 1.0, q0, 1.0, dq)
+    trial.x[:] = contact_displacement(model, total).reshape(points, d)
     first, last = 0.0, 0.0
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, slope = elastic_over_step(
             model, state.start, q0, dq, scheme.start_weight, scheme.points, scheme.weights
         )
-        residual = rest + inertia * mass_times(model, dq) + elastic
+        combine(total, 1.0, trial.rest, inertia, dq)
+        combine(residual, 1.0, mass_times(model, total), 1.0, elastic, -1.0, trial.push)
         y, unit, compliance = responses(model, inertia, slope, residual)
-        at_contact = contact_displacement(model, q0 + dq)
-        free = contact_displacement(model, q0 + dq + y).reshape(points, d)
-        x[:] = at_contact.reshape(points, d)
-        if points > 0 and not contact.resolve(
-            contacts, compliance, free, state.x, state.force, state.slider, af, scheme.line,
-            x, force, slider, contact_state, mean,
+        trial.before[:] = trial.x
+        combine(total, 1.0, q0, 1.0, dq, 1.0, y)
+        free = contact_displacement(model, total).reshape(points, d)
+        if points > 0 and not contact.resolve_with(
+            trial.work, contacts, compliance, free, state.x, state.force, state.slider, af, scheme.line,
+            trial.x, trial.force, trial.slider, trial.state, trial.mean,
         ):  # fmt: skip
-            return False, dq, iteration
-        change = y - np.dot(unit, mean.reshape(-1))
-        dq = dq + change
-        decrement = abs(
-            dot(model, residual, change)
-            + np.dot(mean.reshape(-1), contact_displacement(model, q0 + dq) - at_contact)
-        )
+            return False, iteration
+        answer(change, y, unit, trial.mean)
+        combine(dq, 1.0, dq, 1.0, change)
+        decrement = dot(model, residual, change)
+        for p in range(points):
+            for k in range(d):
+                decrement += trial.mean[p, k] * (trial.x[p, k] - trial.before[p, k])
+        decrement = abs(decrement)
         if not np.isfinite(decrement):
-            return False, dq, iteration
+            return False, iteration
         if iteration == 1:
             first = decrement
         scale = max(state.scalars[SCALE], first)
@@ -357,36 +446,39 @@ def attempt(model, contacts, scheme, state, h, x, force, slider, contact_state, 
         coming = decrement * (decrement / last) ** 2 if iteration > 1 and decrement < 1e-3 * last else decrement
         rounding = decrement <= NEWTON_ROUNDING * scale and decrement > 0.1 * last
         if scheme.linear or coming <= NEWTON_TOLERANCE**2 * scale or rounding:
-            return True, dq, iteration
+            return True, iteration
         if decrement > 1e8 * first:
-            return False, dq, iteration
+            return False, iteration
         last = decrement
-    return False, dq, NEWTON_ITERATIONS
+    return False, NEWTON_ITERATIONS
 
 
 @register_jitable(inline="always")
-def accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_state):  # type: ignore[no-untyped-def]
+def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Write a converged step into the state, with its entries in the energy ledger (trapezoidal along the step)."""
     beta, gamma = scheme.beta, scheme.gamma
-    s = state.scalars
-    a1 = dq / (beta * h * h) - state.v / (beta * h) - (0.5 / beta - 1.0) * state.a
-    v1 = state.v + h * ((1.0 - gamma) * state.a + gamma * a1)
-    s[WORK] += 0.5 * dot(model, load(model, s[TIME]) + load(model, s[TIME] + h), dq)
-    s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, state.v + v1), dq)
-    for p in range(x.shape[0]):
-        for k in range(1, x.shape[1]):
-            s[RUBBED] += 0.5 * (state.force[p, k] + force[p, k]) * (slider[p, k - 1] - state.slider[p, k - 1])
-    rate = dq / h
-    state.growth[:] = (rate - state.rate) / (0.5 * (h + s[LAST]))
-    state.rate[:] = rate
-    state.q[:] += dq
-    state.v[:] = v1
+    s, trial = state.scalars, state.trial
+    dq, v1, total = trial.dq, trial.change, trial.total
+    combine(v1, 1.0 - gamma / beta, state.v, h * (1.0 - 0.5 * gamma / beta), state.a, gamma / (beta * h), dq)
+    s[WORK] += 0.5 * (dot(model, state.load, dq) + dot(model, load_ahead, dq))
+    combine(total, 1.0, state.v, 1.0, v1)
+    s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, total), dq)
+    for p in range(trial.x.shape[0]):
+        for k in range(1, trial.x.shape[1]):
+            way = trial.slider[p, k - 1] - state.slider[p, k - 1]
+            s[RUBBED] += 0.5 * (state.force[p, k] + trial.force[p, k]) * way
+    change = 2.0 / (h + s[LAST])
+    combine(state.growth, change / h, dq, -change, state.rate)
+    combine(state.rate, 1.0 / h, dq, 0.0, state.rate)
+    combine(state.q, 1.0, state.q, 1.0, dq)
     if not scheme.line:  # it cancels from the discrete gradient, where it would only carry rounding
-        state.a[:] = a1
-    state.x[:] = x
-    state.force[:] = force
-    state.slider[:] = slider
-    state.state[:] = contact_state
+        combine(state.a, 1.0 / (beta * h * h), dq, -1.0 / (beta * h), state.v, 1.0 - 0.5 / beta, state.a)
+    state.v[:] = v1
+    state.load[:] = load_ahead
+    state.x[:] = trial.x
+    state.force[:] = trial.force
+    state.slider[:] = trial.slider
+    state.state[:] = trial.state
     s[TIME] += h
     s[LAST] = h
     s[STEPS] += 1.0
@@ -411,13 +503,17 @@ def write(model, state, record, row):  # type: ignore[no-untyped-def]
     s = state.scalars
     record.time[row] = s[TIME]
     record.displacement[row] = state.x
-    record.probe[row] = probe_displacement(model, state.q)
+    if state.x.shape[0] == 0:
+        record.probe[row] = probe_displacement(model, state.q)
     record.force[row] = state.force
     record.state[row] = state.state
     for k in range(6):
         record.energies[row, k] = s[WORK + k]
     if record.coordinates.shape[1] > 0:
-        record.coordinates[row] = state.q
+        n = state.q.size
+        record.coordinates[row, :n] = state.q
+        record.coordinates[row, n : 2 * n] = state.v
+        record.coordinates[row, 2 * n :] = state.a
 
 
 def march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
@@ -436,15 +532,9 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     Returns:
         (status, rows written): DONE, FULL (the record is: call again), or FAILED (the smallest step did not converge).
     """
-    model, contacts, scheme, state, record = (
-        borrowed(model), borrowed(contacts), borrowed(scheme), borrowed(state), borrowed(record)
-    )
+    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
+    state, record = borrowed(state), borrowed(record)
     s = state.scalars
-    x = np.empty_like(state.x)
-    force = np.empty_like(state.x)
-    mean = np.zeros_like(state.x)
-    slider = np.empty_like(state.slider)
-    contact_state = np.empty_like(state.state)
     rows = 0
     slack = 1e-9 * control.grid
     while end - s[TIME] > slack:
@@ -457,13 +547,14 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             h = goal - s[TIME]
         elif control.tolerance > 0.0 and goal - s[TIME] < 2.0 * h:
             h = 0.5 * (goal - s[TIME])  # two equal steps instead of a full one and a sliver
-        converged, dq, iterations = attempt(
-            model, contacts, scheme, state, h, x, force, slider, contact_state, mean
-        )
+        load_ahead = load(model, s[TIME] + h)
+        converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
         s[ITERATIONS] += iterations
         factor = 0.5
         if converged and control.tolerance > 0.0 and s[LAST] > 0.0:
-            surprise = dq - extrapolate(state, h)
+            surprise = state.trial.change
+            extrapolate(surprise, state, h)
+            combine(surprise, 1.0, state.trial.dq, -1.0, surprise)
             size = max(s[SIZE], control.size)
             local = np.sqrt(dot(model, surprise, mass_times(model, surprise))) / 12.0
             ratio = local * control.horizon / (h * control.tolerance * size) if size > 0.0 else 0.0
@@ -475,7 +566,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             factor = 2.0
         if converged:
             nominal = s[STEP]
-            accept(model, contacts, scheme, state, h, dq, x, force, slider, contact_state)
+            accept(model, contacts, scheme, state, h, load_ahead)
             if lands:
                 s[TIME] = goal
             # a step cut short to land on the grid says nothing against the longer one
@@ -490,9 +581,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-@cache
-def _compiled_march() -> Any:
-    return njit(cache=True)(march)
+_compiled_march = compiled(march)
 
 
 @dataclass(frozen=True, eq=False)
@@ -519,6 +608,8 @@ class Motion:
         newton_iterations: of all steps, rejected ones included.
         seconds: run time of the integration, compilation excluded.
         coordinates: (k, n) coordinates q of the last period, where they were asked for.
+        velocity: (k, n) their velocities in the scheme.
+        acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient, which does without).
         coordinate_time: (k,) their times, s.
     """
 
@@ -540,6 +631,8 @@ class Motion:
     newton_iterations: int
     seconds: float
     coordinates: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
     coordinate_time: Array | None = None
 
     @property
@@ -562,16 +655,27 @@ class Motion:
         return slice(int(start), self.time.size)
 
 
-def initial_state(model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array) -> State:
-    """The state at t = 0 with the sliders at rest where the points are, and the acceleration that balances the forces."""
+def initial_state(
+    model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array, sliders: Array | None
+) -> State:
+    """The state at t = 0 with the acceleration that balances the forces; sliders rest where the points are, unless given."""
     x = np.ascontiguousarray(contact_displacement(model, q)).reshape(-1, dimension)
     points = x.shape[0]
-    force, slider, codes = np.zeros_like(x), x[:, 1:].copy(), np.zeros(points, dtype=np.int8)
+    force, codes = np.zeros_like(x), np.zeros(points, dtype=np.int8)
+    slider = x[:, 1:].copy() if sliders is None else sliders.copy()
     tangent = np.zeros((dimension, dimension))
     for p in range(points):
         codes[p] = contact.law(contacts, p, x[p], slider[p].copy(), force[p], tangent, slider[p])
     zero = np.zeros_like(q)
-    state = State(q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), x, force, slider, codes, np.zeros(14))
+    room = [np.zeros_like(q) for _ in range(6)]
+    trial = Trial(
+        *room, x.copy(), force.copy(), slider.copy(), codes.copy(), np.zeros_like(x), np.zeros_like(x),
+        contact.workspace(points, dimension),
+    )  # fmt: skip
+    state = State(
+        q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), load(model, 0.0),
+        x, force, slider, codes, np.zeros(14), trial,
+    )  # fmt: skip
     measure(model, contacts, scheme, state)
     if not scheme.line:
         _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
@@ -603,7 +707,7 @@ def integrate(
     period: float | None,
     *,
     dimension: int,
-    start: tuple[Array, Array] | None = None,
+    start: tuple[Array, Array] | Motion | None = None,
     keep_coordinates: bool = False,
     compiled: bool = True,
     progress: Callable[[float, float], None] | None = None,
@@ -616,7 +720,8 @@ def integrate(
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance, or duration.
         period: of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
-        start: displacement and velocity (n,) at t = 0; at rest in the equilibrium without it.
+        start: displacement and velocity (n,) at t = 0, or a motion with coordinates, to go on from its end; at rest in the
+            equilibrium without it.
         keep_coordinates: keep the coordinates of the last period.
         compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
         progress: called after each period with the fraction of the run done and the change since the last period.
@@ -628,10 +733,14 @@ def integrate(
         ConvergenceError: at the smallest step Newton did not converge; `partial` holds the motion up to there.
     """
     plan = scheme(settings.scheme, model, settings.spectral_radius)
-    advance = _compiled_march() if compiled and isinstance(model, ReducedModel) else march
+    advance = _compiled_march if compiled and isinstance(model, ReducedModel) else march
     like = load(model, 0.0)
-    q, v = (np.zeros_like(like), np.zeros_like(like)) if start is None else start
-    state = initial_state(model, contacts, plan, dimension, q, v)
+    q, v, sliders = np.zeros_like(like), np.zeros_like(like), None
+    if isinstance(start, Motion):
+        q, v, sliders = end_of(start, contacts)
+    elif start is not None:
+        q, v = start
+    state = initial_state(model, contacts, plan, dimension, q, v, sliders)
     s = state.scalars
     horizon = period if period is not None else settings.duration
     tolerance = settings.tolerance or 0.0
@@ -642,7 +751,7 @@ def integrate(
     else:
         s[STEP] = period / settings.steps_per_period if period is not None else settings.step
         control = Control(s[STEP], 0.0, horizon, s[SIZE])
-    points, width, rows = state.x.shape[0], state.q.size if keep_coordinates else 0, 4096
+    points, width, rows = state.x.shape[0], 3 * state.q.size if keep_coordinates else 0, 4096
     if keep_coordinates and not tolerance:
         rows = min(rows, round(horizon / s[STEP]) + 1)
     record = Record(
@@ -687,6 +796,16 @@ def integrate(
     return motion
 
 
+def end_of(motion: Motion, contacts: Contacts) -> tuple[Array, Array, Array]:
+    """Coordinates, velocity (n,) and sliders (P, d-1) at the end of a motion that kept its coordinates.
+
+    The slider is where the spring of the contact is without force, w = x_t - T/k_t, in every contact state.
+    """
+    assert motion.coordinates is not None and motion.velocity is not None
+    sliders = motion.displacement[-1, :, 1:] - motion.force[-1, :, 1:] / contacts.tangential_stiffness[:, None]
+    return motion.coordinates[-1].copy(), motion.velocity[-1].copy(), sliders
+
+
 def _norm(model: Any, vector: Array) -> float:
     return float(np.sqrt(dot(model, vector, mass_times(model, vector))))
 
@@ -710,13 +829,16 @@ def _change(before: Record, after: Record, period: float) -> float:
         was, now = before.probe, after.probe
     if before.time.size < 2:
         return np.inf
-    there = np.array([np.interp(after.time - period, before.time, column) for column in was.T]).T
+    if now.shape == was.shape and np.allclose(after.time - period, before.time, rtol=0.0, atol=1e-9 * period):
+        there = was
+    else:  # the steps of the two periods differ: a cubic spline is as exact as the motion
+        there = CubicSpline(before.time, was)(np.clip(after.time - period, before.time[0], before.time[-1]))
     return float(np.max(np.abs(now - there)) / max(np.max(np.abs(now)), 1e-300))
 
 
 def _motion(history: list[Record], period: float | None, steady: bool, s: Array, seconds: float) -> Motion:
     last = [r.coordinates for r in history[-2:]]
-    coordinates = np.concatenate(last) if last[-1].size else None
+    kept: list[Any] = np.split(np.concatenate(last), 3, axis=1) if last[-1].size else [None] * 3
     whole = _rows([r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history])
     work, damped, rubbed, kinetic, elastic, contact_energy = whole.energies.T
     return Motion(
@@ -737,6 +859,8 @@ def _motion(history: list[Record], period: float | None, steady: bool, s: Array,
         rejected=int(s[REJECTED]),
         newton_iterations=int(s[ITERATIONS]),
         seconds=seconds,
-        coordinates=coordinates,
-        coordinate_time=whole.time[-coordinates.shape[0] :] if coordinates is not None else None,
+        coordinates=kept[0],
+        velocity=kept[1],
+        acceleration=kept[2],
+        coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
     )

@@ -11,17 +11,23 @@ corrected), constraint modes Psi^c = G (B^T G)^-1 (Craig-Bampton, eq. 11 correct
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.errors import SceneError
-from fenicsrom.linalg import Inverse, eigenmodes, multiply
-from fenicsrom.solid import Solid
+
+if TYPE_CHECKING:
+    from fenicsrom.beam import BeamBody
+    from fenicsrom.linalg import Inverse
+    from fenicsrom.solid import Solid
+
+    Body = Solid | BeamBody
 
 Array = NDArray[np.float64]
 
-PAIR_TOLERANCE = 1e-4  # relative distance of frequencies below which modes are rotated to face the load
+PAIR_TOLERANCE = 5e-3  # relative distance of frequencies below which modes are turned to face the load (tetrahedra split pairs)
 FACING_TOLERANCE = 1e-6  # participation, relative to the largest of all modes, that counts as none
 
 
@@ -66,7 +72,7 @@ class ComponentModes:
 class Held:
     """K^-1 with the contact displacements held at zero."""
 
-    def __init__(self, inverse: Inverse, attachment: Array, flexibility: Array, solid: Solid):
+    def __init__(self, inverse: Inverse, attachment: Array, flexibility: Array, solid: Body):
         """Keep G (local, m) and the inverse of B^T G (m, m)."""
         self._inverse, self._attachment, self._solid = inverse, attachment, solid
         self._stiffness = np.linalg.inv(flexibility)
@@ -77,7 +83,28 @@ class Held:
         return free - self._attachment @ (self._stiffness @ self._solid.gram(self._attachment, block))
 
 
-def component_modes(solid: Solid, method: str, count: int) -> ComponentModes:
+@dataclass(frozen=True, eq=False)
+class SolvedModes:
+    """What a method solves for, from which the component modes with any smaller number of normal modes follow.
+
+    Attributes:
+        method: "rubin" or "craig-bampton".
+        squares: (v,) omega^2 of the normal modes, ascending, rad^2/s^2.
+        normal: (local, v) normal modes, mass-normalised, turned to face the loads.
+        attachment: (local, m) G = K^-1 B.
+        flexibility: (m, m) B^T G.
+        inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
+    """
+
+    method: str
+    squares: Array
+    normal: Array
+    attachment: Array
+    flexibility: Array
+    inverse: Inverse
+
+
+def component_modes(solid: Body, method: str, count: int) -> ComponentModes:
     """Compute the normal and static modes of a method.
 
     Args:
@@ -90,9 +117,14 @@ def component_modes(solid: Solid, method: str, count: int) -> ComponentModes:
         ConvergenceError: the eigensolver did not find them all.
         AccuracyError: a mode failed its residual check.
     """
+    return first_modes(solid, solve_modes(solid, method, count), count)
+
+
+def solve_modes(solid: Body, method: str, count: int) -> SolvedModes:
+    """The solves of `component_modes`, for this number of normal modes or any smaller one; errors as there."""
     b = solid.contact_rows
     m = b.shape[0]
-    free = solid.size - int(solid.comm.allreduce(solid.clamped_count)) - (m if method == "craig-bampton" else 0)
+    free = solid.free - (m if method == "craig-bampton" else 0)
     extra = min(2, max(free - count, 0))  # so that a pair at the end of the list is whole when it is turned
     if count > free:
         raise SceneError(f"{solid.scene.source}: basis.modes = {count}: must be at most {free}, the number of free unknowns")
@@ -102,22 +134,30 @@ def component_modes(solid: Solid, method: str, count: int) -> ComponentModes:
     inverse: Inverse = solid.factor
     if method == "craig-bampton" and m:
         inverse = Held(solid.factor, attachment, flexibility, solid)
-    squares, normal = eigenmodes(solid.stiffness, solid.mass, inverse, count + extra if count else 0, "fenicsrom_modes")
+    squares, normal = solid.eigenmodes(inverse, count + extra if count else 0)
     if np.any(squares <= 0.0):
         solid.warnings.append(f"the equilibrium is unstable: {int(np.sum(squares <= 0))} modes have omega^2 < 0")
-    normal = face_loads(solid, squares, normal)[:, :count]
-    squares = squares[:count]
-    masters = attachment @ np.linalg.inv(flexibility)
-    residual = attachment - normal @ (solid.gram(normal, b.T) / squares[:, None])
-    condition = scaled_condition(solid.gram(b.T, residual)) if method == "rubin" else scaled_condition(flexibility)
+    return SolvedModes(method, squares, face_loads(solid, squares, normal), attachment, flexibility, inverse)
+
+
+def first_modes(solid: Body, solved: SolvedModes, count: int) -> ComponentModes:
+    """The component modes of a method with its first `count` normal modes."""
+    b, method = solid.contact_rows, solved.method
+    normal, squares = solved.normal[:, :count], solved.squares[:count]
+    masters = solved.attachment @ np.linalg.inv(solved.flexibility)
+    # 1/omega^2, but for modes of a split pair that were turned: their flexibility is not quite diagonal
+    inertia = solid.mass_times(normal)
+    flexibility = solid.gram(inertia, solved.inverse.solve(inertia)) if count else np.zeros((0, 0))
+    residual = solved.attachment - normal @ (flexibility @ solid.gram(normal, b.T))
+    condition = scaled_condition(solid.gram(b.T, residual)) if method == "rubin" else scaled_condition(solved.flexibility)
     static = residual if method == "rubin" else masters
-    labels = tuple([f"{k + 1}V" for k in range(count)] + [f"{k + 1}S" for k in range(m)])
+    labels = tuple([f"{k + 1}V" for k in range(count)] + [f"{k + 1}S" for k in range(b.shape[0])])
     return ComponentModes(
-        method, np.sqrt(np.maximum(squares, 0.0)), normal, static, masters, b, inverse, labels, condition
+        method, np.sqrt(np.maximum(squares, 0.0)), normal, static, masters, b, solved.inverse, labels, condition
     )
 
 
-def check_flexibility(solid: Solid, flexibility: Array) -> None:
+def check_flexibility(solid: Body, flexibility: Array) -> None:
     """Refuse contact coordinates that cannot move: B^T G must be positive definite."""
     if flexibility.size == 0:
         return
@@ -140,7 +180,7 @@ def scaled_condition(matrix: Array) -> float:
     return float(np.linalg.cond(matrix / np.outer(scale, scale)))
 
 
-def face_loads(solid: Solid, squares: Array, modes: Array) -> Array:
+def face_loads(solid: Body, squares: Array, modes: Array) -> Array:
     """Turn groups of modes of one frequency to face the loads, then the contact directions, and fix all signs.
 
     A symmetric section has pairs of modes that an eigensolver returns at an arbitrary angle. In each group of frequencies
@@ -150,11 +190,7 @@ def face_loads(solid: Solid, squares: Array, modes: Array) -> Array:
     if modes.shape[1] == 0:
         return modes
     directions = np.concatenate([solid.load_vectors, solid.contact_rows.T, solid.probe_rows.T], axis=1)
-    rigid = np.zeros((solid.local, solid.probe_rows.shape[0]))
-    for k in range(rigid.shape[1]):
-        rigid[k :: rigid.shape[1], k] = 1.0
-    rigid = multiply(solid.mass, rigid)
-    work = np.concatenate([solid.gram(modes, directions), solid.gram(modes, rigid)], axis=1)
+    work = np.concatenate([solid.gram(modes, directions), solid.mass_inner(modes, solid.translations())], axis=1)
     largest = np.max(np.abs(work), axis=0)
     seen = np.abs(work) > FACING_TOLERANCE * largest
     turned = modes.copy()

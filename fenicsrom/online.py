@@ -8,7 +8,7 @@ but where they are, and the time integration.
 from __future__ import annotations
 
 import json
-import zipfile
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -19,13 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.contact import Contacts
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, integrate
 from fenicsrom.reduced import ElasticPolynomial, ReducedModel, Signals, reduced_model
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 
 Array = NDArray[np.float64]
+
+TIME_ERROR = 0.05  # estimated relative error by the time step above which a motion is refused
+PHASES = 200  # at which two periods are compared
+BASIS_ERROR = 0.05  # relative difference from a basis with more derivatives above which a motion is refused
+SETTLED = 1e-3  # relative change of the amplitudes from period to period below which they are taken as settled
+ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
 
 FORMAT = "fenicsrom reduced model 1"
 UNITS = {"mass": "kg", "stiffness": "N/m", "quadratic": "N/m^2", "cubic": "N/m^3", "force": "N", "frequencies_hz": "Hz"}
@@ -45,10 +51,11 @@ def simulate(
     model: Any,
     scene: Scene,
     *,
+    start: Motion | None = None,
     keep_coordinates: bool = False,
     progress: Callable[[float, float], None] | None = None,
 ) -> Motion:
-    """Integrate a model of a scene (reduced, full or beam) as its [time] table says.
+    """Integrate a model of a scene (reduced, full or beam) as its [time] table says, from rest or on from a motion.
 
     Raises:
         ConvergenceError: see `fenicsrom.integrate.integrate`.
@@ -59,9 +66,154 @@ def simulate(
         scene.time,
         scene.period,
         dimension=scene.geometry.dimension,
+        start=start,
         keep_coordinates=keep_coordinates,
         progress=progress,
     )
+
+
+def amplitude(motion: Motion) -> Array:
+    """Half of peak-to-peak over the last period, of each point and direction, (P d,), m."""
+    return np.ptp(motion.displacement[motion.last_period()], axis=0).reshape(-1) / 2.0
+
+
+def refined(scene: Scene, factor: int = 2) -> Scene:
+    """The scene with its step divided (or its tolerance, by the factor to the power 3)."""
+    time = scene.time
+    if time.tolerance is not None:
+        return replace(scene, time=replace(time, tolerance=time.tolerance / factor**3))
+    if time.steps_per_period is not None:
+        return replace(scene, time=replace(time, steps_per_period=time.steps_per_period * factor))
+    assert time.step is not None
+    return replace(scene, time=replace(time, step=time.step / factor))
+
+
+def coarser(scene: Scene) -> Scene:
+    """The scene with twice its step (or eight times its tolerance)."""
+    time = scene.time
+    if time.tolerance is not None:
+        return replace(scene, time=replace(time, tolerance=min(8.0 * time.tolerance, 0.999)))
+    if time.steps_per_period is not None:
+        return replace(scene, time=replace(time, steps_per_period=max(time.steps_per_period // 2, 2)))
+    assert time.step is not None
+    return replace(scene, time=replace(time, step=2.0 * time.step))
+
+
+def settled(motion: Motion) -> bool:
+    """Whether the amplitudes of a harmonic motion repeat: it is steady, or they changed by at most `SETTLED` in a period.
+
+    Axial waves that damping hardly reaches may ring on, too small for the amplitudes, and keep a motion from being steady.
+    """
+    if motion.steady:
+        return True
+    if motion.period is None:
+        return False
+    before = motion.time <= motion.time[-1] - motion.period * (1.0 - 1e-9)
+    before &= motion.time >= motion.time[-1] - 2.0 * motion.period * (1.0 + 1e-9)
+    if motion.periods < 2 or not before.any():
+        return False
+    now, then = amplitude(motion), np.ptp(motion.displacement[before], axis=0).reshape(-1) / 2.0
+    return bool(np.linalg.norm(now - then) <= SETTLED * np.linalg.norm(now))
+
+
+def time_error(model: Any, scene: Scene, motion: Motion) -> float:
+    """Estimate of the relative error of a settled motion's amplitudes by its time step.
+
+    It is twice the difference from a run with twice the step: six times the error of a scheme of second order, twice
+    that of one of first order, to which the switching of contacts may bring it. Impacts make amplitudes jump to and fro
+    as the step changes: it is at least the difference of the last periods. Infinite if that run fails or does not settle.
+
+    Args:
+        model: that was integrated.
+        scene: of the motion.
+        motion: the motion.
+    """
+    try:
+        other = simulate(model, coarser(scene))
+    except (ConvergenceError, AccuracyError):
+        return float("inf")
+    if not (settled(motion) and settled(other)):
+        return float("inf")
+    size = float(np.linalg.norm(amplitude(motion)))
+    apart = 2.0 * float(np.linalg.norm(amplitude(motion) - amplitude(other)))
+    shape, other_shape = _last_period(motion), _last_period(other)
+    distance = float(np.linalg.norm(shape - other_shape))
+    shape_size = float(np.linalg.norm(shape - shape.mean(axis=0)))
+    return max(apart / size, distance / shape_size) if size > 0.0 else 0.0
+
+
+def _last_period(motion: Motion) -> Array:
+    """Displacements (`PHASES`, P d) at equal phases of the last period, m."""
+    assert motion.period is not None
+    part = motion.last_period()
+    phases = motion.time[-1] - motion.period * np.arange(PHASES) / PHASES
+    columns = motion.displacement[part].reshape(-1, motion.displacement[0].size).T
+    return np.array([np.interp(phases, motion.time[part], column) for column in columns]).T
+
+
+def check_time_error(scene: Scene, estimate: float) -> None:
+    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`.
+
+    Raises:
+        AccuracyError: it is.
+    """
+    if estimate <= TIME_ERROR:
+        return
+    time = scene.time
+    name = next(name for name in ("tolerance", "steps_per_period", "step") if getattr(time, name) is not None)
+    size = f"amplitudes that differ by {50.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles"
+    other = "eight times the tolerance" if name == "tolerance" else "twice the step"
+    raise AccuracyError(
+        f"time.{name} = {getattr(time, name):g}: the steps are too long: {other} gives {size} "
+        f"(at most {50.0 * TIME_ERROR:g} % is taken as converged)"
+    )
+
+
+def check_basis_error(scene: Scene, estimate: float) -> None:
+    """Refuse a motion whose estimated error by the basis is above `BASIS_ERROR`.
+
+    Raises:
+        AccuracyError: it is.
+    """
+    if estimate <= BASIS_ERROR:
+        return
+    size = f"amplitudes that differ by {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles"
+    raise AccuracyError(
+        f"the basis is too poor: with more modal derivatives it gives {size} (at most {100.0 * BASIS_ERROR:g} % is taken "
+        f"as converged): lower basis.threshold, or take derivatives = 'all' or more than basis.modes = {scene.basis.modes}"
+    )
+
+
+def check_energy(motion: Motion) -> None:
+    """Refuse a motion whose energy ledger is off by more than `ENERGY_ERROR`, or in which friction gives energy.
+
+    Raises:
+        AccuracyError: it is.
+    """
+    if not motion.relative_imbalance <= ENERGY_ERROR:
+        raise AccuracyError(
+            f"the energy ledger is off by {motion.relative_imbalance:.1e} of the largest energy "
+            f"(at most {ENERGY_ERROR:g} is allowed): the steps are too long for the scheme"
+        )
+    gains = np.diff(motion.rubbed)
+    given, taken = -float(np.sum(gains[gains < 0.0])), float(np.sum(gains[gains > 0.0]) + motion.damped[-1])
+    if given > ENERGY_ERROR * taken:
+        share = f"{given / taken:.1e} of what is dissipated" if taken > 0.0 else "from nothing"
+        raise AccuracyError(
+            f"friction gives energy to the motion, {share} (at most {ENERGY_ERROR:g} is allowed): the steps are too long "
+            "for the stiffness of the contact"
+        )
+
+
+def doubt(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
+    """Why a motion is not to be relied on, as far as the model alone can tell; None if nothing speaks against it."""
+    try:
+        check_energy(motion)
+        if settled(motion):
+            check_time_error(scene, time_error(model, scene, motion))
+    except AccuracyError as error:
+        return error
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,24 +294,31 @@ def load_model(path: Path) -> StoredModel:
         SceneError: the file is missing, damaged, of another format, or its arrays do not fit together.
     """
     try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-            data = {name: np.array(file[name]) for name in file.files}
-        header = json.loads(str(data["header"][()]))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                data = {name: np.array(file[name]) for name in file.files}
+            header = json.loads(str(data["header"][()]))
         if header.get("format") != FORMAT:
             raise SceneError(f"{path}: format = {header.get('format')!r}: must be {FORMAT!r}")
         scene = parse_scene(header["scene"], str(header["source"]), None)
         labels = tuple(str(label) for label in header["labels"])
-        stored = _assemble(path, data, header, scene, labels)
+        return _assemble(path, data, header, scene, labels)
     except FileNotFoundError:
         raise SceneError(f"{path}: cannot be read: no such file") from None
+    except SceneError as error:
+        sentence = str(error) if str(error).startswith(f"{path}: ") else f"{path}: {error}"
+        raise SceneError(_one_line(sentence)) from None
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except SceneError:
-        raise
-    except (zipfile.BadZipFile, EOFError, KeyError, ValueError, TypeError, AttributeError, RecursionError, IndexError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise SceneError(f"{path}: is not a reduced model written by this program ({reason})") from None
-    return stored
+        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
+    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise SceneError(_one_line(f"{path}: is not a reduced model written by this program ({reason})")) from None
+
+
+def _one_line(text: str) -> str:
+    """The first line of a text, shortened, without what cannot be printed."""
+    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
 
 
 def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]) -> StoredModel:
@@ -176,12 +335,17 @@ def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: S
         "contact_offset": (len(scene.contacts) * d,),
         "probe": (d, n),
         "probe_offset": (d,),
-        "frequencies_hz": data["frequencies_hz"].shape[:1],
+        "frequencies_hz": (data["frequencies_hz"].size,),
     }
     for name, shape in shapes.items():
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
             raise SceneError(f"{path}: {name} has shape {array.shape} and type {array.dtype}: must be {shape} of finite float64")
+    for name in ("mass", "stiffness"):
+        if np.max(np.abs(data[name] - data[name].T), initial=0.0) > 1e-9 * np.max(np.abs(data[name]), initial=0.0):
+            raise SceneError(f"{path}: {name} is not symmetric: the file is damaged")
+    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
+        raise SceneError(f"{path}: mass or damping is not positive: the file is damaged")
     elastic = ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields))
     model = reduced_model(
         data["mass"], float(data["damping"]), elastic, data["loads"], signals(scene),

@@ -22,11 +22,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numba import njit
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.dense import add_combined_rows, inner, lu_factor, lu_solve, times
+from fenicsrom.dense import add_combined_rows, compiled, inner, kernel, lu_factor, lu_solve, times
 
 Array = NDArray[np.float64]
 
@@ -62,7 +61,7 @@ def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def strain_products(
-    chunks: Iterable[tuple[Array, Array]], first_lame: float, shear_modulus: float, count: int, nonlinear: bool = True
+    chunks: Iterable[tuple[Array, Array]], first_lame: float, shear_modulus: float, count: int
 ) -> Array:
     """Integrate the products of E0, eps_i and h_ij under the elasticity tensor.
 
@@ -71,11 +70,10 @@ def strain_products(
         first_lame: lambda (lambda* in plane stress), Pa.
         shear_modulus: mu, Pa.
         count: n.
-        nonlinear: False leaves the h_ij out, but for their product with E0, which belongs to the stiffness.
 
     Returns:
         (s, s) symmetric, s = 1 + n + n (n + 1) / 2: products <x, y> = int lambda tr x tr y + 2 mu x : y, in J; rows of h_ij
-        come in the order of `pairs`. In the linear case only the first row of the products with h_ij is filled.
+        come in the order of `pairs`.
     """
     first, second = pairs(count)
     size = 1 + count + first.size
@@ -87,10 +85,7 @@ def strain_products(
         strains[..., 0] = gradients[:, 0] + 0.5 * np.einsum("kab,kac->kbc", gradients[:, 0], gradients[:, 0])
         modes = np.ascontiguousarray(np.moveaxis(gradients[:, 1:], 1, -1))  # (k, d, d, n): grad phi_i = modes[..., i]
         strains[..., 1 : 1 + count] = np.einsum("kab,kaci->kbci", f0, modes)
-        if nonlinear or np.any(gradients[:, 0]):
-            strains[..., 1 + count :] = np.einsum("kabp,kacp->kbcp", modes[..., first], modes[..., second], optimize=True)
-        else:
-            strains[..., 1 + count :] = 0.0
+        strains[..., 1 + count :] = np.einsum("kabp,kacp->kbcp", modes[..., first], modes[..., second], optimize=True)
         # Mandel's rows: the product of two columns is x : y; one more row carries the trace
         a, b = np.triu_indices(d)
         shear = np.where(a == b, 0.5, np.sqrt(0.5))
@@ -101,22 +96,16 @@ def strain_products(
         trace = strains[:, range(d), range(d)].sum(axis=1)
         rows[:, -1] = trace * np.sqrt(first_lame * weights)[:, None]
         flat = rows.reshape(-1, size)
-        if nonlinear:
-            total += flat.T @ flat
-        else:
-            head = flat[:, : 1 + count].T @ flat[:, : 1 + count]
-            total[: 1 + count, : 1 + count] += head
-            total[0, 1 + count :] += flat[:, 0] @ flat[:, 1 + count :]
+        total += flat.T @ flat
     return total
 
 
-def elastic_polynomial(products: Array, count: int, nonlinear: bool = True) -> ElasticPolynomial:
+def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
     """The totally symmetric coefficients from the integrated strain products (module docstring).
 
     Args:
         products: (s, s) from `strain_products`, summed over all ranks.
         count: n.
-        nonlinear: False gives the linear model, with empty A and B.
     """
     first, second = pairs(count)
     index = np.zeros((count, count), dtype=np.int64)
@@ -125,8 +114,6 @@ def elastic_polynomial(products: Array, count: int, nonlinear: bool = True) -> E
     force = products[0, eps].copy()
     prestress = products[0, 1 + count :]
     stiffness = products[eps, eps] + prestress[index]
-    if not nonlinear:
-        return ElasticPolynomial(force, stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
     g = products[eps, 1 + count :]  # <eps_i, h_p>
     h = products[1 + count :, 1 + count :]
     i, j = first[:, None], second[:, None]
@@ -136,6 +123,34 @@ def elastic_polynomial(products: Array, count: int, nonlinear: bool = True) -> E
     cubic = h + h[index[i, k], index[j, m]] + h[index[i, m], index[j, k]]
     cubic *= np.where(first == second, 0.5, 1.0)[None, :]
     return ElasticPolynomial(force, stiffness, quadratic, cubic)
+
+
+class Workspace(NamedTuple):
+    """Where a `ReducedModel` of n coordinates and m contact displacements puts its results: valid until its next call.
+
+    (A new array costs numba more than the arithmetic on it, in models of this size.)
+
+    Attributes:
+        columns: (n, p) the columns of the quadratic coefficients, which are combined faster than their rows.
+        points: (2, n) coordinates.
+        products: (3, 2, p) see `elastic_products`.
+        force: (n,) elastic force.
+        slope: (n, n) its derivative.
+        factor: (n, n) the last effective stiffness factorised.
+        pivots: (n,)
+        key: (2,) what the factor held was made of (a linear model keeps its factor).
+        block: (1 + m, n) right-hand sides and solutions.
+    """
+
+    columns: Array
+    points: Array
+    products: Array
+    force: Array
+    slope: Array
+    factor: Array
+    pivots: NDArray[np.int64]
+    key: Array
+    block: Array
 
 
 class ReducedModel(NamedTuple):
@@ -150,9 +165,7 @@ class ReducedModel(NamedTuple):
         contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m; m = 0 without contact.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
-        factor: (n, n) workspace, the last effective stiffness factorised.
-        pivots: (n,) workspace.
-        key: (2,) workspace: what the factor held was made of (a linear model keeps its factor).
+        work: where the results go.
     """
 
     mass: Array
@@ -163,9 +176,7 @@ class ReducedModel(NamedTuple):
     contact_offset: Array
     probe: Array
     probe_offset: Array
-    factor: Array
-    pivots: NDArray[np.int64]
-    key: Array
+    work: Workspace
 
     @property
     def size(self) -> int:
@@ -188,43 +199,23 @@ class ReducedModel(NamedTuple):
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Array]:
         """Mean elastic force over a step and its derivative by dq: see `fenicsrom.integrate.Scheme`."""
-        n = q0.size
-        mean = start_weight * start
-        slope = np.zeros((n, n))
-        add_elastic_mean(self.elastic, q0, dq, points, weights, mean, slope)
-        return mean, slope
+        elastic_mean(self.elastic, self.work, start, q0, dq, start_weight, points, weights)
+        return self.work.force, self.work.slope
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
-        n = q.size
-        force = np.empty(n)
-        energy = elastic_force(self.elastic, q, force, np.empty((n, n)))
-        return force, energy
+        return self.work.force, elastic_force_with(
+            self.elastic, self.work.columns, self.work.points, self.work.products, q, self.work.force, self.work.slope
+        )
 
     def responses(self, inertia: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
         """Solve S [y, Z] = [-residual, B] with S = inertia M + slope; returns y (n,), Z (n, m) and G = B^T Z (m, m).
 
         B holds the first m unit vectors. A linear model keeps its factor while S is the same. A singular S gives NaN.
         """
-        n = residual.size
-        m = self.contact_offset.size
-        linear = self.elastic.cubic.shape[0] == 0
-        if not (linear and self.key[0] == inertia and self.key[1] == slope[0, 0]):
-            for i in range(n):
-                for j in range(n):
-                    self.factor[i, j] = inertia * self.mass[i, j] + slope[i, j]
-            self.key[0] = inertia if lu_factor(self.factor, self.pivots) else np.nan
-            self.key[1] = slope[0, 0]
-        block = np.zeros((n, 1 + m))
-        for i in range(n):
-            block[i, 0] = -residual[i]
-        for i in range(m):
-            block[i, 1 + i] = 1.0
-        if np.isnan(self.key[0]):
-            block[:] = np.nan
-        else:
-            lu_solve(self.factor, self.pivots, block)
-        return block[:, 0].copy(), block[:, 1:].copy(), block[:m, 1:].copy()
+        solve_responses(self.mass, self.elastic.cubic.shape[0] == 0, self.work, inertia, slope, residual)
+        unit = self.work.block[1:].T
+        return self.work.block[0], unit, unit[: unit.shape[1]]
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
@@ -264,22 +255,51 @@ def reduced_model(
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
     times = Signals(*(np.ascontiguousarray(a, dtype=np.float64) for a in signals))
     return ReducedModel(
-        tidy[0], float(damping), coefficients, tidy[1], times, *tidy[2:],
-        factor=np.zeros((n, n)), pivots=np.zeros(n, dtype=np.int64), key=np.zeros(2),
+        tidy[0], float(damping), coefficients, tidy[1], times, tidy[2], tidy[3], tidy[4],
+        work=Workspace(
+            columns=np.ascontiguousarray(coefficients.quadratic.T), points=np.zeros((2, n)),
+            products=np.zeros((3, 2, coefficients.cubic.shape[0])), force=np.zeros(n), slope=np.zeros((n, n)),
+            factor=np.zeros((n, n)), pivots=np.zeros(n, dtype=np.int64), key=np.zeros(2),
+            block=np.zeros((1 + contact_offset.size, n)),
+        ),
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
-def elastic_products(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array, Array]:
+@kernel
+def solve_responses(mass: Array, linear: bool, work: Workspace, inertia: float, slope: Array, residual: Array) -> None:
+    """Leave the solutions of `ReducedModel.responses` in the rows of work.block."""
+    n, factor, key, block = residual.size, work.factor, work.key, work.block
+    if not (linear and key[0] == inertia and key[1] == slope[0, 0]):
+        for i in range(n):
+            for j in range(n):
+                factor[i, j] = inertia * mass[i, j] + slope[i, j]
+        key[0] = inertia if lu_factor(factor, work.pivots) else np.nan
+        key[1] = slope[0, 0]
+    for i in range(n):
+        block[0, i] = -residual[i]
+        for j in range(1, block.shape[0]):
+            block[j, i] = 1.0 if i == j - 1 else 0.0
+    if np.isnan(key[0]):
+        block[:] = np.nan
+    else:
+        lu_solve(factor, work.pivots, block.T)
+
+
+@kernel
+def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array, b: Array) -> None:
     """The products of the polynomial at k points q (k, n), in one pass over its coefficients.
 
-    Returns:
-        s, a, b: (k, p) the pairs of q, a and b of the module docstring; those i = j of s and b are halved. (So they make use
-        of the symmetry of B: rows of the matrix are combined, which is faster than to take products with them.)
+    Args:
+        columns: (n, p) the columns of the quadratic coefficients.
+        cubic: (p, p) the cubic ones.
+        q: (k, n).
+        s: (k, p) out: the pairs of q, those i = j halved.
+        a: (k, p) out: a of the module docstring, by pairs.
+        b: (k, p) out: b, those i = j halved (B being symmetric, its rows can be combined, which is faster than to
+            multiply them).
     """
     points, n = q.shape
-    p = elastic.cubic.shape[0]
-    s, a, b = np.empty((points, p)), np.empty((points, p)), np.zeros((points, p))
+    p = cubic.shape[0]
     for g in range(points):
         row = 0
         for i in range(n):
@@ -289,57 +309,72 @@ def elastic_products(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array
                 s[g, row] = q[g, i] * q[g, j]
                 row += 1
         for row in range(p):
-            value = 0.0
-            for k in range(n):
-                value += elastic.quadratic[row, k] * q[g, k]
-            a[g, row] = value
-    add_combined_rows(s, elastic.cubic, b)
-    return s, a, b
+            a[g, row] = 0.0
+            b[g, row] = 0.0
+    add_combined_rows(q, columns, a)
+    add_combined_rows(s, cubic, b)
 
 
-@njit(cache=True, error_model="numpy")
-def add_elastic_mean(
-    elastic: ElasticPolynomial, q0: Array, dq: Array, points: Array, weights: Array, mean: Array, slope: Array
+@kernel
+def elastic_mean(
+    elastic: ElasticPolynomial,
+    work: Workspace,
+    start: Array,
+    q0: Array,
+    dq: Array,
+    start_weight: float,
+    points: Array,
+    weights: Array,
 ) -> None:
-    """Add sum_g w_g f(q0 + s_g dq) to mean (n,) and its derivative by dq to slope (n, n)."""
-    n, count = q0.size, points.size
-    q = np.empty((count, n))
-    linear = 0.0
+    """Leave the results of `ReducedModel.elastic_over_step` in work.force and work.slope."""
+    n, count, mean, slope = q0.size, points.size, work.force, work.slope
+    q = work.points[:count]
+    total, moved = 0.0, 0.0
     for g in range(count):
-        linear += weights[g] * points[g]
+        total += weights[g]
+        moved += weights[g] * points[g]
         for i in range(n):
             q[g, i] = q0[i] + points[g] * dq[i]
-    for g in range(count):
-        for i in range(n):
-            value = elastic.force[i]
-            for j in range(n):
-                value += elastic.stiffness[i, j] * q[g, j]
-            mean[i] += weights[g] * value
-    for i in range(n):
+    for i in range(n):  # the linear part at all points at once
+        value = start_weight * start[i] + total * elastic.force[i]
         for j in range(n):
-            slope[i, j] += linear * elastic.stiffness[i, j]
+            value += elastic.stiffness[i, j] * (total * q0[j] + moved * dq[j])
+            slope[i, j] = moved * elastic.stiffness[i, j]
+        mean[i] = value
     if elastic.cubic.shape[0] == 0:
         return
-    _, a, b = elastic_products(elastic, q)
+    s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
+    elastic_products(work.columns, elastic.cubic, q, s, a, b)
     for g in range(count):
+        weight, moved = weights[g], weights[g] * points[g]
         row = 0
         for i in range(n):
-            mean[i] += weights[g] * (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
-            slope[i, i] += weights[g] * points[g] * (a[g, row] + 2.0 * b[g, row])
+            value = (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
+            slope[i, i] += moved * (a[g, row] + 2.0 * b[g, row])
             row += 1
             for j in range(i + 1, n):
-                both = weights[g] * points[g] * (a[g, row] + b[g, row])
-                mixed = weights[g] * (0.5 * a[g, row] + b[g, row] * (1.0 / 3.0))
+                both = moved * (a[g, row] + b[g, row])
+                mixed = 0.5 * a[g, row] + b[g, row] * (1.0 / 3.0)
                 slope[i, j] += both
                 slope[j, i] += both
-                mean[i] += mixed * q[g, j]
-                mean[j] += mixed * q[g, i]
+                value += mixed * q[g, j]
+                mean[j] += weight * mixed * q[g, i]
                 row += 1
+            mean[i] += weight * value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
     """Force f (n,) and tangent T (n, n) at q, written into the arrays given; returns the energy, zero at q = 0, in J."""
+    points, products = np.empty((1, q.size)), np.empty((3, 1, elastic.cubic.shape[0]))
+    return elastic_force_with(elastic, np.ascontiguousarray(elastic.quadratic.T), points, products, q, force, tangent)
+
+
+@kernel
+def elastic_force_with(
+    elastic: ElasticPolynomial, columns: Array, points: Array, products: Array, q: Array, force: Array, tangent: Array
+) -> float:
+    """`elastic_force` with the columns (n, p) of A, and room for the coordinates (1, n) and the products (3, 1, p)."""
     n = q.size
     for i in range(n):
         value = 0.0
@@ -353,7 +388,10 @@ def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: A
         force[i] += elastic.force[i]
     if elastic.cubic.shape[0] == 0:
         return energy
-    s, a, b = elastic_products(elastic, q.copy().reshape(1, n))
+    for i in range(n):
+        points[0, i] = q[i]
+    s, a, b = products[0, :1], products[1, :1], products[2, :1]
+    elastic_products(columns, elastic.cubic, points[:1], s, a, b)
     row = 0
     for i in range(n):
         for j in range(i, n):
@@ -473,19 +511,15 @@ def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedM
     Args:
         solid: a `fenicsrom.solid.Solid`.
         basis: the basis.
-        nonlinear: False gives the geometrically linear model.
+        nonlinear: False gives the linear model of the tangent at the equilibrium.
     """
     r, n = basis.vectors, basis.size
-    products = solid.comm.allreduce(
-        strain_products(solid.tabulate(r), solid.first_lame, solid.shear_modulus, n, nonlinear)
-        if nonlinear or solid.loaded
-        else np.zeros((0, 0))
-    )
-    if nonlinear or solid.loaded:
-        elastic = elastic_polynomial(products, n, nonlinear)
+    if nonlinear:
+        products = strain_products(solid.tabulate(r), solid.first_lame, solid.shear_modulus, n)
+        elastic = elastic_polynomial(solid.comm.allreduce(products), n)
     else:
-        stiffness = solid.gram(r, solid.stiffness_times(r))
-        elastic = ElasticPolynomial(np.zeros(n), stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
+        force = solid.gram(r, solid.rest_force[:, None])[:, 0]
+        elastic = ElasticPolynomial(force, solid.gram(r, solid.stiffness_times(r)), np.zeros((0, 0)), np.zeros((0, 0)))
     return reduced_model(elastic=elastic, **_projections(solid, r))
 
 
@@ -504,7 +538,7 @@ def project_intrusively(solid: Any, basis: ReducedBasis) -> DenseModel:
     parts = _projections(solid, r)
     rows = np.eye(basis.masters, basis.size)
     return DenseModel(
-        elastic=elastic, energy=energy, contact_rows=rows, linear=False, gauss_points=2,
+        elastic=elastic, energy=energy, contact_rows=rows, linear=False, gauss_points=solid.gauss_points,
         **parts,
     )  # fmt: skip
 

@@ -159,17 +159,17 @@ def _weights(time: np.ndarray) -> np.ndarray:
 # figures
 
 
-def _styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
     """Run a function that draws under the common style."""
 
     @functools.wraps(draw)
-    def styled(*args: Any, **kwargs: Any) -> Figure:
+    def drawn(*args: Any, **kwargs: Any) -> Figure:
         import matplotlib
 
         with matplotlib.rc_context(_STYLE):
             return draw(*args, **kwargs)
 
-    return styled
+    return drawn
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -183,11 +183,11 @@ def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """One line style per name: `full`, `beam` and `reduced` always look the same, the others take the colours left."""
     names = list(names)
     free = [colour for colour in COLOURS if all(_LINES[name]["color"] != colour for name in names if name in _LINES)]
-    cycle = itertools.product(("-", "--", "-.", ":"), free)
+    cycle = itertools.cycle(itertools.product(("-", "--", "-.", ":"), free))
     return {name: _LINES.get(name) or dict(zip(("linestyle", "color"), next(cycle), strict=True)) for name in names}
 
 
-@_styled
+@styled
 def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """Displacements over the last two periods, one panel per direction, all models in each (the paper's fig. 5).
 
@@ -213,7 +213,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """States over the last period, and contact forces against displacements (the paper's figs. 6 and 13).
 
@@ -255,7 +255,7 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray) -> Figure:
     """Displacement along the axis of a slender body, axial part on the left, transverse on the right (fig. 10).
 
@@ -293,7 +293,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
     return figure
 
 
-@_styled
+@styled
 def ledger_plot(motion: Motion) -> Figure:
     """The energy ledger of a motion: where the work of the loads went, and what does not add up."""
     figure = new_figure(8.6, 4.8)
@@ -314,7 +314,7 @@ def ledger_plot(motion: Motion) -> Figure:
     return figure
 
 
-@_styled
+@styled
 def panels(labels: Sequence[str], images: Sequence[np.ndarray]) -> Figure:
     """Pictures of deformed shapes, coloured by their displacement, in a grid with one colour bar.
 

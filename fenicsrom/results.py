@@ -35,18 +35,12 @@ Array = NDArray[np.float64]
 FRAMES = 60  # of the motion for ParaView, at most
 
 
-def free_unknowns(study: Study) -> int:
-    """Global number of unknowns that no support clamps."""
-    solid = study.solid
-    return int(solid.size - solid.comm.allreduce(solid.clamped_count))
-
-
 def summary(study: Study) -> dict[str, Any]:
     """The contents of `summary.json`."""
     basis = study.basis
     found: dict[str, Any] = {
         "scene": study.scene.source,
-        "dofs": free_unknowns(study),
+        "dofs": study.solid.free,
         "frequencies_hz": study.modes.frequencies_hz,
         "basis": {
             "method": study.modes.method,
@@ -62,6 +56,7 @@ def summary(study: Study) -> dict[str, Any]:
         "left_out": study.left_out,
     }
     found |= motions_summary(study.motions)
+    found["estimated_error"] = {name: value if np.isfinite(value) else None for name, value in study.errors.items()}
     if study.unfinished:
         found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.solid.warnings
@@ -223,7 +218,7 @@ def stored_model(study: Study) -> StoredModel:
     """What `reduced_model.npz` holds."""
     assert study.basis is not None
     return StoredModel(
-        study.model, study.scene, study.basis.method, study.basis.labels, free_unknowns(study), study.modes.frequencies_hz,
+        study.model, study.scene, study.basis.method, study.basis.labels, study.solid.free, study.modes.frequencies_hz,
         provenance(),
     )  # fmt: skip
 
@@ -233,7 +228,7 @@ def sizes(study: Study) -> dict[str, int]:
     beam = study.scene.reference.beam
     return {
         "reduced": study.basis.size if study.basis else 0,
-        "full": free_unknowns(study),
+        "full": study.solid.free,
         "beam": 3 * beam.elements if beam else 0,
     }
 
@@ -249,8 +244,10 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     errors = motions_summary(study.motions).get("error_percent")
     if errors:
         found.append(error_sentence(errors))
+    if study.errors:
+        found.append(estimate_sentence(study.errors))
     if study.unfinished:
-        found.append(f"The {study.unfinished[0]} model did not finish: {study.unfinished[1]}")
+        found.append(f"The {study.unfinished[0]} model has no result to rely on: {study.unfinished[1]}")
     found += [f"Warning: {warning}" for warning in study.solid.warnings]
     if found:
         sections.append(("What was found", found))
@@ -259,7 +256,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     basis: list[Any] = [modes]
     if study.basis:
         basis.append(f"{study.basis.method}, {study.basis.size} coordinates: {', '.join(study.basis.labels)}. Condition number of the "
-                     f"reduced mass, scaled: {study.basis.condition:.3g}.")  # fmt: skip
+                     f"reduced mass, scaled: {study.basis.condition:.3g}; of the residual flexibility: "
+                     f"{study.modes.flexibility_condition:.3g}.")  # fmt: skip
         if study.basis.dropped:
             basis.append("Dropped as dependent: " + ", ".join(f"{k} ({v:.0e})" for k, v in study.basis.dropped.items()))
     if study.selection.weights:
@@ -279,6 +277,13 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
     """The errors against the full model in a sentence."""
     parts = [f"{name.removeprefix('amplitude_')} {value:.3g} %" for name, value in errors.items() if value is not None]
     return "Error of the reduced model's amplitudes against the full model's: " + (", ".join(parts) or "none to compare") + "."
+
+
+def estimate_sentence(errors: Mapping[str, float]) -> str:
+    """The estimated errors in a sentence."""
+    sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in errors.items()}
+    parts = [f"{size} by the {name}" for name, size in sizes.items()]
+    return f"Estimated error of the reduced model's amplitudes: {', '.join(parts)}."
 
 
 def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:

@@ -139,6 +139,16 @@ def _point(value: Any, where: _Where) -> tuple[float, ...]:
     return tuple(float(component) for component in value)
 
 
+def _box(value: Any, where: _Where) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """The lowest and the highest corner of a box, from any two opposite ones."""
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise where.refuse(value, "must be two opposite corners, [[x, y, z], [x, y, z]]")
+    one, other = (_point(corner, where.at(index)) for index, corner in enumerate(value))
+    if len(one) != len(other):
+        raise where.refuse(value, "must be two corners of the same number of coordinates")
+    return tuple(map(min, one, other)), tuple(map(max, one, other))
+
+
 def _direction(value: Any, where: _Where) -> tuple[float, ...]:
     """A vector, scaled to unit length (and left alone, to the bit, where it has it)."""
     vector = _point(value, where)
@@ -200,6 +210,21 @@ def _table(kind: type) -> Rule:
     return rule
 
 
+def _list(rule: Rule) -> Rule:
+    """A list of different values, at least one."""
+
+    def listed(value: Any, where: _Where) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or not value:
+            raise where.refuse(value, "must be a list of at least one value")
+        values = tuple(rule(entry, where.at(index)) for index, entry in enumerate(value))
+        for index, entry in enumerate(values):
+            if entry in values[:index]:
+                raise where.at(index).refuse(value[index], "must not stand in the list twice")
+        return values
+
+    return listed
+
+
 def _tables(kind: type, least: int = 0) -> Rule:
     """A list of such tables."""
 
@@ -259,7 +284,7 @@ class Geometry:
     """The mesh and the displacement field on it.
 
     Attributes:
-        mesh: path of the mesh or .geo file.
+        mesh: path of the mesh or of the .geo or .step file it is made from.
         dimension: 2 or 3.
         cells: "structured" (quadrilaterals, hexahedra) or "simplex"; None unless the mesh is made from a .geo file.
         degree: degree of the displacement, 1 or 2.
@@ -267,6 +292,8 @@ class Geometry:
         plane: "stress" or "strain"; None in 3D.
         curved: whether cells are curved (geometry of degree 2).
         parameters: numbers handed to the .geo file, by name.
+        size: size of the cells a .step file is meshed with, in m; None for every other file.
+        scale: length in m of the unit of the coordinates in a mesh file.
     """
 
     mesh: Annotated[Path, _path]
@@ -277,6 +304,8 @@ class Geometry:
     plane: Annotated[str | None, _choice("stress", "strain")] = None
     curved: Annotated[bool, _flag] = False
     parameters: Annotated[dict[str, float], _parameters] = field(default_factory=dict)
+    size: Annotated[float | None, _number(above=0.0)] = None
+    scale: Annotated[float, _number(above=0.0)] = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,29 +326,53 @@ class Material:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
-    """A point of the solid: on a group of facets, or a node; one of both is None.
+class Plane:
+    """A plane to pick facets with.
 
     Attributes:
-        group: name of a facet group.
-        node: coordinates in m of a node.
-        at: on a group, "mean" (area-weighted mean over it) or "centre" (the node nearest to its centroid).
+        point: coordinates in m of a point of it.
+        normal: unit vector.
+        tolerance: distance in m that still counts as on the plane; None for 1e-6 of the extent of the mesh.
+    """
+
+    point: Annotated[tuple[float, ...], _point]
+    normal: Annotated[tuple[float, ...], _direction]
+    tolerance: Annotated[float | None, _number(above=0.0)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """A part of the solid, by its name or picked by coordinates; all but one are None.
+
+    Attributes:
+        group: name of a group of facets or nodes.
+        box: the lowest and the highest corner in m: the boundary facets with every vertex between them.
+        plane: the boundary facets with every vertex on it.
     """
 
     group: Annotated[str | None, _name] = None
+    box: Annotated[tuple[tuple[float, ...], tuple[float, ...]] | None, _box] = None
+    plane: Annotated[Plane | None, _table(Plane)] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place(Region):
+    """A point of the solid: on a region, or a node; all but one are None.
+
+    Attributes:
+        node: coordinates in m of a node, which must lie there.
+        nearest: coordinates in m of a point that the nearest node is taken for, however far it is.
+        at: on a region, "mean" (area-weighted mean over it) or "centre" (the node nearest to its centroid).
+    """
+
     node: Annotated[tuple[float, ...] | None, _point] = None
+    nearest: Annotated[tuple[float, ...] | None, _point] = None
     at: Annotated[str, _choice("mean", "centre")] = "mean"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Support:
-    """A facet group on which every displacement is clamped.
-
-    Attributes:
-        group: name of the facet group.
-    """
-
-    group: Annotated[str, _name]
+class Support(Region):
+    """A region on which every displacement is clamped."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -478,6 +531,29 @@ class Output:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Compare:
+    """What `fenicsrom compare` compares: every combination of these lists.
+
+    Attributes:
+        full: whether to run the full model; without it the bases are ranked by their residual alone.
+        methods: as `Basis.method`.
+        derivatives: as `Basis.derivatives`: ways of choosing them, or lists of labels.
+        modes: numbers of normal modes.
+        elastic_force: as `Basis.elastic_force`.
+        schemes: as `Time.scheme`; that of [time] if None.
+        repeats: online runs that are timed.
+    """
+
+    full: Annotated[bool, _flag] = True
+    methods: Annotated[tuple[str, ...], _list(_choice("rubin", "craig-bampton"))] = ("rubin", "craig-bampton")
+    derivatives: Annotated[tuple[str | tuple[str, ...], ...], _list(_derivatives)] = ("none", "mmi", "mmi-nls", "all")
+    modes: Annotated[tuple[int, ...], _list(_integer(0, 1000))] = (1, 2, 3, 5)
+    elastic_force: Annotated[tuple[str, ...], _list(_choice("polynomial", "projection"))] = ("polynomial",)
+    schemes: Annotated[tuple[str, ...] | None, _list(_choice(*_SCHEMES))] = None
+    repeats: Annotated[int, _integer(5, 1000)] = 5
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """Everything a run needs to know; made, checked and completed by `read_scene` or `parse_scene`.
 
@@ -494,6 +570,7 @@ class Scene:
         time: the time integration.
         reference: the models to compare with.
         output: what to write.
+        compare: what to compare.
         source: the file it came from.
     """
 
@@ -509,6 +586,7 @@ class Scene:
     time: Annotated[Time, _table(Time)] = Time()
     reference: Annotated[Reference, _reference] = Reference()
     output: Annotated[Output, _table(Output)] = Output()
+    compare: Annotated[Compare, _table(Compare)] = Compare()
     source: str = ""
 
     @property
@@ -536,19 +614,30 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     places = [(f"loads[{index}]", load.place) for index, load in enumerate(scene.loads)]
     places += [(f"contacts[{index}]", contact.place) for index, contact in enumerate(scene.contacts)]
     places += [("probe", scene.probe)] if scene.probe else []
-    vectors = [(f"{key}.node", place.node) for key, place in places if place.node]
+    regions: list[tuple[str, Region]] = [(f"supports[{index}]", region) for index, region in enumerate(scene.supports)]
+    vectors: list[tuple[str, tuple[float, ...]]] = []
+    for key, region in [*regions, *places]:
+        vectors += [(f"{key}.{name}", value) for name in ("node", "nearest") if (value := getattr(region, name, None))]
+        vectors += [(f"{key}.box[{index}]", corner) for index, corner in enumerate(region.box or ())]
+        if region.plane:
+            vectors += [(f"{key}.plane.{name}", getattr(region.plane, name)) for name in ("point", "normal")]
     vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads)]
     vectors += [(f"contacts[{index}].normal", contact.normal) for index, contact in enumerate(scene.contacts)]
     for key, vector in vectors:
         if len(vector) != scene.geometry.dimension:
             yield key, vector, f"must have {scene.geometry.dimension} components, as geometry.dimension says"
+    for key, region in [*regions, *places]:
+        names = ("group", "node", "nearest", "box", "plane")
+        values = {name: value for name in names if (value := getattr(region, name, None)) is not None}
+        if not values:
+            others = "node, nearest, box or plane" if isinstance(region, Place) else "box or plane"
+            yield f"{key}.group", MISSING, f"must be given, or {others}"
+        if len(values) > 1:
+            first, second = list(values)[:2]
+            yield f"{key}.{second}", _plain(values[second]), f"must not be given together with {first}"
     for key, place in places:
-        if place.group is None and place.node is None:
-            yield f"{key}.group", MISSING, "must be given, or node"
-        if place.group is not None and place.node is not None:
-            yield f"{key}.node", place.node, "must not be given together with group"
-        if place.node is not None and place.at != "mean":
-            yield f"{key}.at", place.at, "must not be given together with node"
+        if place.at != "mean" and (place.node or place.nearest):
+            yield f"{key}.at", place.at, f"must not be given together with {'node' if place.node else 'nearest'}"
     for index, load in enumerate(scene.loads):
         if load.frequency is None and load.phase:
             yield f"loads[{index}].phase", load.phase, "must not be given without frequency"
@@ -570,6 +659,13 @@ def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, 
         yield "geometry.cells", geometry.cells, "must not be given unless mesh is a .geo file"
     if geometry.mesh.suffix != ".geo" and geometry.parameters:
         yield "geometry.parameters", geometry.parameters, "must not be given unless mesh is a .geo file"
+    if geometry.mesh.suffix.lower() in (".step", ".stp"):
+        if geometry.size is None:
+            yield "geometry.size", MISSING, "must be a number above 0, the size in m that a .step file is meshed with"
+    elif geometry.size is not None:
+        yield "geometry.size", geometry.size, "must not be given unless mesh is a .step file"
+    if geometry.scale != 1.0 and geometry.mesh.suffix.lower() in (".geo", ".step", ".stp"):
+        yield "geometry.scale", geometry.scale, "must not be given unless mesh is a mesh file"
     if "structured" in geometry.parameters:
         yield "geometry.parameters.structured", geometry.parameters["structured"], "must be set by geometry.cells"
 

@@ -21,10 +21,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.errors import ConvergenceError, SceneError
-from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.linalg import Factorisation, Inverse, eigenmodes, multiply
 from fenicsrom.mesh import Mesh, unclamped_pieces
 from fenicsrom.reduced import Signals
-from fenicsrom.scene import Place, Scene
+from fenicsrom.scene import Place, Region, Scene
 
 Array = NDArray[np.float64]
 
@@ -45,6 +45,7 @@ class Solid:
         space: the displacement space.
         size: global number of unknowns, clamped ones included.
         local: number of unknowns owned by this rank.
+        free: global number of unknowns that no support clamps.
         first_lame: lambda (lambda* in plane stress), Pa.
         shear_modulus: mu, Pa.
         mass: M.
@@ -56,7 +57,10 @@ class Solid:
         load_vectors: (local, loads) unit loads.
         signals: time factors of the loads.
         warnings: sentences for the user.
+        gauss_points: points that integrate the elastic force exactly along a straight line: it is a cubic.
     """
+
+    gauss_points = 2
 
     def __init__(self, mesh: Mesh, scene: Scene):
         """Form the matrices, find the equilibrium and factorise.
@@ -79,21 +83,21 @@ class Solid:
         self.local = dofmap.index_map.size_local * dofmap.index_map_bs
         self.size = dofmap.index_map.size_global * dofmap.index_map_bs
 
-        groups = [support.group for support in scene.supports]
-        clamped = np.unique(np.concatenate([mesh.facets(name) for name in groups]))
-        pieces = unclamped_pieces(mesh, groups)
+        dofs = np.unique(np.concatenate([mesh.nodes(support, self.space) for support in scene.supports]))
+        pieces = unclamped_pieces(mesh, scene.supports)
         if pieces:
             raise SceneError(
                 f"{geometry.mesh}: {pieces} connected piece{'s' if pieces > 1 else ''} of the mesh touch{'' if pieces > 1 else 'es'} "
-                f"no support ({', '.join(groups)}): the stiffness is singular; clamp every piece or join the parts of the mesh"
+                f"no support ({', '.join(support.group or 'picked by coordinates' for support in scene.supports)}): the stiffness is "
+                "singular; clamp every piece or join the parts of the mesh, whose nodes may lie on one another without being joined"
             )  # fmt: skip
-        dofs = fem.locate_dofs_topological(self.space, domain.topology.dim - 1, clamped)
         self._zero = fem.Function(self.space)
         self.conditions = [fem.dirichletbc(self._zero, dofs)]
         bs = dofmap.index_map_bs
         unrolled = (dofs[:, None] * bs + np.arange(bs)).reshape(-1)
         self._clamped = unrolled[unrolled < self.local]
-        self.clamped_count = self._clamped.size
+        self.free = self.size - int(self.comm.allreduce(self._clamped.size))
+        self._refuse_hinge()
 
         self.shear_modulus = material.young / (2.0 * (1.0 + material.poisson))
         self.first_lame = material.young * material.poisson / ((1.0 + material.poisson) * (1.0 - 2.0 * material.poisson))
@@ -172,6 +176,13 @@ class Solid:
         self._set(self._u, u)
         return self._vector(self._force_form)
 
+    @property
+    def rest_force(self) -> Array:
+        """Internal force (local,) in the equilibrium, of the linear model in a geometrically linear scene, N."""
+        if self.scene.geometrically_nonlinear:
+            return self.internal_force(self.equilibrium)
+        return multiply(self.stiffness, self.equilibrium)
+
     def tangent(self, u: Array, matrix: PETSc.Mat | None = None) -> PETSc.Mat:
         """Tangent stiffness at a displacement, N/m; into `matrix` where it is given."""
         self._set(self._u, u)
@@ -206,7 +217,7 @@ class Solid:
         """K'[x] y by the paper's central difference of the tangent, eq. (16); exact at any step for this material."""
         largest = self.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX)
         length = self._extent()
-        h = 1e-3 * length / largest
+        h = 0.1 * length / largest  # a small step would lose digits to rounding
         plus = self.tangent_times(self.equilibrium + h * x, y)
         minus = self.tangent_times(self.equilibrium - h * x, y)
         difference = (plus - minus) / (2.0 * h)
@@ -236,6 +247,15 @@ class Solid:
         """a^T M b over all ranks for blocks (local, k) and (local, l)."""
         return self.gram(a, multiply(self.mass, b))
 
+    def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
+        """The lowest modes with respect to K or, with an inverse that holds coordinates, to K with those held."""
+        return eigenmodes(self.stiffness, self.mass, inverse, count, "fenicsrom_modes")
+
+    def translations(self) -> Array:
+        """(local, d) unit translations along the axes."""
+        d = self.scene.geometry.dimension
+        return np.tile(np.eye(d), (self.local // d, 1))
+
     def field(self, values: Array) -> fem.Function:
         """A displacement field of these values (local,), its ghosts up to date."""
         function = fem.Function(self.space)
@@ -251,10 +271,21 @@ class Solid:
         return np.asarray(self.comm.allreduce(a.T @ b))
 
     def _extent(self) -> float:
-        x = self.mesh.domain.geometry.x
-        low = np.min(self.comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
-        high = np.max(self.comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
+        low, high = self.mesh.bounds()
         return float(np.max(high - low))
+
+    def _refuse_hinge(self) -> None:
+        """Refuse supports of a single node, or in 3D of nodes on one line: the body could turn about them."""
+        d = self.scene.geometry.dimension
+        x = self.space.tabulate_dof_coordinates()[self._clamped[::d] // d, :d]
+        low = self.mesh.bounds()[0][:d]
+        y = np.column_stack([np.ones(len(x)), (x - low) / self._extent()])
+        moments = self.comm.allreduce(y.T @ y)
+        mean = moments[0, 1:] / moments[0, 0]
+        spread = np.linalg.eigvalsh(moments[1:, 1:] / moments[0, 0] - np.outer(mean, mean))
+        if spread[1] < 1e-12:
+            what = "a single node" if spread[-1] < 1e-12 else "nodes on one line"
+            raise SceneError(f"{self.scene.source}: the supports clamp {what}: must hold the body against turning about it")
 
     # ------------------------------------------------------------------ statics
 
@@ -337,40 +368,42 @@ class Solid:
         """Rows that give the displacement of a place.
 
         Args:
-            place: a node, the node nearest to the centroid of a group, or the area-weighted mean over it.
+            place: a node, the node nearest to a point or to the centroid of a region, or the mean over the region:
+                weighted by area on facets, by length on the edges of a node group, equally on nodes alone.
             key: of the scene, for the error.
 
         Returns:
             (d, local) rows, zero on clamped unknowns, and the position (3,) in m.
 
         Raises:
-            SceneError: the group is missing, the node is clamped, or no node is near the coordinates.
+            SceneError: the region is missing or empty, the node is clamped, or no node is near the coordinates.
         """
         d = self.scene.geometry.dimension
         rows = np.zeros((d, self.local))
-        if place.group is not None:
-            weights, position = self._mean(place.group, key)
+        name, wanted = ("nearest", place.nearest) if place.nearest is not None else ("node", place.node)
+        near = np.inf
+        if wanted is None:
+            weights, position = self._mean(place, key) if self.mesh.has_facets(place) else self._mean_of_nodes(place)
             if place.at == "mean":
                 for k in range(d):
                     rows[k, k::d] = weights
                 rows[:, self._clamped] = 0.0
                 return rows, position
-            near = None
         else:
             position = np.zeros(3)
-            position[:d] = place.node
+            position[:d] = wanted
             near = 1e-3 * self._extent()
         x = self.space.tabulate_dof_coordinates()[: self.local // d]
         distance = np.linalg.norm(x - position, axis=1)
         best = int(np.argmin(distance)) if distance.size else -1
         mine = (round(float(distance[best]), 12), *x[best].round(12), self.comm.rank) if best >= 0 else (np.inf, 0, 0, 0, -1)
         chosen = min(self.comm.allgather(tuple(float(v) for v in mine)))
-        if near is not None and chosen[0] > near:
+        if chosen[0] > near:
             nearest = [round(v, 6) for v in chosen[1 : 1 + d]]
-            raise SceneError(
-                f"{self.scene.source}: {key}.node = {list(place.node or ())}: no node lies there; the nearest is {nearest}, "
-                f"{chosen[0]:.3g} m away"
-            )
+            away = f"{self.scene.source}: {key}.{name} = {list(wanted or ())}: "
+            if name == "node":
+                raise SceneError(f"{away}no node lies there; the nearest is {nearest}, {chosen[0]:.3g} m away")
+            self.warnings.append(f"{away}the nearest node is {nearest}, {chosen[0]:.3g} m away")
         clamped = False
         if int(chosen[-1]) == self.comm.rank:
             for k in range(d):
@@ -381,10 +414,10 @@ class Solid:
             raise SceneError(f"{self.scene.source}: {key}: the node at {list(chosen[1 : 1 + d])} is clamped; choose a free one")
         return rows, np.array(chosen[1:4])
 
-    def _mean(self, group: str, key: str) -> tuple[Array, Array]:
-        """Area-weighted mean over a facet group: weights (local / d,) of the nodes, and the centroid (3,)."""
+    def _mean(self, region: Region, key: str) -> tuple[Array, Array]:
+        """Area-weighted mean over facets: weights (local / d,) of the nodes, and the centroid (3,)."""
         domain = self.mesh.domain
-        ds = self.mesh.surface(group)
+        ds = self.mesh.surface(region)
         scalar = fem.functionspace(domain, ("Lagrange", self.scene.geometry.degree))
         weights = fem.Function(scalar)
         fem.assemble_vector(weights.x.array, fem.form(ufl.TestFunction(scalar) * ds))
@@ -393,12 +426,39 @@ class Solid:
         one = fem.Constant(domain, 1.0)
         area = self.comm.allreduce(fem.assemble_scalar(fem.form(one * ds)))
         if not area > 0.0:
-            raise SceneError(f"{self.scene.source}: {key}.group = {group!r}: the group has no area; name a group of facets")
+            raise SceneError(
+                f"{self.scene.source}: {key}.group = {region.group!r}: the group has no area; name a group of facets"
+            )
         position = np.zeros(3)
         for k in range(self.scene.geometry.dimension):
             position[k] = self.comm.allreduce(fem.assemble_scalar(fem.form(x[k] * ds))) / area
         local = scalar.dofmap.index_map.size_local
         return weights.x.array[:local] / area, position
+
+    def _mean_of_nodes(self, region: Region) -> tuple[Array, Array]:
+        """Mean over a node group, weighted by the length of its edges, equal without any: weights and centroid as above."""
+        domain, degree = self.mesh.domain, self.scene.geometry.degree
+        scalar = fem.functionspace(domain, ("Lagrange", degree))
+        weights = fem.Function(scalar)
+        local = scalar.dofmap.index_map.size_local
+        x = scalar.tabulate_dof_coordinates()
+        topology = domain.topology
+        edges = self.mesh.entities(region).get(1, np.empty(0, dtype=np.int32))
+        if self.comm.allreduce(edges.size):
+            topology.create_connectivity(1, topology.dim)
+            topology.create_connectivity(topology.dim, 1)
+            share = np.array([0.5, 0.5] if degree == 1 else [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0])
+            for edge in edges[edges < topology.index_map(1).size_local]:
+                cell = topology.connectivity(1, topology.dim).links(edge)[0]
+                side = int(np.flatnonzero(topology.connectivity(topology.dim, 1).links(cell) == edge)[0])
+                nodes = scalar.dofmap.cell_dofs(cell)[scalar.dofmap.dof_layout.entity_closure_dofs(1, side)]
+                weights.x.array[nodes] += share * np.linalg.norm(x[nodes[1]] - x[nodes[0]])
+            weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        else:
+            weights.x.array[self.mesh.nodes(region, scalar)] = 1.0
+        mine = weights.x.array[:local]
+        total = self.comm.allreduce(float(mine.sum()))
+        return mine / total, np.asarray(self.comm.allreduce(mine @ x[:local])) / total
 
     # ------------------------------------------------------------------ tabulation
 

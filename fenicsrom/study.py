@@ -11,26 +11,32 @@ import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis, build_basis
+from fenicsrom.beam import BeamBody, timoshenko
 from fenicsrom.derivatives import all_pairs, modal_derivatives
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.integrate import Motion
 from fenicsrom.modes import ComponentModes, component_modes
-from fenicsrom.online import simulate
+from fenicsrom.online import amplitude, check_basis_error, check_energy, check_time_error, settled, simulate, time_error
 from fenicsrom.plan import Stage, plan
 from fenicsrom.reduced import project, project_intrusively
 from fenicsrom.scene import Scene
 from fenicsrom.selection import STATIC_LEVELS, Selection, participation, select
 from fenicsrom.solid import Solid
 
+if TYPE_CHECKING:
+    from fenicsrom.modes import Body
+
 Array = NDArray[np.float64]
 
 SNAPSHOTS = 200  # of the linear transient, at most
+MORE_DERIVATIVES = 15  # that a basis is completed by, at most, to see whether it was rich enough
 SNAPSHOT_STEADINESS = 1e-3  # change over a period at which the linear transient is steady enough to choose modes by
 
 
@@ -42,8 +48,13 @@ class Derivatives:
     vectors: Array
 
 
-def choose(solid: Solid, modes: ComponentModes) -> Selection:
+def choose(solid: Body, modes: ComponentModes, snapshots: Snapshots | None = None) -> Selection:
     """Choose the modes and derivatives the scene's [basis] asks for.
+
+    Args:
+        solid: the body.
+        modes: its component modes.
+        snapshots: of these modes, where some are known already.
 
     Raises:
         ConvergenceError: the linear transient or the nonlinear statics did not converge.
@@ -56,14 +67,33 @@ def choose(solid: Solid, modes: ComponentModes) -> Selection:
         return Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
     if not isinstance(wanted, str):
         return Selection(modes.labels, wanted, {}, {})
-    snapshots = linear_snapshots(solid, modes)
+    snapshots = snapshots or Snapshots(solid, modes)
+    deflections = snapshots.linear
     if wanted == "mmi-nls":
-        snapshots = np.concatenate([static_snapshots(solid, snapshots), snapshots], axis=1)
-    coordinates = participation(modes.vectors, snapshots, solid.mass_inner, solid.largest(modes.vectors))
+        deflections = np.concatenate([snapshots.static, deflections], axis=1)
+    coordinates = participation(modes.vectors, deflections, solid.mass_inner, solid.largest(modes.vectors))
     return select(coordinates, modes.labels, wanted, scene.basis.threshold)
 
 
-def linear_snapshots(solid: Solid, modes: ComponentModes) -> Array:
+class Snapshots:
+    """The deflections by which modes and derivatives are chosen, each kind found when it is first asked for."""
+
+    def __init__(self, solid: Body, modes: ComponentModes):
+        """Keep the body and its component modes."""
+        self._solid, self._modes = solid, modes
+
+    @cached_property
+    def linear(self) -> Array:
+        """(local, s) of the geometrically linear transient."""
+        return linear_snapshots(self._solid, self._modes)
+
+    @cached_property
+    def static(self) -> Array:
+        """(local, levels) of the nonlinear statics."""
+        return static_snapshots(self._solid, self.linear)
+
+
+def linear_snapshots(solid: Body, modes: ComponentModes) -> Array:
     """Deflections (local, s) over the last period of a geometrically linear transient with friction."""
     scene = solid.scene
     labels = [label for label in modes.labels if label.endswith("V")]
@@ -78,7 +108,7 @@ def linear_snapshots(solid: Solid, modes: ComponentModes) -> Array:
     return basis.vectors @ motion.coordinates[::step].T
 
 
-def static_snapshots(solid: Solid, linear: Array) -> Array:
+def static_snapshots(solid: Body, linear: Array) -> Array:
     """Nonlinear static deflections (local, `STATIC_LEVELS`) from the equilibrium.
 
     The force is the one that would hold the linear structure in its largest deflection of the transient, f = K u (eq. 18 at
@@ -86,7 +116,7 @@ def static_snapshots(solid: Solid, linear: Array) -> Array:
     """
     sizes = np.array([solid.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
     force = solid.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
-    rest = solid.internal_force(solid.equilibrium)
+    rest = solid.rest_force
     u, found = solid.equilibrium, []
     for level in range(1, STATIC_LEVELS + 1):
         u = solid.static(rest + level / STATIC_LEVELS * force, u)
@@ -94,7 +124,7 @@ def static_snapshots(solid: Solid, linear: Array) -> Array:
     return np.array(found).T
 
 
-def differentiate(solid: Solid, modes: ComponentModes, labels: tuple[str, ...]) -> Derivatives:
+def differentiate(solid: Body, modes: ComponentModes, labels: tuple[str, ...]) -> Derivatives:
     """Solve for the modal derivatives of these labels.
 
     Raises:
@@ -106,7 +136,7 @@ def differentiate(solid: Solid, modes: ComponentModes, labels: tuple[str, ...]) 
     return Derivatives(labels, modal_derivatives(modes.vectors, modes.labels, labels, derivative, modes.inverse, total))
 
 
-def enrich(solid: Solid, modes: ComponentModes, selection: Selection, derivatives: Derivatives) -> ReducedBasis:
+def enrich(solid: Body, modes: ComponentModes, selection: Selection, derivatives: Derivatives) -> ReducedBasis:
     """The basis of the selected modes and derivatives."""
     kept = [k for k, label in enumerate(modes.labels) if label.endswith("V") and label in selection.modes]
     vectors = np.concatenate([modes.normal[:, kept], derivatives.vectors], axis=1)
@@ -114,7 +144,7 @@ def enrich(solid: Solid, modes: ComponentModes, selection: Selection, derivative
     return build_basis(modes.method, modes.masters, modes.rows, vectors, labels, solid.mass_inner, solid.comm.allreduce)
 
 
-def reduce(solid: Solid, basis: ReducedBasis) -> Any:
+def reduce(solid: Body, basis: ReducedBasis) -> Any:
     """The reduced model the scene's `basis.elastic_force` asks for: polynomial, or projection of the full force."""
     scene = solid.scene
     if scene.geometrically_nonlinear and scene.basis.elastic_force == "projection":
@@ -170,7 +200,8 @@ class Study:
         motions: "reduced", "full" and "beam" -> motion, as far as they ran.
         seconds: stage -> run time in s.
         left_out: what the scene did not need, and why.
-        unfinished: the name of the model whose integration failed, with its error; None if all went well.
+        errors: estimated relative errors of the reduced model's amplitudes by the "time step" and the "basis".
+        unfinished: the name of the model whose integration or whose check failed, with its error; None if all went well.
     """
 
     scene: Scene
@@ -184,6 +215,7 @@ class Study:
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    errors: dict[str, float] = field(default_factory=dict)
     unfinished: tuple[str, Exception] | None = None
 
 
@@ -229,8 +261,6 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         SceneError: the scene asks for something impossible.
         ConvergenceError, AccuracyError: an offline stage failed.
     """
-    from fenicsrom.errors import ConvergenceError
-
     watch = Stopwatch(say)
     study = offline(scene, comm, watch)
     with watch("basis"):
@@ -239,7 +269,7 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         study.model = reduce(study.solid, study.basis)
     models: dict[str, Callable[[], Any]] = {"reduced": lambda: study.model}
     if scene.reference.full:
-        models["full"] = lambda: _full(study.solid)
+        models["full"] = lambda: full_model(study.solid)
     if scene.reference.beam is not None:
         models["beam"] = lambda: beam_model(scene)
     for name, make in models.items():
@@ -257,24 +287,84 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
             break
         # the run time proper, without compilation
         watch.seconds[f"{name} motion"] = study.motions[name].seconds
+    if not study.unfinished:
+        with watch("checks"):
+            check(study)
     return study
 
 
-def _full(solid: Solid) -> Any:
+def check(study: Study) -> None:
+    """Estimate the errors of the motions and keep them in the study; one that is too large makes it unfinished."""
+    scene, model = study.scene, ""
+    try:
+        for name, motion in study.motions.items():
+            model = name
+            check_energy(motion)
+        model, motion = "reduced", study.motions["reduced"]
+        if settled(motion):
+            study.errors["time step"] = time_error(study.model, scene, motion)
+            check_time_error(scene, study.errors["time step"])
+            richer = complete(study)
+            if richer is not None:
+                study.errors["basis"] = basis_error(reduce(study.solid, richer), scene, motion)
+                check_basis_error(scene, study.errors["basis"])
+    except (AccuracyError, ConvergenceError) as error:
+        study.unfinished = (model, error)
+
+
+def complete(study: Study) -> ReducedBasis | None:
+    """The basis with more of the derivatives that were left out, the heaviest first; None if there are none."""
+    if not study.scene.geometrically_nonlinear:
+        return None
+    kept = study.derivatives.labels
+    weights = study.selection.weights
+    missing = sorted(set(all_pairs(study.modes.labels)) - set(kept), key=lambda label: (-weights.get(label, 0.0), label))
+    if not missing:
+        return None
+    more = differentiate(study.solid, study.modes, tuple(missing[:MORE_DERIVATIVES]))
+    vectors = np.concatenate([study.derivatives.vectors, more.vectors], axis=1)
+    return enrich(study.solid, study.modes, study.selection, Derivatives((*kept, *more.labels), vectors))
+
+
+def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
+    """Estimate of the relative error of a settled motion's amplitudes by its basis: how far a richer model's are from them.
+
+    Infinite if that does not settle.
+
+    Raises:
+        ConvergenceError: the richer model fails.
+    """
+    other = simulate(richer, scene)
+    if not settled(other):
+        return float("inf")
+    size = float(np.linalg.norm(amplitude(other)))
+    return float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else 0.0
+
+
+def full_model(body: Body) -> Any:
+    """The full model of a body, as the time integration wants it."""
+    if isinstance(body, BeamBody):
+        return body.full_model()
     from fenicsrom.full import FullModel
 
-    return FullModel(solid)
+    return FullModel(body)
 
 
 def beam_model(scene: Scene) -> Any:
+    """The full model of `beam_body`.
+
+    Raises:
+        SceneError: the scene's loads or contacts are not those of a planar beam along x.
+    """
+    return beam_body(scene).full_model()
+
+
+def beam_body(scene: Scene) -> BeamBody:
     """The planar Timoshenko beam of a scene, in the plane of x and y: loads at its section, contact and probe at its tip.
 
     Raises:
         SceneError: the scene's loads or contacts are not those of a planar beam along x.
     """
-    from fenicsrom.beam import timoshenko
-    from fenicsrom.online import signals
-    from fenicsrom.reduced import DenseModel
     from fenicsrom.solid import frame
 
     section, d = scene.reference.beam, scene.geometry.dimension
@@ -296,17 +386,9 @@ def beam_model(scene: Scene) -> Any:
         found[0, beam.unknown(node, 0)] = found[1, beam.unknown(node, 1)] = 1.0
         return found
 
+    if any(load.frequency is None and load.force for load in scene.loads):
+        raise SceneError(f"{scene.source}: reference.beam = true: the beam starts at rest, undeformed; leave out static loads")
     tip = rows(beam.tip_node)
     loads = np.array([np.array(load.direction) @ rows(beam.load_node) for load in scene.loads]).reshape(-1, n).T
     contact_rows = np.concatenate([frame(np.array(c.normal)) @ tip for c in scene.contacts] or [np.zeros((0, n))])
-    static = np.zeros(n)
-    for k, load in enumerate(scene.loads):
-        if load.frequency is None:
-            static += load.force * loads[:, k]
-    if np.any(static):
-        raise SceneError(f"{scene.source}: reference.beam = true: the beam starts at rest, undeformed; leave out static loads")
-    return DenseModel(
-        beam.mass, scene.material.mass_damping, beam.elastic, beam.energy, loads, signals(scene),
-        contact_rows, np.zeros(contact_rows.shape[0]), tip, np.zeros(d),
-        linear=not scene.geometrically_nonlinear, gauss_points=1 if not scene.geometrically_nonlinear else 5,
-    )  # fmt: skip
+    return BeamBody(scene, beam, loads, contact_rows, tip)

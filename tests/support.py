@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.contact import Contacts
-from fenicsrom.reduced import ElasticPolynomial, ReducedModel, Signals, elastic_polynomial, reduced_model, strain_products
+from fenicsrom.reduced import (
+    ElasticPolynomial,
+    ReducedModel,
+    Signals,
+    elastic_polynomial,
+    reduced_model,
+    strain_products,
+)
 from fenicsrom.scene import Scene, Time, override_table, parse_scene
 
 Array = NDArray[np.float64]
@@ -80,7 +87,7 @@ def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: An
     return parse_scene(override_table(table, overrides, "test"), "test", Path.cwd())
 
 
-STOCKY = tuple(f"geometry.parameters.{size}" for size in ("length=1.0", "height=0.2", "elements_along=4", "load_at=0.5"))
+STOCKY = tuple(f"geometry.parameters.{size}" for size in ("length=1", "height=0.2", "elements_along=4", "load_at=0.5"))
 """Overrides that make the beam short and its mesh tiny."""
 
 
@@ -101,7 +108,8 @@ def free_unknowns(solid: Any) -> NDArray[np.int64]:
 
 def dense(matrix: Any, keep: NDArray[np.int64]) -> Array:
     """Rows and columns of a PETSc matrix as an array."""
-    return np.array(matrix.copy().convert("dense").getDenseArray())[np.ix_(keep, keep)]
+    full = matrix.copy().convert("dense")
+    return full.getDenseArray()[np.ix_(keep, keep)]  # a copy, made while the matrix lives
 
 
 def random_field(solid: Any, size: float, seed: int = 0) -> Array:
@@ -134,9 +142,15 @@ NO_LOADS = Signals(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def linear_model(
-    mass: Any, stiffness: Any, *, damping: float = 0.0, loads: Any = None, signals: Signals = NO_LOADS, masters: int = 0,
+    mass: Any,
+    stiffness: Any,
+    *,
+    damping: float = 0.0,
+    loads: Any = None,
+    signals: Signals = NO_LOADS,
+    masters: int = 0,
     probes: int = 2,
-) -> ReducedModel:  # fmt: skip
+) -> ReducedModel:
     """A linear model of dense matrices; its first coordinates are its contact displacements and its probe."""
     mass, stiffness = np.atleast_2d(mass), np.atleast_2d(stiffness)
     n = mass.shape[0]
@@ -171,9 +185,10 @@ def random_model(
 def one_contact(**values: float) -> Contacts:
     """Parameters of one contact point, or of several if a value is a list."""
     given = {"preload": 0.0, "gap": 0.0, "normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.0} | values
-    return Contacts(*np.broadcast_arrays(*(np.atleast_1d(np.asarray(given[name], float)) for name in Contacts._fields)))
+    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(given[name], float)) for name in Contacts._fields))
+    return Contacts(*(array.copy() for array in arrays))
 
 
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
     """Settings of a run of a number of equal steps."""
-    return Time(scheme=scheme, duration=duration, step=duration / steps, spectral_radius=radius)
+    return Time(scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius)

@@ -1,4 +1,4 @@
-"""Meshes: the beams, what is refused, groups, pieces, and the same on two ranks."""
+"""Meshes: the beams, the blade, what is refused, groups, pieces, and the same on two ranks."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 pytest.importorskip("dolfinx")
@@ -25,7 +26,7 @@ from fenicsrom import mesh as mesh_module
 from fenicsrom.errors import SceneError
 from fenicsrom.mesh import Mesh, build_mesh, unclamped_pieces
 from fenicsrom.paths import shared_meshes
-from fenicsrom.scene import Geometry
+from fenicsrom.scene import Geometry, Region
 
 LENGTH, HEIGHT, WIDTH = 2.54, 0.03, 0.02
 CUT = {(2, "structured"): 1, (2, "simplex"): 2, (3, "structured"): 1, (3, "simplex"): 6}  # cells made of each block
@@ -163,6 +164,102 @@ def test_wrong_width() -> None:
         beam(3, width=-1.0)
 
 
+def blade(cells: str = "structured", curved: bool = True, **parameters: float) -> Mesh:
+    """The program's own blade."""
+    path = shared_meshes() / "blade.geo"
+    return build_mesh(
+        Geometry(mesh=path, dimension=3, cells=cells, curved=curved, parameters=parameters), MPI.COMM_WORLD
+    )
+
+
+def profile(u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Thickness of the NACA four-digit profiles with a closed trailing edge, relative to the largest."""
+    return (0.2969 * np.sqrt(u) - 0.126 * u - 0.3516 * u**2 + 0.2843 * u**3 - 0.1036 * u**4) / 0.1
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("cells", ["structured", "simplex"])
+def test_blade(cells: str, curved: bool) -> None:
+    mesh = blade(cells, curved)
+    assert not mesh.warnings
+    cut = {"structured": (1, 1), "simplex": (6, 2)}[cells]
+    assert mesh.domain.topology.index_map(3).size_global == 12 * 8 * cut[0]
+    facets = {name: len(mesh.facets(name)) for name, (dimension, _) in mesh.groups.items() if dimension == 2}
+    skin = 12 * 8 * cut[1]
+    assert facets == dict.fromkeys(("root", "load", "tip"), 8 * cut[1]) | {"pressure": skin, "suction": skin}
+    x = ufl.SpatialCoordinate(mesh.domain)
+    for name, place in (("root", 0.0), ("load", 0.75 * 0.7), ("tip", 0.7)):
+        area = integral(mesh, 1.0, mesh.surface(name))
+        assert integral(mesh, x[0], mesh.surface(name)) == pytest.approx(place * area, rel=1e-12, abs=1e-15)
+    topology = mesh.domain.topology
+    topology.create_connectivity(2, 3)
+    for name in facets:
+        cells_of = {len(topology.connectivity(2, 3).links(facet)) for facet in mesh.facets(name)}
+        assert cells_of == ({2} if name == "load" else {1})
+    vertices, edges = mesh.node_groups["tip_nodes"]
+    topology.create_connectivity(2, 0)
+    topology.create_connectivity(1, 0)
+    assert (len(vertices), len(edges)) == (9, 8)
+    for name in ("tip", "pressure"):
+        assert set(vertices) < {v for facet in mesh.facets(name) for v in topology.connectivity(2, 0).links(facet)}
+    assert set(vertices) == {v for edge in edges for v in topology.connectivity(1, 0).links(edge)}
+
+
+def test_blade_has_the_shape_it_is_given() -> None:
+    size = {"span": 0.6, "chord": 0.2, "tip_chord": 0.1, "thickness": 0.08, "tip_thickness": 0.04, "camber": 0.05}
+    turn = {"camber_at": 0.3, "edge": 0.3, "stagger": 20, "twist": 40, "sweep": 0.05, "lean": -0.02, "load_at": 0.5}
+    mesh = blade(elements_along=16, elements_across=16, **size, **turn)
+    u = np.linspace(0.0, 1.0, 200_001)
+    steep = 2 * 0.05 * (0.3 - u) / np.where(u < 0.3, 0.3, 0.7) ** 2
+    weight = (0.3 + 0.7 * profile(u)) * np.hypot(1.0, steep)
+    unit = np.trapezoid(weight, u)  # area of a section of unit chord and thickness
+    for name, t in (("root", 0.0), ("load", 0.5), ("tip", 1.0)):
+        chord, thick, angle = 0.2 - 0.1 * t, 0.08 - 0.04 * t, np.radians(20 + 40 * t)
+        area = integral(mesh, 1.0, mesh.surface(name))
+        assert area == pytest.approx(thick * chord**2 * unit, rel=5e-3)
+        x = ufl.SpatialCoordinate(mesh.domain)
+        along = np.cos(angle) * (x[1] - 0.05 * t**2) + np.sin(angle) * (x[2] + 0.02 * t**2)
+        above = np.cos(angle) * (x[2] + 0.02 * t**2) - np.sin(angle) * (x[1] - 0.05 * t**2)
+        line = np.where(u < 0.3, (0.6 * u - u**2) / 0.3**2, (0.4 + 0.6 * u - u**2) / 0.7**2) * 0.05
+        pairs = ((along / chord, u - 0.5), (above / chord, line), (along * above / chord**2, (u - 0.5) * line))
+        for (measured, exact), tolerance in zip(pairs, (2e-3, 2e-3, 5e-4), strict=True):
+            mean = np.trapezoid(weight * exact, u) / unit
+            assert integral(mesh, measured, mesh.surface(name)) / area == pytest.approx(mean, abs=tolerance)
+    t = np.linspace(0.0, 1.0, 1001)
+    volume = np.trapezoid((0.08 - 0.04 * t) * (0.2 - 0.1 * t) ** 2, t) * 0.6 * unit
+    assert integral(mesh, 1.0) == pytest.approx(volume, rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        *((name, 0.0, "greater than 0") for name in ("span", "chord", "tip_chord", "thickness", "tip_thickness")),
+        *((name, 0.31, "at most 0.3") for name in ("thickness", "tip_thickness")),
+        ("camber", -0.01, "from 0 to 0.2"),
+        ("camber", 0.21, "from 0 to 0.2"),
+        ("camber_at", 0.05, "from 0.1 to 0.9"),
+        ("edge", 0.01, "from 0.02 to 1"),
+        ("edge", 1.1, "from 0.02 to 1"),
+        *((name, value, "from -90 to 90") for name in ("stagger", "twist") for value in (-91.0, 91.0)),
+        *((name, value, "at most the span, 0.7") for name in ("sweep", "lean") for value in (-0.8, 0.8)),
+        ("elements_along", 1.0, "at least 2"),
+        ("elements_across", 0.0, "at least 1"),
+        ("elements_across", 1.5, "whole number"),
+        ("elements_through", 0.0, "at least 1"),
+        ("load_at", 0.99, "at least one of the 12 elements on each side"),
+    ],
+)
+def test_wrong_blade(name: str, value: float, allowed: str) -> None:
+    key = rf"blade\.geo: geometry\.parameters\.{name} = {value:g}"
+    with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
+        blade(**{name: value})
+
+
+def test_blade_too_thin_for_its_curves_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"blade\.geo: .* cells are inverted or degenerate"):
+        blade("simplex", thickness=0.01, tip_thickness=0.01, twist=80, elements_along=4)
+
+
 def test_parameters_are_found_among_comments(tmp_path: Path) -> None:
     path = tmp_path / "square.geo"
     path.write_text(
@@ -190,7 +287,7 @@ def test_error_in_geometry_is_the_first_and_does_no_harm(tmp_path: Path) -> None
 @pytest.mark.parametrize("name", ["absent.msh", "absent.geo", "present.stl"])
 def test_wrong_file(tmp_path: Path, name: str) -> None:
     (tmp_path / "present.stl").touch()
-    with pytest.raises(SceneError, match=rf"{name}': must be an existing \.geo or \.msh file"):
+    with pytest.raises(SceneError, match=rf"{name}': must be an existing file of one of \.geo, \.msh, .*, \.vtu$"):
         read(tmp_path / name)
 
 
@@ -222,6 +319,36 @@ def test_msh(tmp_path: Path) -> None:
     assert integral(mesh, 1.0) == pytest.approx(2.0)
     assert integral(mesh, ufl.SpatialCoordinate(mesh.domain)[0], mesh.surface("tip")) == pytest.approx(2.0)
     assert not mesh.warnings
+
+
+def test_without_facet_groups(tmp_path: Path) -> None:
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()[:2], [(2, 1, "solid")]))
+    assert mesh.groups.keys() == {"solid"} and not mesh.node_groups
+    left = Region(box=((0.0, 0.0), (0.0, 1.0)))
+    assert integral(mesh, 1.0, mesh.surface(left)) == pytest.approx(1.0)
+    assert unclamped_pieces(mesh, [left]) == 0
+    with pytest.raises(SceneError, match=r"no facet group 'root': must be one of \(there are none\)$"):
+        mesh.facets("root")
+
+
+def test_points_and_curves_are_node_groups(tmp_path: Path) -> None:
+    with session() as gmsh:
+        gmsh.merge(str(shared_meshes() / "beam3d.geo"))
+        gmsh.model.mesh.generate(3)
+        gmsh.model.addPhysicalGroup(0, [1, 2], name="points")
+        gmsh.model.addPhysicalGroup(1, [1, 2], name="curves")
+        gmsh.model.addPhysicalGroup(0, [1], name="curves")
+        gmsh.write(str(tmp_path / "beam.msh"))
+    mesh = read(tmp_path / "beam.msh", 3)
+    numbers = {name: (len(vertices), len(edges)) for name, (vertices, edges) in mesh.node_groups.items()}
+    assert numbers == {"points": (2, 0), "curves": (3, 2)}
+    space = fem.functionspace(mesh.domain, ("Lagrange", 2))
+    x = np.sort(space.tabulate_dof_coordinates()[mesh.nodes("curves", space)] / 0.0127, axis=0)
+    assert np.allclose(x.T, [[0, 0, 0, 0, 0], [-1, 0, 1, 1, 1], [-1, -1, -1, 0, 1]])
+    assert not mesh.has_facets("points") and mesh.has_facets("root")
+    with pytest.raises(SceneError, match="no facet group 'points'"):
+        mesh.facets("points")
+    assert unclamped_pieces(mesh, ["points"]) == 0
 
 
 def test_facet_in_two_groups_and_group_without_a_name(tmp_path: Path) -> None:
@@ -266,7 +393,6 @@ def test_facets_that_are_not_facets(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("points", "elements", "message"),
     [
-        (SQUARE, squares()[:2], "no facet group"),
         (SQUARE, squares((LINE, 1, (0, 1))), "group 'solid' has dimension 1: must have 2 or another name"),
         (SQUARE, squares((TRIANGLE, 1, (0, 1, 2))), "cells Triangle 3, Quadrilateral 4: must be of one type"),
         (SQUARE, [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]], "1 cells are inverted or degenerate"),

@@ -1,0 +1,74 @@
+"""How many times faster the reduced model is: ratios of run time over the same steps, on this machine.
+
+    python3 demos/benchmark.py
+
+Medians of five runs of one period from rest (200 steps), of 25 for the reduced model, one after the other, compiled
+code warm, one thread unless OMP_NUM_THREADS says otherwise; the spread is half the distance of the quartiles. Models of
+one body take the same steps; the largest difference of their tip displacements is printed beside the ratio.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from fenicsrom.compare import machine
+from fenicsrom.full import FullModel
+from fenicsrom.integrate import Motion
+from fenicsrom.mesh import build_mesh
+from fenicsrom.modes import component_modes
+from fenicsrom.online import simulate
+from fenicsrom.reduced import project, project_intrusively
+from fenicsrom.scene import Scene, read_scene
+from fenicsrom.selection import Selection
+from fenicsrom.solid import Solid
+from fenicsrom.study import differentiate, enrich
+
+HERE = Path(__file__).parent
+SIX = {2: ("1V1V", "1V1S", "1V2S"), 3: ("1V1V", "1V1S")}  # with 1V and the static modes: six coordinates
+
+
+def run(model: Any, scene: Scene, count: int = 5) -> tuple[Motion, list[float]]:
+    """A motion of one period, and the seconds of each run."""
+    motions = [simulate(model, scene) for _ in range(count)]
+    return motions[0], [motion.seconds for motion in motions]
+
+
+def compare(name: str, fast: tuple[Motion, list[float]], slow: tuple[Motion, list[float]]) -> None:
+    """Print how many times faster one is than the other."""
+    (quick, few), (long, many) = fast, slow
+    assert quick.steps == long.steps
+    apart = np.abs(quick.displacement - long.displacement).max() / np.abs(long.displacement).max()
+    spread = [f"{50 * (np.quantile(s, 0.75) - np.quantile(s, 0.25)) / np.median(s):.0f} %" for s in (few, many)]
+    print(
+        f"{name}: {np.median(many) / np.median(few):.0f} times (spread {spread[0]}, {spread[1]}; "
+        f"{long.steps} steps, {long.newton_iterations} and {quick.newton_iterations} iterations, apart {apart:.1e})",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Measure and print."""
+    print(", ".join(f"{key} {value}" for key, value in machine().items()))
+    for dimension in (2, 3):
+        scene = read_scene(HERE / f"slip_liftoff_{dimension}d.toml")
+        scene = replace(scene, time=replace(scene.time, periods=1, steady_tolerance=0.0))
+        solid = Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
+        modes = component_modes(solid, "rubin", 1)
+        selection = Selection(modes.labels, SIX[dimension], {}, {})
+        basis = enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives))
+        model = project(solid, basis)
+        simulate(model, scene)
+        reduced = run(model, scene, 25)
+        unknowns = solid.free
+        name = f"{dimension}D, {basis.size} coordinates"
+        compare(f"{name}, against {unknowns} unknowns", reduced, run(FullModel(solid), scene))
+        compare(f"{name}, polynomial against projection", reduced, run(project_intrusively(solid, basis), scene))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,442 @@
+"""Every number and curve the paper prints, on the beam and on the 2D solid: the tables of README.md, and pictures.
+
+    python3 demos/paper/reproduce.py --output out/paper
+
+The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; all else is computed. The
+elastic force of the beam is no polynomial: its reduced models are intrusive projections. Parts may be named to make
+them alone; README.md then keeps its other tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from fenicsrom import report
+from fenicsrom.basis import build_basis
+from fenicsrom.compare import Outcome, Workshop, compare_bases, motion_errors
+from fenicsrom.derivatives import all_pairs
+from fenicsrom.files import whole
+from fenicsrom.integrate import Motion
+from fenicsrom.mesh import build_mesh
+from fenicsrom.modes import component_modes
+from fenicsrom.online import signals, simulate
+from fenicsrom.reduced import project_intrusively
+from fenicsrom.scene import Scene, read_scene
+from fenicsrom.solid import Solid
+from fenicsrom.study import beam_body, choose, differentiate, enrich, full_model, reduce
+
+HERE = Path(__file__).parent
+BODIES = ("beam", "solid")
+LINEAR = "geometrically_nonlinear=false"
+Table = list[list[Any]]
+
+
+def scene(name: str, *overrides: str) -> Scene:
+    """A scene of this folder."""
+    return read_scene(HERE / f"{name}.toml", overrides)
+
+
+@functools.cache
+def mesh() -> Any:
+    """The one mesh of all scenes."""
+    return build_mesh(scene("open").geometry, MPI.COMM_WORLD)
+
+
+def body(kind: str, of: Scene) -> Any:
+    """The beam or the solid of a scene."""
+    return beam_body(of) if kind == "beam" else Solid(mesh(), of)
+
+
+@functools.cache
+def full(kind: str, name: str, *overrides: str) -> Motion:
+    """The motion of a full model."""
+    of = scene(name, *overrides)
+    print(f"full {kind}: {name} {' '.join(overrides)}", flush=True)
+    return simulate(full_model(body(kind, of)), of)
+
+
+@functools.cache
+def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
+    """The combinations of a scene's [compare] table against the full model."""
+    force = ["projection"] if kind == "beam" else ["polynomial"]
+    of = scene(name, *overrides, f"compare.elastic_force={force}")
+    reference = full(kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis."))))
+    workshop = Workshop(body(kind, of), {}, max(of.compare.modes))
+    return tuple(compare_bases(workshop, of, reference, lambda line: print(kind, line, flush=True), timing=False))
+
+
+def error(outcome: Outcome) -> str:
+    """Error of the tip amplitude and, in brackets, the size; a star where the motion never repeats."""
+    if outcome.motion is None:
+        return "stops"
+    value = outcome.errors["amplitude_tangential"]
+    star = "" if outcome.motion.steady else "*"
+    return f"{value:.2g}{star} ({len(outcome.labels)})" if value is not None else "–"
+
+
+def millimetres(motion: Motion) -> tuple[float, float]:
+    """Tip amplitudes across and along the beam, mm; a probe's first axis is x."""
+    found = report.amplitudes(motion)
+    return 1e3 * found["tangential"][0], 1e3 * found["normal"]
+
+
+# ---------------------------------------------------------------------- tables
+
+
+def amplitude_rows(cases: Sequence[tuple[str, str, tuple[str, ...], tuple[str, str]]]) -> Table:
+    """Amplitudes of the full models beside those of the paper."""
+    found: Table = [["case", "paper U_y", "beam", "solid", "paper U_x", "beam", "solid"]]
+    for label, name, overrides, printed in cases:
+        ours = [millimetres(full(kind, name, *overrides)) for kind in BODIES]
+        found.append([label, printed[0], *(f"{o[0]:.2f}" for o in ours), printed[1], *(f"{o[1]:.3g}" for o in ours)])
+    return found
+
+
+def table_1() -> Table:
+    """Tip amplitudes of linear and nonlinear models, open and at 40 N."""
+    return amplitude_rows(
+        [
+            ("40 N, linear", "slip_liftoff", (LINEAR,), ("123.5", "0.00039")),
+            ("40 N, nonlinear", "slip_liftoff", (), ("157.6", "2.835")),
+            ("open, linear", "open", (LINEAR,), ("200.8", "0.0")),
+            ("open, nonlinear", "open", (), ("200.5", "4.6")),
+            ("200 N, 333.3 N, nonlinear (sec. 3.1)", "high_load", (), ("418", "")),
+        ]
+    )
+
+
+def table_2() -> Table:
+    """Errors of bases of chosen derivatives, both loads."""
+    rows = [
+        ("rubin", ["1V1V"], ("4.03", "42")),
+        ("rubin", ["1V1V", "1V1S", "1V2S"], ("0.41", "4.2")),
+        ("craig-bampton", ["1V1V"], ("7.18", "49")),
+        ("craig-bampton", ["1V1V", "1V1S", "1V2S", "1S2S", "2S2S"], ("0.57", "26.3")),
+    ]
+    loads = [("slip_liftoff", ()), ("high_load", ("loads.0.force=333.87",))]
+    found: Table = [["basis, 1V and", "111.29 N: paper", "beam", "solid", "333.87 N: paper", "beam", "solid"]]
+    lists = [labels for _, labels, _ in rows]
+    common = ("compare.modes=[1]", f"compare.derivatives={[x for k, x in enumerate(lists) if x not in lists[:k]]}")
+    for method, labels, printed in rows:
+        line: list[Any] = [f"{method}: {' '.join(labels)}"]
+        for column, (name, overrides) in enumerate(loads):
+            line.append(printed[column])
+            for kind in BODIES:
+                outcomes = tried(kind, name, *overrides, *common)
+                line += [
+                    error(o) for o in outcomes
+                    if o.combination.method == method and o.combination.derivatives == tuple(labels)
+                ]  # fmt: skip
+        found.append(line)
+    return found
+
+
+def table_3() -> Table:
+    """Tip amplitudes of linear and nonlinear models at 250 N."""
+    return amplitude_rows(
+        [
+            ("linear", "stick_slip", (LINEAR,), ("19.73", "0.00248")),
+            ("nonlinear", "stick_slip", (), ("19.618", "0.044")),
+        ]
+    )
+
+
+def selection_table(name: str, modes: Sequence[int]) -> Table:
+    """Errors and sizes with derivatives chosen by MMI and MMI-NLS, for each number of normal modes."""
+    head = [f"{kind}, {method}: MMI / MMI-NLS" for kind in BODIES for method in ("Rubin", "Craig–Bampton")]
+    found: Table = [["normal modes", *head]]
+    for count in modes:
+        line: list[Any] = [count]
+        for kind in BODIES:
+            for method in ("rubin", "craig-bampton"):
+                chosen = {
+                    o.combination.derivatives: o
+                    for o in tried(kind, name, f"compare.modes={list(modes)}")
+                    if (o.combination.method, o.combination.modes) == (method, count)
+                }
+                line.append(" / ".join(error(chosen[way]) for way in ("mmi", "mmi-nls")))
+        found.append(line)
+    return found
+
+
+def plain_table(name: str, modes: Sequence[int]) -> Table:
+    """Errors and sizes without derivatives."""
+    found: Table = [["normal modes", *(f"{kind}, {m}" for kind in BODIES for m in ("Rubin", "Craig–Bampton"))]]
+    for count in modes:
+        line: list[Any] = [count]
+        for kind in BODIES:
+            outcomes = tried(kind, name, f"compare.modes={list(modes)}", 'compare.derivatives=["none"]')
+            line += [error(o) for m in ("rubin", "craig-bampton") for o in outcomes
+                     if (o.combination.method, o.combination.modes) == (m, count)]  # fmt: skip
+        found.append(line)
+    return found
+
+
+def threshold_table() -> Table:
+    """Where MMI-NLS beats MMI: Rubin under 333.3 N, by threshold; the derivatives only MMI-NLS keeps."""
+    head = [f"{kind}: {what}" for kind in BODIES for what in ("MMI", "MMI-NLS", "in MMI-NLS alone")]
+    found: Table = [["threshold", "normal modes", *head]]
+    for threshold in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
+        for count in (3, 5):
+            line: list[Any] = [f"{threshold:.0e}", count]
+            for kind in BODIES:
+                only = (f"compare.modes=[{count}]", 'compare.methods=["rubin"]')
+                outcomes = tried(kind, "high_load", f"basis.threshold={threshold}", *only)
+                by = {o.combination.derivatives: o for o in outcomes}
+                alone = [label for label in by["mmi-nls"].labels if label not in by["mmi"].labels]
+                line += [error(by["mmi"]), error(by["mmi-nls"]), " ".join(alone) or "–"]
+            found.append(line)
+    return found
+
+
+def third_order_table() -> Table:
+    """What the beam lacks under 333.3 N: all derivatives of 1V, 1S, 2S, and the same with one vector of third order."""
+    of = scene("high_load")
+    beam = body("beam", of)
+    modes = component_modes(beam, "rubin", 1)
+    labels = tuple(all_pairs(modes.labels))
+    derivatives = differentiate(beam, modes, labels)
+    # the odd part of the nonlinear static deflection along the first mode, less its linear part, is of third order
+    force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (0.02 * beam.beam.length / beam.largest(modes.normal)[0])
+    linear = beam.factor.solve(force[:, None])[:, 0]
+    third = 0.5 * (beam.static(force, linear) - beam.static(-force, -linear)) - linear
+    found: Table = [["beam, Rubin, 333.3 N", "size", "error %"]]
+    for name, vectors, names in (
+        ("1V and all derivatives", derivatives.vectors, labels),
+        ("the same and one vector of third order", np.column_stack([derivatives.vectors, third]), (*labels, "1V1V1V")),
+    ):
+        block = np.concatenate([modes.normal, vectors], axis=1)
+        basis = build_basis(
+            "rubin", modes.masters, modes.rows, block, ["1V", *names], beam.mass_inner, beam.comm.allreduce
+        )
+        motion = simulate(project_intrusively(beam, basis), of)
+        wrong = motion_errors(motion, full("beam", "high_load"))["amplitude_tangential"]
+        found.append([name, basis.size, f"{wrong:.2g}"])
+    return found
+
+
+def state_table() -> Table:
+    """Contact over a period: figs. 5 to 7, 12 and 13."""
+    found: Table = [["case", "body", "open %", "slip %", "stick %", "peak N", "J a period"]]
+    for label, name, overrides in (
+        ("40 N (figs. 5, 6)", "slip_liftoff", ()),
+        ("40 N, linear (fig. 7)", "slip_liftoff", (LINEAR,)),
+        ("250 N (figs. 12, 13)", "stick_slip", ()),
+    ):
+        for kind in BODIES:
+            motion = full(kind, name, *overrides)
+            shares = [f"{100 * share:.1f}" for share in report.contact_fractions(motion).values()]
+            energy = report.dissipated_per_period(motion)
+            found.append([label, kind, *shares, f"{report.peak_normal_force(motion):.1f}", f"{energy:.4g}"])
+    return found
+
+
+# ---------------------------------------------------------------------- the frequency response
+
+RANGES = {0: (2.6, 3.8, 0.02), 40: (2.6, 3.8, 0.02), 60: (2.6, 3.8, 0.02), 250: (7.0, 9.0, 0.05)}
+FULL_POINTS = {0: (3.0, 3.28), 40: (3.2, 3.28), 60: (3.2, 3.3), 250: (7.8, 8.1)}
+
+
+def at(of: Scene, frequency: float, preload: float) -> Scene:
+    """The scene at another frequency and preload; without preload the wall is out of reach."""
+    contact = replace(of.contacts[0], preload=float(preload), gap=0.0 if preload else 1.0)
+    return replace(of, loads=(replace(of.loads[0], frequency=frequency),), contacts=(contact,))
+
+
+@functools.cache
+def response(preload: int) -> dict[str, Any]:
+    """Amplitude by frequency, stepped up and down (each run goes on from the last), and a few full-model points."""
+    of = scene("slip_liftoff", "time.steady_tolerance=1e-4")
+    solid = body("solid", of)
+    modes = component_modes(solid, "rubin", of.basis.modes)
+    selection = choose(solid, modes)
+    model = reduce(solid, enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives)))
+    low, high, step = RANGES[preload]
+    up = np.arange(low, high + 0.5 * step, step)
+    curves: dict[str, Any] = {}
+    for name, frequencies in (("up", up), ("down", up[::-1])):
+        last: Motion | None = None
+        found = []
+        for frequency in frequencies:
+            now = at(of, float(frequency), preload)
+            last = simulate(model._replace(signals=signals(now)), now, start=last, keep_coordinates=True)
+            found.append((float(frequency), millimetres(last)[0]))
+        curves[name] = sorted(found)
+    curves["full"] = [
+        (frequency, millimetres(simulate(full_model(body("solid", now)), now))[0])
+        for frequency in FULL_POINTS[preload]
+        for now in [at(of, frequency, preload)]
+    ]
+    print(f"frequency response at {preload} N", flush=True)
+    return curves
+
+
+def response_table() -> Table:
+    """Resonances of fig. 4, and how far the reduced model is from full-model points."""
+    found: Table = [
+        ["preload N", "resonance Hz", "mm, up", "mm, down", "up, down differ by %", "full model: Hz, off by %"]
+    ]
+    for preload in RANGES:
+        curves = response(preload)
+        up, down = (np.array(curves[name]) for name in ("up", "down"))
+        peak, other = up[np.argmax(up[:, 1])], down[np.argmax(down[:, 1])]
+        apart = 100 * np.max(np.abs(up[:, 1] - down[:, 1]) / up[:, 1])
+        points = ", ".join(
+            f"{f:g}: {100 * abs(np.interp(f, *up.T) / a - 1):.2g}" for f, a in curves["full"]
+        )
+        found.append([preload, f"{peak[0]:.2f}", f"{peak[1]:.2f}", f"{other[1]:.2f}", f"{apart:.1g}", points])
+    return found
+
+
+# ---------------------------------------------------------------------- pictures
+
+
+@report.styled
+def response_figure() -> Any:
+    """Fig. 4."""
+    figure = report.new_figure(9.6, 4.6)
+    axes = figure.subplots(1, 2, width_ratios=[3, 2])
+    for k, preload in enumerate(RANGES):
+        axis, colour = axes[int(preload == 250)], report.COLOURS[k]
+        curves = response(preload)
+        axis.plot(*zip(*curves["up"], strict=True), color=colour, label=f"{preload} N")
+        axis.plot(*zip(*curves["down"], strict=True), color=colour, linestyle="--")
+        axis.plot(*zip(*curves["full"], strict=True), color=colour, marker="o", linestyle="", markersize=6)
+    for axis in axes:
+        axis.set(xlabel="frequency, Hz")
+        axis.legend(title="preload")
+    axes[0].set(ylabel="tip amplitude, mm", title="reduced model up (lines) and down (dashed), full model (points)")
+    return figure
+
+
+@report.styled
+def deflection_figure(kind: str, name: str) -> Any:
+    """Figs. 5a and 12a: the deflected beam at instants of the steady state."""
+    of = scene(name)
+    beam = body("beam", of)
+    motion = simulate(full_model(beam), of, keep_coordinates=True)
+    figure = report.new_figure(7.6, 3.6)
+    axis = figure.subplots()
+    x = np.linspace(0, beam.beam.length, beam.beam.elements + 1)[1:]
+    instants = np.linspace(0, motion.coordinates.shape[0] - 1, 9).astype(int)[:-1]
+    for j, k in enumerate(instants):
+        q = motion.coordinates[k]
+        axis.plot(x + q[0::3], 1e3 * q[1::3], color=report.COLOURS[j % 7], label=f"{j / 8:g} T")
+    axis.set(xlabel="position, m", ylabel="deflection, mm")
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+@report.styled
+def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Any:
+    """Figs. 8, 9 and 14: error against size, with and without derivatives, on the beam and the solid."""
+    figure = report.new_figure(4.2 * len(parts) + 1.0, 6.4)
+    axes = figure.subplots(2, len(parts), sharey=True, squeeze=False)
+    colours = {"none": report.COLOURS[0], "mmi": report.COLOURS[1], "mmi-nls": report.COLOURS[2]}
+    for column, (name, chosen, plain) in enumerate(parts):
+        for row, kind in enumerate(BODIES):
+            axis = axes[row][column]
+            outcomes = [*tried(kind, name, f"compare.modes={list(chosen)}"),
+                        *tried(kind, name, f"compare.modes={list(plain)}", 'compare.derivatives=["none"]')]  # fmt: skip
+            for way, colour in colours.items():
+                for method, style in (("rubin", "o-"), ("craig-bampton", "s--")):
+                    points = sorted(
+                        (len(o.labels), max(o.errors["amplitude_tangential"] or 0.0, 1e-5))
+                        for o in outcomes
+                        if o.errors and (o.combination.derivatives, o.combination.method) == (way, method)
+                    )
+                    if points:
+                        label = f"{'Rubin' if method == 'rubin' else 'Craig–Bampton'}, {way}"
+                        axis.plot(*zip(*points, strict=True), style, color=colour, markersize=4, label=label)
+            axis.set(yscale="log", title=f"{kind}: {scene(name).title}")
+    for axis in axes[-1]:
+        axis.set_xlabel("number of coordinates")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("error of the tip amplitude, %")
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    return figure
+
+
+CHOSEN, PLAIN = (1, 2, 3, 4, 5), (1, 3, 8, 14)
+STICKING, STICKING_PLAIN = (1, 2, 3), (1, 3)
+
+PARTS: dict[str, Callable[[], Table]] = {
+    "table 1": table_1,
+    "table 2": table_2,
+    "table 3": table_3,
+    "figures 5 to 7, 12, 13": state_table,
+    "figure 4": response_table,
+    "figure 8, left": lambda: selection_table("slip_liftoff", CHOSEN),
+    "figure 8, right": lambda: selection_table("high_load", CHOSEN),
+    "figure 9, left": lambda: plain_table("slip_liftoff", PLAIN),
+    "figure 9, right": lambda: plain_table("high_load", PLAIN),
+    "figure 14": lambda: selection_table("stick_slip", STICKING),
+    "figure 14, no derivatives": lambda: plain_table("stick_slip", STICKING_PLAIN),
+    "thresholds": threshold_table,
+    "third order": third_order_table,
+}
+PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
+    "figure_04": ("figure 4", response_figure),
+    "figure_05": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "slip_liftoff")),
+    "figure_05_motion": (
+        "figures 5 to 7, 12, 13",
+        lambda: report.plot_motion({k: full(k, "slip_liftoff") for k in BODIES}),
+    ),
+    "figure_06": ("figures 5 to 7, 12, 13", lambda: report.plot_contact({k: full(k, "slip_liftoff") for k in BODIES})),
+    "figure_07": (
+        "figures 5 to 7, 12, 13",
+        lambda: report.plot_contact({k: full(k, "slip_liftoff", LINEAR) for k in BODIES}),
+    ),
+    "figures_08_09": (
+        "figure 9, right",
+        lambda: selection_figure([("slip_liftoff", CHOSEN, PLAIN), ("high_load", CHOSEN, PLAIN)]),
+    ),
+    "figure_12": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "stick_slip")),
+    "figure_13": ("figures 5 to 7, 12, 13", lambda: report.plot_contact({k: full(k, "stick_slip") for k in BODIES})),
+    "figure_14": ("figure 14, no derivatives", lambda: selection_figure([("stick_slip", STICKING, STICKING_PLAIN)])),
+}
+
+
+def markdown(table: Table) -> str:
+    """A table in Markdown."""
+    lines = ["| " + " | ".join(str(value) for value in row) + " |" for row in table]
+    return "\n".join([lines[0], "|" + " --- |" * len(table[0]), *lines[1:]])
+
+
+def fill(readme: Path, name: str, text: str) -> None:
+    """Replace what stands between the markers of a part."""
+    page = readme.read_text(encoding="utf-8")
+    pattern = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
+    if not pattern.search(page):
+        raise ValueError(f"{readme}: no markers of {name}")
+    with whole(readme) as temporary:
+        temporary.write_text(pattern.sub(lambda found: f"{found[1]}{text}\n{found[2]}", page), encoding="utf-8")
+
+
+def main() -> None:
+    """Make the parts named, or all."""
+    parser = argparse.ArgumentParser(description="Reproduce the paper's tables and figures.")
+    parser.add_argument("parts", nargs="*", help=f"parts to make: {', '.join(PARTS)} (default: all)")
+    parser.add_argument("--output", default="out/paper", help="folder of the pictures")
+    options = parser.parse_args()
+    wanted = options.parts or list(PARTS)
+    for name in wanted:
+        fill(HERE / "README.md", name, markdown(PARTS[name]()))
+    for file, (part, draw) in PICTURES.items():
+        if part in wanted:
+            with whole(Path(options.output) / f"{file}.png") as temporary:
+                draw().savefig(temporary, format="png", dpi=130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,243 @@
+"""The quick part of the matrix of extremes, and that the verdicts can tell."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model
+
+from fenicsrom import online, stability
+from fenicsrom.errors import AccuracyError, SceneError
+from fenicsrom.integrate import Motion
+from fenicsrom.reduced import Signals
+from fenicsrom.stability import AXES, CONVERGED, REFUSED, UNSTEADY, WRONG, Case, Finding, Matrix
+
+DEMOS = Path(__file__).parent.parent / "demos"
+SCENE = DEMOS / "slip_liftoff_2d.toml"
+
+
+def examine(case: Case) -> Finding:
+    table, scene = stability.load(SCENE)
+    return stability.examine(case, table, scene.source, DEMOS)
+
+
+QUICK = [
+    ("the scene", "slip and lift-off", CONVERGED),
+    ("the scene", "high load", CONVERGED),
+    ("the scene", "500 N, 20 N", CONVERGED),
+    ("contact stiffness", "100000 N/m", CONVERGED),
+    ("friction", "10", CONVERGED),
+    ("preload", "0 N", CONVERGED),
+    ("preload beyond buckling", "5400 N, no friction", CONVERGED),
+    ("load", "2 times", CONVERGED),
+    ("damping", "41.2 1/s", CONVERGED),
+    ("steps per period", "100", CONVERGED),
+    ("Poisson's ratio", "0.499, plane stress", CONVERGED),
+    ("Young's modulus", "1000 Pa", REFUSED),
+    ("contact direction", "at the clamp", REFUSED),
+    ("too few derivatives", "none", REFUSED),
+    ("scheme", "average-acceleration, 20 steps, slip and lift-off", REFUSED),
+]
+
+
+@pytest.mark.parametrize(("axis", "value", "verdict"), QUICK)
+def test_quick_part_of_the_matrix(axis: str, value: str, verdict: str) -> None:
+    pytest.importorskip("dolfinx")
+    found = examine(Case(axis, value, AXES[axis][value]))
+    assert found.verdict == verdict, found.why
+    if verdict == REFUSED:
+        assert found.why.split(":")[0] in ("SceneError", "ConvergenceError", "AccuracyError")
+    else:
+        assert found.estimate is not None and found.error is not None and found.imbalance is not None
+        assert found.error <= max(stability.FLOOR, found.estimate) and found.imbalance < 1e-9
+
+
+def test_units_do_not_matter() -> None:
+    pytest.importorskip("dolfinx")
+    found = examine(Case("units", "mm, t, s", stability.in_units(1e-3, 1e3, 1.0), scale=1e-3))
+    assert found.verdict == CONVERGED, found.why
+    wrong = replace(found.case, scale=2e-3)
+    assert examine(wrong).verdict == WRONG
+
+
+def test_the_full_model_and_the_beam_are_judged_too() -> None:
+    pytest.importorskip("dolfinx")
+    short = ("time.periods=12", "time.steps_per_period=50", "material.mass_damping=40")
+    for model in ("full", "beam"):
+        found = examine(Case("the scene", "short", short, model))
+        assert found.verdict == CONVERGED, found.why
+        assert found.basis_estimate is None
+
+
+@pytest.mark.parametrize("shift", stability.SHIFTS)
+def test_a_distorted_mesh_is_refused_once_its_cells_turn_over(tmp_path: Path, shift: float) -> None:
+    pytest.importorskip("dolfinx")
+    path = stability.zigzag_mesh(tmp_path / "zigzag.msh", shift)
+    found = examine(Case("mesh", "", (f"geometry={{mesh={str(path)!r}, dimension=2, thickness=0.0254}}",)))
+    assert found.verdict == (REFUSED if shift > 0.5 else CONVERGED), found.why
+    assert "inverted" in found.why if shift > 0.5 else True
+
+
+def test_forty_modes_are_as_good_as_five() -> None:
+    """The residual flexibility of forty modes is nearly nothing: its condition grows, that of the basis does not."""
+    pytest.importorskip("dolfinx")
+    amplitudes, conditions, flexibilities = {}, {}, {}
+    for count in (5, 40):
+        scene = beam_scene(2, (f"basis.modes={count}",))
+        model, study = stability.build(scene, "reduced")
+        assert study is not None
+        basis = stability_basis(study)
+        amplitudes[count] = online.amplitude(online.simulate(model, scene))
+        conditions[count], flexibilities[count] = basis.condition, study.modes.flexibility_condition
+    assert amplitudes[40] == pytest.approx(amplitudes[5], rel=1e-4)
+    assert conditions[40] < 1e8
+    assert flexibilities[40] > flexibilities[5]
+
+
+def stability_basis(study):  # type: ignore[no-untyped-def]
+    from fenicsrom.study import enrich
+
+    return enrich(study.solid, study.modes, study.selection, study.derivatives)
+
+
+# ------------------------------------------------------------------ what the checks see
+
+
+def oscillator(steps: int = 40, force: float = 1.0, damping: float = 0.5) -> tuple[object, object, Motion]:
+    """A linear oscillator of two coordinates, shaken, run until it is steady."""
+    scene = beam_scene(
+        2, ("loads.0.frequency=1.0", f"time.steps_per_period={steps}", f"material.mass_damping={damping}"),
+        contacts=None, probe={"group": "tip"}, geometrically_nonlinear=False,
+    )  # fmt: skip
+    signals = Signals(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
+    model = linear_model(np.eye(2), np.diag([60.0, 30.0]), damping=damping, loads=[[1.0], [0.3]], signals=signals)
+    return model, scene, online.simulate(model, scene)
+
+
+def test_the_estimate_covers_the_error() -> None:
+    """The exact amplitude of the oscillator is known; the estimate is six times the error, more or less."""
+    omega = 2.0 * np.pi
+    exact = [f / abs(complex(k - omega**2, 0.5 * omega)) for f, k in ((1.0, 60.0), (0.3, 30.0))]
+    for steps in (20, 40, 80):
+        model, scene, motion = oscillator(steps)
+        error = float(np.linalg.norm(online.amplitude(motion) - exact) / np.linalg.norm(exact))
+        estimate = online.time_error(model, scene, motion)
+        assert error < estimate < 15.0 * error
+
+
+def test_long_steps_are_refused_by_name() -> None:
+    model, scene, motion = oscillator(6)
+    with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
+        online.check_time_error(scene, online.time_error(model, scene, motion))
+    online.check_time_error(scene, 0.9 * online.TIME_ERROR)
+    with pytest.raises(AccuracyError, match="no motion that settles"):
+        online.check_time_error(scene, float("inf"))
+
+
+def test_energy_from_nowhere_is_refused() -> None:
+    _, _, motion = oscillator()
+    online.check_energy(motion)
+    with pytest.raises(AccuracyError, match="ledger is off by"):
+        online.check_energy(replace(motion, kinetic=motion.kinetic * np.linspace(1.0, 1.1, motion.time.size)))
+    gift = np.where(np.arange(motion.time.size) % 2 == 1, -0.1, 0.0) * motion.damped[-1]
+    with pytest.raises(AccuracyError, match="friction gives energy"):
+        online.check_energy(replace(motion, rubbed=gift, work=motion.work + gift))
+
+
+def test_only_what_repeats_is_settled() -> None:
+    _, _, motion = oscillator()
+    assert motion.steady and online.settled(motion)
+    assert online.settled(replace(motion, steady=False))
+    growing = motion.displacement * (1.0 + 0.01 * motion.time / motion.period)[:, None, None]
+    assert not online.settled(replace(motion, steady=False, displacement=growing))
+    assert not online.settled(replace(motion, steady=False, period=None))
+
+
+def test_an_unbounded_motion_is_seen() -> None:
+    _, _, motion = oscillator()
+    assert stability.unbounded(motion) == ""
+    assert "finite" in stability.unbounded(replace(motion, displacement=motion.displacement * np.nan))
+    growing = motion.kinetic * np.linspace(1.0, 2.0, motion.time.size)
+    assert "created" in stability.unbounded(replace(motion, kinetic=growing))
+
+
+def test_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One case under every kind of trouble."""
+    model, scene, motion = oscillator(80)
+    runs = {80: motion, 40: oscillator(40)[2], 160: oscillator(160)[2]}
+    monkeypatch.setattr(stability, "scene_of", lambda *_: scene)
+    monkeypatch.setattr(stability, "build", lambda *_: (model, None))
+
+    def verdict(**changed: Motion) -> Finding:
+        found = runs | {int(name[1:]): run for name, run in changed.items()}
+        for module in (stability, online):
+            monkeypatch.setattr(module, "simulate", lambda _, s: found[s.time.steps_per_period])
+        return stability.examine(Case("a", "b", ()), {}, "s", Path())
+
+    def scaled(run: Motion, factor: float) -> Motion:
+        return replace(run, displacement=factor * run.displacement)
+
+    fading = np.exp(-motion.time / 50.0)[:, None, None]
+    slow = replace(motion, steady=False, displacement=fading * motion.displacement)
+    assert verdict().verdict == CONVERGED
+    assert verdict(n160=scaled(runs[160], 1.1)).verdict == WRONG
+    assert verdict(n40=scaled(runs[40], 1.1)).verdict == REFUSED
+    assert verdict(n80=slow, n160=slow).verdict == UNSTEADY
+    assert verdict(n80=slow, n160=scaled(slow, 3.0)).verdict == WRONG
+    assert verdict(n80=scaled(motion, np.nan)).verdict == WRONG
+    monkeypatch.setattr(stability, "build", lambda *_: 1 / 0)
+    assert verdict().verdict == WRONG
+    refusal = SceneError("s.toml: what: must be otherwise")
+    monkeypatch.setattr(stability, "build", lambda *_: (_ for _ in ()).throw(refusal))
+    assert verdict().verdict == REFUSED
+
+
+def test_the_matrix_is_large_and_its_names_exist(tmp_path: Path) -> None:
+    wanted = list(stability.cases(tmp_path))
+    assert sum(case.model == "reduced" for case in wanted) >= 100
+    assert all(sum(case.model == model for case in wanted) >= 12 for model in ("full", "beam"))
+    assert len({(case.axis, case.value, case.model) for case in wanted}) == len(wanted)
+    named = {(axis, value) for axis, values in stability.RICHER_AXES.items() for value in values}
+    assert named == {(case.axis, case.value) for case in wanted if case.richer}
+
+
+def test_the_files(tmp_path: Path) -> None:
+    _, scene = stability.load(SCENE)
+    cases = [Case("load", f"{k} times <&>", ("x=1",), model) for k, model in enumerate(("reduced", "reduced", "full"))]
+    findings = [
+        Finding(cases[0], CONVERGED, "", 0.1, 1e-3, None, 1e-4, None, 1e-4, 1e-12, True, 20, 1.0),
+        Finding(cases[1], WRONG, "off by 1", 0.2, float("inf"), None, 1.0),
+        Finding(cases[2], REFUSED, "SceneError: no"),
+    ]
+    matrix = Matrix(scene, findings, 3.0)
+    files = stability.write(matrix, tmp_path)
+    assert [path.name for path in files] == ["report.html", "stability.json", "stability.csv", "stability.png"]
+    found = json.loads(files[1].read_text())
+    assert found["verdicts"] == {CONVERGED: 1, UNSTEADY: 0, REFUSED: 1, WRONG: 1}
+    assert [run["verdict"] for run in found["runs"]] == [CONVERGED, WRONG, REFUSED]
+    assert found["runs"][1]["estimate"] is None
+    rows = list(csv.DictReader(files[2].read_text(encoding="utf-8").splitlines()))
+    assert [row["why"] for row in rows] == ["", "off by 1", "SceneError: no"]
+    assert files[3].read_bytes().startswith(b"\x89PNG")
+    page = files[0].read_text()
+    assert "times &lt;&amp;&gt;" in page and "Silently wrong" in page and "data:image/png" in page
+    assert stability.sentences(matrix)[0] == "3 runs in 3 s: 1 converged, 0 not steady, 1 refused, 1 silently wrong."
+
+
+def test_the_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In two processes; exit code 1 as soon as one run is silently wrong."""
+    pytest.importorskip("dolfinx")
+    from fenicsrom.cli import main
+
+    few = [Case(axis, value, AXES[axis][value]) for axis, value in (("friction", "10"), ("contact direction", "at the clamp"))]
+    monkeypatch.setattr(stability, "cases", lambda folder: iter(few))
+    assert main(["stability", "--output", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out
+    assert "2 runs in" in told and "1 converged, 0 not steady, 1 refused, 0 silently wrong" in told
+    assert f"{tmp_path / 'out' / 'report.html'}" in told
+    monkeypatch.setattr(stability, "run_all", lambda *_: [Finding(few[0], WRONG, "a reason")])
+    assert main(["stability", str(SCENE), "--output", str(tmp_path / "out")]) == 1
+    assert "silently wrong: friction, 10 (reduced): a reason" in capsys.readouterr().out
