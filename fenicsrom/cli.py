@@ -166,7 +166,7 @@ def _rerun(options: argparse.Namespace) -> int:
     unfinished: ConvergenceError | AccuracyError | None = None
     try:
         motion = online.simulate(model, scene)
-    except ConvergenceError as error:
+    except (AccuracyError, ConvergenceError) as error:
         if error.partial is None:
             raise
         motion, unfinished = error.partial, error

@@ -23,4 +23,13 @@ class ConvergenceError(RuntimeError):
 
 
 class AccuracyError(RuntimeError):
-    """A result failed its own check (a residual, an orthogonality, a symmetry): it is not returned (exit code 1)."""
+    """A result failed its own check (a residual, an orthogonality, the energy ledger): it is not returned (exit code 1).
+
+    Attributes:
+        partial: what was computed, for inspection (a `Motion`), or None.
+    """
+
+    def __init__(self, message: str, partial: Any = None):
+        """Store the sentence and the result that failed."""
+        super().__init__(message)
+        self.partial = partial

@@ -36,7 +36,7 @@ from scipy.interpolate import CubicSpline
 from fenicsrom import contact
 from fenicsrom.contact import Contacts
 from fenicsrom.dense import compiled
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.reduced import ReducedModel
 
 Array = NDArray[np.float64]
@@ -44,6 +44,10 @@ Array = NDArray[np.float64]
 NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # a decrement below this part of the energy that no longer falls is rounding
 NEWTON_ITERATIONS = 15
+# largest imbalance of the energy ledger, relative to the largest energy plus the largest work of the run: what Newton's
+# tolerance leaves of it for the scheme that conserves energy; for the others a sign that they are not stable. Only created
+# energy counts against generalised-alpha, whose purpose is to lose some.
+LEDGER_TOLERANCE = {"discrete-gradient": 1e-6, "average-acceleration": 0.05, "generalised-alpha": 0.05}
 SMALLEST_STEP = 1e-6  # of the nominal step; smaller ones end the run
 
 DONE, FULL, FAILED = 0, 1, 2
@@ -731,6 +735,7 @@ def integrate(
 
     Raises:
         ConvergenceError: at the smallest step Newton did not converge; `partial` holds the motion up to there.
+        AccuracyError: the energy ledger is off by more than `LEDGER_TOLERANCE`; `partial` holds the motion.
     """
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = _compiled_march if compiled and isinstance(model, ReducedModel) else march
@@ -791,6 +796,15 @@ def integrate(
         raise ConvergenceError(
             f"time integration stopped at t = {s[TIME]:.6g} s: no convergence with the smallest step "
             f"{SMALLEST_STEP * control.grid:.3g} s ({where}; scheme {settings.scheme}); the motion up to there is kept",
+            motion,
+        )
+    throughput = np.max(motion.kinetic + np.abs(motion.elastic)) + np.max(np.abs(motion.work))
+    imbalance = motion.imbalance if settings.scheme == "generalised-alpha" else np.abs(motion.imbalance)
+    off, allowed = np.max(imbalance), LEDGER_TOLERANCE[settings.scheme]
+    if off > allowed * throughput:
+        raise AccuracyError(
+            f"time integration: the energy ledger is off by {100.0 * off / throughput:.3g} % of the energy and work, more than "
+            f"{100.0 * allowed:.3g} % (scheme {settings.scheme}, {motion.steps} steps): take shorter steps or the discrete gradient",
             motion,
         )
     return motion

@@ -100,9 +100,9 @@ def coarser(scene: Scene) -> Scene:
 
 
 def settled(motion: Motion) -> bool:
-    """Whether the amplitudes of a harmonic motion repeat: it is steady, or they changed by at most `SETTLED` in a period.
+    """Whether the amplitudes of a harmonic motion repeat: it is steady, or they change by at most `SETTLED` a period.
 
-    Axial waves that damping hardly reaches may ring on, too small for the amplitudes, and keep a motion from being steady.
+    Axial waves that damping hardly reaches may ring on, too small for the amplitudes, and keep it from being steady.
     """
     if motion.steady:
         return True
@@ -121,7 +121,7 @@ def time_error(model: Any, scene: Scene, motion: Motion) -> float:
 
     It is twice the difference from a run with twice the step: six times the error of a scheme of second order, twice
     that of one of first order, to which the switching of contacts may bring it. Impacts make amplitudes jump to and fro
-    as the step changes: it is at least the difference of the last periods. Infinite if that run fails or does not settle.
+    as the step changes: it is at least the difference of the last periods. Infinite if that run fails or settles not.
 
     Args:
         model: that was integrated.
@@ -179,8 +179,9 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
         return
     size = f"amplitudes that differ by {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles"
     raise AccuracyError(
-        f"the basis is too poor: with more modal derivatives it gives {size} (at most {100.0 * BASIS_ERROR:g} % is taken "
-        f"as converged): lower basis.threshold, or take derivatives = 'all' or more than basis.modes = {scene.basis.modes}"
+        f"the basis is too poor: with more modal derivatives it gives {size} (at most {100.0 * BASIS_ERROR:g} % is "
+        "taken as converged): lower basis.threshold, or take derivatives = 'all' or more than basis.modes = "
+        f"{scene.basis.modes}"
     )
 
 
@@ -200,8 +201,8 @@ def check_energy(motion: Motion) -> None:
     if given > ENERGY_ERROR * taken:
         share = f"{given / taken:.1e} of what is dissipated" if taken > 0.0 else "from nothing"
         raise AccuracyError(
-            f"friction gives energy to the motion, {share} (at most {ENERGY_ERROR:g} is allowed): the steps are too long "
-            "for the stiffness of the contact"
+            f"friction gives energy to the motion, {share} (at most {ENERGY_ERROR:g} is allowed): the steps are too "
+            "long for the stiffness of the contact"
         )
 
 

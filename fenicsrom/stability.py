@@ -671,7 +671,7 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
     how = (
         "A run counts as converged if its amplitudes settle and differ from those at half the step by no more than its "
         f"own estimate, which is made from the run at twice the step (differences below {FLOOR:g} count as none); the "
-        "columns are relative to the amplitude. Basis: difference from a basis of five modes and all their derivatives. "
+        "columns are relative to the amplitude. Basis: difference from a basis of five modes and all derivatives. "
         "Peak N: of the largest normal force from half the step. Ledger: imbalance of the energies."
     )
     sections: list[tuple[str, list[Any]]] = [("What was found", [*sentences(matrix), how]), ("Verdicts", [picture])]

@@ -279,7 +279,7 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
                 study.motions[name] = simulate(
                     model, scene, keep_coordinates=name == "reduced", progress=watch.progress(name, scene.time.steady_tolerance)
                 )
-            except ConvergenceError as error:
+            except (AccuracyError, ConvergenceError) as error:
                 if error.partial is not None:
                     study.motions[name] = error.partial
                 study.unfinished = (name, error)

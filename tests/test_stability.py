@@ -232,7 +232,8 @@ def test_the_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: py
     pytest.importorskip("dolfinx")
     from fenicsrom.cli import main
 
-    few = [Case(axis, value, AXES[axis][value]) for axis, value in (("friction", "10"), ("contact direction", "at the clamp"))]
+    names = [("friction", "10"), ("contact direction", "at the clamp")]
+    few = [Case(axis, value, AXES[axis][value]) for axis, value in names]
     monkeypatch.setattr(stability, "cases", lambda folder: iter(few))
     assert main(["stability", "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
