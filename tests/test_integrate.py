@@ -90,9 +90,13 @@ def test_spectral_radius_of_generalised_alpha(radius: float) -> None:
     """In the limit of large steps the motion shrinks by the spectral radius a step; its overshoot creates energy: refused."""
     model = linear_model(np.eye(2), 1e12 * np.eye(2))
     settings = fixed_steps("generalised-alpha", 60, 60.0, radius)
-    with pytest.raises(AccuracyError, match="energy ledger is off by") as refused:
-        integrate(model, FREE, settings, None, dimension=2, start=(np.array([1.0, 0.0]), np.zeros(2)))
-    motion = refused.value.partial
+    start = np.array([1.0, 0.0]), np.zeros(2)
+    if radius == 1.0:
+        motion = integrate(model, FREE, settings, None, dimension=2, start=start)
+    else:
+        with pytest.raises(AccuracyError, match="energy ledger is off by") as refused:
+            integrate(model, FREE, settings, None, dimension=2, start=start)
+        motion = refused.value.partial
     late = np.abs(motion.displacement[40:, 0, 0])
     if radius == 0.0:
         assert late.max() < 1e-6

@@ -328,9 +328,9 @@ def deflection_figure(kind: str, name: str) -> Any:
     axis = figure.subplots()
     x = np.linspace(0, beam.beam.length, beam.beam.elements + 1)[1:]
     instants = np.linspace(0, motion.coordinates.shape[0] - 1, 9).astype(int)[:-1]
-    for j, k in enumerate(instants):
+    for (name, style), k in zip(report.line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True):
         q = motion.coordinates[k]
-        axis.plot(x + q[0::3], 1e3 * q[1::3], color=report.COLOURS[j % 7], label=f"{j / 8:g} T")
+        axis.plot(x + q[0::3], 1e3 * q[1::3], label=name, **style)
     axis.set(xlabel="position, m", ylabel="deflection, mm")
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
