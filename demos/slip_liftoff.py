@@ -1,7 +1,4 @@
-"""The scene slip_liftoff_2d.toml, stage by stage: every line is one of the program's nouns.
-
-    python3 demos/slip_liftoff.py
-"""
+"""The scene slip_liftoff_2d.toml, stage by stage: every line is one of the program's nouns."""
 
 from pathlib import Path
 

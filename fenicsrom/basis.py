@@ -81,8 +81,8 @@ def build_basis(
     names: list[str] = []
     dropped: dict[str, float] = {}
     for k, label in enumerate(labels):
-        v = vectors[:, k] - masters @ total(rows @ vectors[:, k])
-        size = np.sqrt(inner(vectors[:, k : k + 1], vectors[:, k : k + 1])[0, 0])
+        v: Array = vectors[:, k] - masters @ total(rows @ vectors[:, k])
+        size = float(np.sqrt(inner(vectors[:, k : k + 1], vectors[:, k : k + 1])[0, 0]))
         v /= size if size > 0.0 else 1.0
         for _ in range(2):  # the second pass removes what rounding left
             if kept:
@@ -93,7 +93,7 @@ def build_basis(
             dropped[label] = left
             continue
         v = v / left
-        v = v - masters @ total(rows @ v)  # rounding grew by 1/left
+        v -= masters @ total(rows @ v)  # rounding grew by 1/left
         kept.append(v / np.sqrt(inner(v[:, None], v[:, None])[0, 0]))
         names.append(label)
     enrichment = np.array(kept).T if kept else np.zeros((masters.shape[0], 0))
@@ -101,8 +101,11 @@ def build_basis(
     identity = np.abs(total(rows @ r) - np.eye(m, r.shape[1])).max(initial=0.0)
     gram = inner(r, r)
     skew = np.abs(gram[m:, m:] - np.eye(r.shape[1] - m)).max(initial=0.0)
-    if identity > ORTHOGONALITY * max(1.0, np.abs(total(np.abs(rows) @ np.abs(r))).max(initial=0.0)) or skew > 100 * ORTHOGONALITY:
-        raise AccuracyError(f"the {method} basis lost its structure: contact rows off by {identity:.1e}, orthogonality by {skew:.1e}")
+    largest = max(1.0, np.abs(total(np.abs(rows) @ np.abs(r))).max(initial=0.0))
+    if identity > ORTHOGONALITY * largest or skew > 100 * ORTHOGONALITY:
+        raise AccuracyError(
+            f"the {method} basis lost its structure: contact rows off by {identity:.1e}, orthogonality by {skew:.1e}"
+        )
     scale = np.sqrt(np.diag(gram))
     condition = float(np.linalg.cond(gram / np.outer(scale, scale)))
     static = [f"{k + 1}S" for k in range(m)]

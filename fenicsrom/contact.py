@@ -148,7 +148,8 @@ def workspace(points: int, d: int) -> Workspace:
     """A `Workspace` for P points in d dimensions."""
     m = points * d
     return Workspace(
-        np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d, d)), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64)
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d, d)), np.zeros((m, m)), np.zeros((m, 1)),
+        np.zeros(m, dtype=np.int64),
     )  # fmt: skip
 
 

@@ -671,9 +671,9 @@ def initial_state(
     for p in range(points):
         codes[p] = contact.law(contacts, p, x[p], slider[p].copy(), force[p], tangent, slider[p])
     zero = np.zeros_like(q)
-    room = [np.zeros_like(q) for _ in range(6)]
     trial = Trial(
-        *room, x.copy(), force.copy(), slider.copy(), codes.copy(), np.zeros_like(x), np.zeros_like(x),
+        zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(),
+        x.copy(), force.copy(), slider.copy(), codes.copy(), np.zeros_like(x), np.zeros_like(x),
         contact.workspace(points, dimension),
     )  # fmt: skip
     state = State(
@@ -804,7 +804,8 @@ def integrate(
     if off > allowed * throughput:
         raise AccuracyError(
             f"time integration: the energy ledger is off by {100.0 * off / throughput:.3g} % of the energy and work, more than "
-            f"{100.0 * allowed:.3g} % (scheme {settings.scheme}, {motion.steps} steps): take shorter steps or the discrete gradient",
+            f"{100.0 * allowed:.3g} % (scheme {settings.scheme}, {motion.steps} steps): take shorter steps or the "
+            "discrete gradient",
             motion,
         )
     return motion
@@ -838,7 +839,8 @@ def _rows(pieces: list[Record], counts: list[int]) -> Record:
 
 def _change(before: Record, after: Record, period: float) -> float:
     """Largest difference of the contact (or probe) displacement from a period ago, relative to the largest displacement."""
-    was, now = (r.displacement.reshape(r.time.size, -1) for r in (before, after))
+    was: Array = before.displacement.reshape(before.time.size, -1)
+    now: Array = after.displacement.reshape(after.time.size, -1)
     if now.shape[1] == 0:
         was, now = before.probe, after.probe
     if before.time.size < 2:
@@ -852,7 +854,9 @@ def _change(before: Record, after: Record, period: float) -> float:
 
 def _motion(history: list[Record], period: float | None, steady: bool, s: Array, seconds: float) -> Motion:
     last = [r.coordinates for r in history[-2:]]
-    kept: list[Any] = np.split(np.concatenate(last), 3, axis=1) if last[-1].size else [None] * 3
+    kept: list[Any] = [None] * 3
+    if last[-1].size:
+        kept = np.split(np.concatenate(last), 3, axis=1)
     whole = _rows([r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history])
     work, damped, rubbed, kinetic, elastic, contact_energy = whole.energies.T
     return Motion(

@@ -14,7 +14,9 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 Array = NDArray[np.float64]
 
 EIGEN_TOLERANCE = 1e-10
-EIGEN_CHECK = 1e-6  # largest backward error (a slender body has a condition number of 1e11): |K^-1 M phi - phi/omega^2| omega_1^2, mass norm
+# largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender body has a condition
+# number of 1e11
+EIGEN_CHECK = 1e-6
 
 
 class Inverse(Protocol):

@@ -1,4 +1,4 @@
-"""Component modes about the equilibrium: free- and fixed-interface normal modes, attachment, residual-flexibility and constraint modes.
+"""Component modes about the equilibrium: normal modes, attachment, residual-flexibility and constraint modes.
 
 One factorisation of K serves everything. With the contact displacements x_c = B^T u held, the inverse of the stiffness is
 

@@ -168,7 +168,8 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     positions, values = centreline(space, fields)
     pictures = []
     if study.solid.comm.rank == 0:
-        pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", plot_modes(list(fields), positions, values))))
+        figure = plot_modes(list(fields), positions, values)
+        pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         bodies = picture_modes(folder / "shapes.png", space, fields)
@@ -239,8 +240,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     found: list[Any] = []
     if study.motions:
         found.append(response_rows(study.motions, sizes(study)))
-        found.append("Amplitudes are half of peak-to-peak over the last period; imbalance is the largest error of the energy ledger "
-                     "relative to the largest energy of the motion.")  # fmt: skip
+        found.append("Amplitudes are half of peak-to-peak over the last period; imbalance is the largest error of the energy "
+                     "ledger relative to the largest energy of the motion.")  # fmt: skip
     errors = motions_summary(study.motions).get("error_percent")
     if errors:
         found.append(error_sentence(errors))
@@ -255,8 +256,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     modes = [["mode", "frequency Hz"], *[[f"{k + 1}V", f"{f:.5g}"] for k, f in enumerate(study.modes.frequencies_hz)]]
     basis: list[Any] = [modes]
     if study.basis:
-        basis.append(f"{study.basis.method}, {study.basis.size} coordinates: {', '.join(study.basis.labels)}. Condition number of the "
-                     f"reduced mass, scaled: {study.basis.condition:.3g}; of the residual flexibility: "
+        basis.append(f"{study.basis.method}, {study.basis.size} coordinates: {', '.join(study.basis.labels)}. Condition number "
+                     f"of the reduced mass, scaled: {study.basis.condition:.3g}; of the residual flexibility: "
                      f"{study.modes.flexibility_condition:.3g}.")  # fmt: skip
         if study.basis.dropped:
             basis.append("Dropped as dependent: " + ", ".join(f"{k} ({v:.0e})" for k, v in study.basis.dropped.items()))
@@ -267,7 +268,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     sections.append(("Basis", basis))
     stages = [["stage", "s"], *[[stage, f"{seconds:.3g}"] for stage, seconds in study.seconds.items()]]
     sections.append(("Run time", [stages]))
-    sections.append(("Left out", [[["stage", "why"], *[line.split(": ", 1) for line in study.left_out]]] if study.left_out else []))
+    if study.left_out:
+        sections.append(("Left out", [[["stage", "why"], *[line.split(": ", 1) for line in study.left_out]]]))
     made = ", ".join(f"{name} {number}" for name, number in provenance().items())
     sections.append(("Made by", [made or "this program, not installed as a package"]))
     return sections

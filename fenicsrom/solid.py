@@ -16,8 +16,8 @@ import dolfinx.fem.petsc
 import numpy as np
 import ufl
 from dolfinx import fem
-from numpy.typing import NDArray
 from mpi4py import MPI
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from fenicsrom.errors import ConvergenceError, SceneError
@@ -86,11 +86,12 @@ class Solid:
         dofs = np.unique(np.concatenate([mesh.nodes(support, self.space) for support in scene.supports]))
         pieces = unclamped_pieces(mesh, scene.supports)
         if pieces:
+            named = ", ".join(support.group or "picked by coordinates" for support in scene.supports)
+            some = "1 connected piece of the mesh touches" if pieces == 1 else f"{pieces} connected pieces of the mesh touch"
             raise SceneError(
-                f"{geometry.mesh}: {pieces} connected piece{'s' if pieces > 1 else ''} of the mesh touch{'' if pieces > 1 else 'es'} "
-                f"no support ({', '.join(support.group or 'picked by coordinates' for support in scene.supports)}): the stiffness is "
-                "singular; clamp every piece or join the parts of the mesh, whose nodes may lie on one another without being joined"
-            )  # fmt: skip
+                f"{geometry.mesh}: {some} no support ({named}): the stiffness is singular; clamp every piece or join the parts "
+                "of the mesh, whose nodes may lie on one another without being joined"
+            )
         self._zero = fem.Function(self.space)
         self.conditions = [fem.dirichletbc(self._zero, dofs)]
         bs = dofmap.index_map_bs
@@ -323,7 +324,7 @@ class Solid:
     def _newton(self, u: Array, load: Array, matrix: PETSc.Mat, factor: Factorisation) -> Array | None:
         u = u.copy()
         first, last = 0.0, np.inf
-        for iteration in range(STATIC_ITERATIONS):
+        for _ in range(STATIC_ITERATIONS):
             residual = self.internal_force(u) - load
             self.tangent(u, matrix)
             try:

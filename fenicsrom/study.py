@@ -313,7 +313,7 @@ def check(study: Study) -> None:
 
 
 def complete(study: Study) -> ReducedBasis | None:
-    """The basis with more of the derivatives that were left out, the heaviest first; None if there are none."""
+    """The basis with more of the derivatives that were left out, the heaviest first; None if none are of use."""
     if not study.scene.geometrically_nonlinear:
         return None
     kept = study.derivatives.labels
@@ -323,7 +323,10 @@ def complete(study: Study) -> ReducedBasis | None:
         return None
     more = differentiate(study.solid, study.modes, tuple(missing[:MORE_DERIVATIVES]))
     vectors = np.concatenate([study.derivatives.vectors, more.vectors], axis=1)
-    return enrich(study.solid, study.modes, study.selection, Derivatives((*kept, *more.labels), vectors))
+    try:
+        return enrich(study.solid, study.modes, study.selection, Derivatives((*kept, *more.labels), vectors))
+    except AccuracyError:  # they depend on those that are there: nothing to learn from them
+        return None
 
 
 def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
@@ -375,7 +378,8 @@ def beam_body(scene: Scene) -> BeamBody:
         raise SceneError(f"{scene.source}: {error}") from None
     n = beam.mass.shape[0]
     if len(scene.contacts) > 1:
-        raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {len(scene.contacts)}")
+        count = len(scene.contacts)
+        raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {count}")
     for k, item in enumerate([*scene.loads, *scene.contacts]):
         vector = item.direction if k < len(scene.loads) else item.normal
         if d == 3 and abs(vector[2]) > 1e-12:

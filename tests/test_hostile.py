@@ -342,6 +342,19 @@ def test_the_square_is_read(reader: Reader, tmp_path: Path) -> None:
     assert refused(reader, tmp_path / "square.msh", text(square())) == "mesh 4 0"
 
 
+def test_a_mesh_that_crashes_gmsh_is_refused(reader: Reader, tmp_path: Path) -> None:
+    """Node number 0 does, in gmsh 4.13."""
+    sections = square()
+    sections[2][10] = "0 1.0 1.0 9"
+    assert refused(reader, tmp_path / "crash.msh", text(sections)).startswith("refused ")
+
+
+def test_a_name_that_is_no_text_is_refused(reader: Reader, tmp_path: Path) -> None:
+    path = tmp_path / "name.msh"
+    path.write_bytes(text(square()).encode().replace(b"root", b"r\xf3ot"))
+    assert "UTF-8" in reader.read(path)
+
+
 @pytest.mark.parametrize("place", range(4))
 def test_a_mesh_without_one_of_its_sections_is_refused(reader: Reader, tmp_path: Path, place: int) -> None:
     sections = square()

@@ -346,6 +346,7 @@ def test_two_contacts_are_two() -> None:
     values = {name: [t[name] for t in touch] for name in touch[0]}
     contacts = one_contact(**values, normal_stiffness=3.0, tangential_stiffness=4.0)
     both = integrate(model, contacts, time, np.pi, dimension=2)
+    rubbed = np.zeros(both.time.size)
     for p in (0, 1):
         alone = integrate(
             linear_model(np.eye(2), stiffness[p], loads=np.ones(2), signals=signals, masters=2),
@@ -353,6 +354,9 @@ def test_two_contacts_are_two() -> None:
         )  # fmt: skip
         np.testing.assert_allclose(both.displacement[:, p], alone.displacement[:, 0], rtol=0, atol=1e-11)
         np.testing.assert_allclose(both.force[:, p], alone.force[:, 0], rtol=0, atol=1e-11)
+        rubbed += alone.rubbed
+    assert rubbed[-1] > 0
+    np.testing.assert_allclose(both.rubbed, rubbed, rtol=0, atol=1e-11)
 
 
 # ------------------------------------------------------------------ adaptive step, failure
@@ -431,6 +435,7 @@ def test_a_rejected_step_leaves_no_trace() -> None:
     motion = integrate(twin, contacts, settings, None, dimension=2)
     assert motion.rejected == 2
     cut = int(np.flatnonzero(np.diff(motion.time) < 0.99 * 0.08)[0])
+    assert motion.state[cut, 0] != OPEN  # where there is a history to lose
     smooth = integrate(brittle(np.inf), contacts, settings, None, dimension=2)
     np.testing.assert_array_equal(motion.displacement[: cut + 1], smooth.displacement[: cut + 1])
     # with the friction history intact the ledger still closes, and both motions agree to the error of a step

@@ -51,7 +51,7 @@ def test_polynomial_is_the_energy_of_the_strain_point_by_point(dimension: int) -
         return total
 
     q = rng.standard_normal(n)
-    force, tangent, value = evaluate(elastic, q)
+    _, tangent, value = evaluate(elastic, q)
     assert value == pytest.approx(energy(q) - energy(np.zeros(n)), rel=1e-12)
     assert_tangent(energy, lambda q: evaluate(elastic, q)[0], q, step=0.1, tolerance=1e-10)
     assert_tangent(lambda q: evaluate(elastic, q)[0], lambda q: evaluate(elastic, q)[1], q, step=0.1, tolerance=1e-10)
