@@ -83,7 +83,7 @@ def build_basis(
     for k, label in enumerate(labels):
         v: Array = vectors[:, k] - masters @ total(rows @ vectors[:, k])
         size = float(np.sqrt(inner(vectors[:, k : k + 1], vectors[:, k : k + 1])[0, 0]))
-        v = v / (size if size > 0.0 else 1.0)
+        v /= size if size > 0.0 else 1.0
         for _ in range(2):  # the second pass removes what rounding left
             if kept:
                 block = np.array(kept).T
@@ -92,8 +92,10 @@ def build_basis(
         if left <= DEPENDENCE:
             dropped[label] = left
             continue
-        v = v / left - masters @ total(rows @ v) / left  # rounding grew by 1/left
-        kept.append(v / float(np.sqrt(inner(v[:, None], v[:, None])[0, 0])))
+        v /= left
+        v -= masters @ total(rows @ v)  # rounding grew by 1/left
+        v /= np.sqrt(inner(v[:, None], v[:, None])[0, 0])
+        kept.append(v)
         names.append(label)
     enrichment = np.array(kept).T if kept else np.zeros((masters.shape[0], 0))
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
