@@ -449,7 +449,8 @@ class Time:
         scheme: "average-acceleration", "generalised-alpha" or "discrete-gradient".
         spectral_radius: of generalised-alpha at high frequency; None for the other schemes.
         steps_per_period: fixed number of steps; None with `tolerance` or `duration`.
-        tolerance: error allowed over a period, relative to the amplitude, for an adaptive step; None for a fixed one.
+        tolerance: of an adaptive step, whose local error is at most a hundredth of it, relative to the size of the
+            motion; None for a fixed step.
         periods: the most periods to run; None with `duration`.
         steady_tolerance: relative change over a period taken as steady, 0 for never; None with `duration`.
         duration: time to run in s; None with a harmonic load.
@@ -727,7 +728,7 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
         if time.steps_per_period is None and time.tolerance is None:
             time = replace(time, steps_per_period=200)
         periods = 100 if time.periods is None else time.periods
-        steady = 1e-5 if time.steady_tolerance is None else time.steady_tolerance
+        steady = max(1e-5, time.tolerance or 0.0) if time.steady_tolerance is None else time.steady_tolerance
         time = replace(time, periods=periods, steady_tolerance=steady)
     probe = scene.probe
     if probe is None and not scene.contacts:
