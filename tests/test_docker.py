@@ -76,7 +76,7 @@ def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) ->
     source = tmp_path / "source"
     source.mkdir()
     (source / "README.md").write_text("")
-    for name in ("pyproject.toml", "LICENSE", "fenicsrom", "meshes"):
+    for name in ("pyproject.toml", "LICENSE", "fenicsrom", "meshes", "demos"):
         (source / name).symlink_to(CHECKOUT / name)
     install = ["python3", "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--quiet"]
     subprocess.run([*install, "--target", site, source], check=True)
