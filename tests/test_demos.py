@@ -83,7 +83,7 @@ def full(name):
     """Scene, solid and motion of the full model, integrated once."""
     scene = demo(name, *PAPER)
     solid = body(scene)
-    return scene, solid, simulate(study._full(solid), scene)
+    return scene, solid, simulate(study.full_model(solid), scene)
 
 
 @pytest.mark.slow
