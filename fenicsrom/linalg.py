@@ -64,15 +64,6 @@ class Factorisation:
             raise ConvergenceError("the stiffness matrix is singular: its factorisation met a zero pivot")
         self._vectors = self.matrix.createVecs()
 
-    @property
-    def negative_pivots(self) -> int:
-        """Number of negative eigenvalues of the matrix (Sylvester): not 0 means an unstable equilibrium."""
-        if self._small:
-            n = self.matrix.getSize()[0]
-            dense = self.matrix.copy().convert("dense")  # held while its array is in use
-            return int(np.sum(np.linalg.eigvalsh(dense.getDenseArray()) < 0.0)) if n else 0
-        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12))
-
     def solve(self, block: Array) -> Array:
         """Solve for every column of a block.
 
