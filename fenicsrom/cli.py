@@ -191,7 +191,8 @@ def _modes(options: argparse.Namespace) -> int:
     files = results.write_study(found, folder)
     if comm.rank == 0:
         print()
-        print("\n".join(f"warning: {warning}" for warning in found.solid.warnings), end="")
+        for warning in found.solid.warnings:
+            print(f"warning: {warning}")
         for k, frequency in enumerate(found.modes.frequencies_hz):
             print(f"{k + 1}V  {frequency:.5g} Hz")
         if found.derivatives.labels:

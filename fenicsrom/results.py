@@ -285,7 +285,7 @@ def estimate_sentence(errors: Mapping[str, float]) -> str:
     """The estimated errors in a sentence."""
     sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in errors.items()}
     parts = [f"{size} by the {name}" for name, size in sizes.items()]
-    return f"Estimated error of the reduced model's amplitudes: {', '.join(parts)}."
+    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}."
 
 
 def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:

@@ -285,6 +285,11 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
                 study.unfinished = (name, error)
         if study.unfinished:
             break
+        if not study.motions[name].steady and scene.period is not None and scene.time.steady_tolerance:
+            study.solid.warnings.append(
+                f"the {name} model did not repeat within {study.motions[name].periods} periods: its amplitudes are those of "
+                "the last one among others"
+            )
         # the run time proper, without compilation
         watch.seconds[f"{name} motion"] = study.motions[name].seconds
     if not study.unfinished:
