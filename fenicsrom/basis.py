@@ -93,8 +93,11 @@ def build_basis(
             dropped[label] = left
             continue
         v /= left
-        v -= masters @ total(rows @ v)  # rounding grew by 1/left
-        v /= np.sqrt(inner(v[:, None], v[:, None])[0, 0])
+        for _ in range(2):  # rounding grew by 1/left in both properties: restore them in turn
+            v -= masters @ total(rows @ v)
+            if kept:
+                v = v - block @ inner(block, v[:, None])[:, 0]
+            v /= np.sqrt(inner(v[:, None], v[:, None])[0, 0])
         kept.append(v)
         names.append(label)
     enrichment = np.array(kept).T if kept else np.zeros((masters.shape[0], 0))

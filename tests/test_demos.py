@@ -149,6 +149,17 @@ def test_adaptive_steps_on_the_paper_s_case():
     assert along == pytest.approx(2.843, rel=1e-2)  # the axial ringing adds to so small an amplitude
 
 
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_a_basis_for_an_oblique_wall(method):
+    """Derivatives that nearly depend on one another are orthonormalised all the same."""
+    wanted = [f'basis.method="{method}"', "basis.modes=5", 'basis.derivatives="all"', "contacts.0.normal=[1.0, 0.2]"]
+    solid = body(demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10"))
+    modes = component_modes(solid, method, 5)
+    selection = study.choose(solid, modes)
+    basis = study.enrich(solid, modes, selection, study.differentiate(solid, modes, selection.derivatives))
+    assert basis.size + len(basis.dropped) == 2 + 5 + 28
+
+
 def test_python_demo():
     found = runpy.run_path(str(DEMOS / "slip_liftoff.py"))
     across, along = across_and_along(found["motion"])
