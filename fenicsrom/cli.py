@@ -47,19 +47,40 @@ class Terminated(BaseException):
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Turn SIGTERM into `Terminated`, where signals are this thread's to handle."""
+    """Turn SIGTERM into `Terminated`, where signals are this thread's to handle.
+
+    A callback of the compiler swallows what is raised in it, with a word on stderr, and may fail for it later: it is raised
+    again every half second until it comes through, the word is kept back, and any failure after it is its.
+    """
+    asked = False
 
     def stop(number: int, frame: object) -> None:
+        nonlocal asked
+        asked = True
+        signal.setitimer(signal.ITIMER_REAL, 0.5)
         raise Terminated
+
+    def swallowed(found: Any) -> None:
+        if not isinstance(found.exc_value, Terminated):
+            hook(found)
 
     try:
         before = signal.signal(signal.SIGTERM, stop)
     except ValueError:  # not the main thread
         yield
         return
+    alarm, hook = signal.signal(signal.SIGALRM, stop), sys.unraisablehook
+    sys.unraisablehook = swallowed
     try:
         yield
+    except Exception:
+        if asked:
+            raise Terminated from None
+        raise
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        sys.unraisablehook = hook
+        signal.signal(signal.SIGALRM, alarm)
         signal.signal(signal.SIGTERM, before)
 
 
