@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 EIGEN_TOLERANCE = 1e-10
 # largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender body has a condition
 # number of 1e11
-EIGEN_CHECK = 1e-6
+EIGEN_CHECK = 1e-8
 
 
 class Inverse(Protocol):

@@ -142,11 +142,11 @@ def test_three_dimensions_reduced():
 
 def test_adaptive_steps_on_the_paper_s_case():
     """Contact opens and closes, and what is too fast for the steps rings: the step control goes on."""
-    scene = demo("slip_liftoff_2d", "time.tolerance=1e-3", "time.periods=25")
+    scene = demo("slip_liftoff_2d", "time.tolerance=1e-4", "time.periods=25")
     model, _ = reduced(body(scene))
     across, along = across_and_along(simulate(model, scene))
     assert across == pytest.approx(157.60, rel=2e-3)
-    assert along == pytest.approx(2.843, rel=1e-2)  # the axial ringing adds to so small an amplitude
+    assert along == pytest.approx(2.843, rel=5e-3)
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])

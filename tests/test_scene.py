@@ -436,6 +436,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
         (b"x = " + 5000 * b"[", "is not TOML: "),
         (b"x = " + 5000 * b"9", "is not TOML: "),
         (50 * b"a." + b"a = 1", "unknown key"),
+        (5000 * b"a." + b"a = 1", ""),  # an unknown key, or nested too deeply: as deep as Python's parser goes
     ):
         scene.write_bytes(content)
         assert sentence(scene).startswith(f"{scene}: ") and part in sentence(scene)
