@@ -31,6 +31,7 @@ import scipy.linalg
 from numba import njit
 from numpy.typing import NDArray
 
+from fenicsrom.contact import ContactPoints
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.reduced import DenseModel, Signals
 from fenicsrom.scene import BeamSection, Material, Scene
@@ -273,12 +274,12 @@ class BeamBody:
     gauss_points = 5
     comm = _Alone()
 
-    def __init__(self, scene: Scene, beam: TimoshenkoBeam, loads: Array, contact_rows: Array, probe_rows: Array):
+    def __init__(self, scene: Scene, beam: TimoshenkoBeam, loads: Array, points: ContactPoints, contact_rows: Array, probe_rows: Array):
         """Keep the beam and its places: unit loads (n, loads), B^T (m, n) and the rows of the probe (d, n)."""
         self.scene, self.beam = scene, beam
         self.mass, self.stiffness = beam.mass, beam.stiffness
         self.size = self.local = self.free = beam.mass.shape[0]
-        self.load_vectors, self.contact_rows, self.probe_rows = loads, contact_rows, probe_rows
+        self.load_vectors, self.points, self.contact_rows, self.probe_rows = loads, points, contact_rows, probe_rows
         self.signals = Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
         self.equilibrium = self.rest_force = np.zeros(self.size)
         self.factor = _Cholesky(beam.stiffness)
@@ -289,7 +290,7 @@ class BeamBody:
         linear = self.beam.linear
         return DenseModel(
             self.mass, self.scene.material.mass_damping, self.beam.elastic, self.beam.energy, self.load_vectors, self.signals,
-            self.contact_rows, np.zeros(self.contact_rows.shape[0]), self.probe_rows, np.zeros(self.probe_rows.shape[0]),
+            self.points, self.contact_rows, np.zeros(self.contact_rows.shape[0]), self.probe_rows, np.zeros(self.probe_rows.shape[0]),
             linear=linear, gauss_points=1 if linear else self.gauss_points,
         )  # fmt: skip
 

@@ -269,20 +269,9 @@ def residuals(body: Body, vectors: Array, motion: Motion, scene: Scene) -> Array
         elastic, _ = model.elastic_over_step(start, q, dq, plan.start_weight, plan.points, plan.weights)
         inertia = (1.0 - am) * a1 + am * a + plan.damping * ((1.0 - af) * v1 + af * v)
         load = (1.0 - af) * model.load(time[k + 1]) + af * model.load(time[k])
-        force = mean_force(scene, motion, first + k, af, plan.line)
-        found.append(model.mass_times(inertia) + elastic + rows.T @ force.reshape(-1) - load)
+        force = motion.mean_force[first + k + 1].reshape(-1)
+        found.append(model.mass_times(inertia) + elastic + rows.T @ force - load)
     return np.array(found).T
-
-
-def mean_force(scene: Scene, motion: Motion, row: int, start_weight: float, line: bool) -> Array:
-    """Mean contact force (P, d) over the step after a row of the motion, as the scheme weighs it."""
-    before, after = motion.force[row], motion.force[row + 1]
-    mean = start_weight * before + (1.0 - start_weight) * after
-    if line:
-        for p, c in enumerate(scene.contacts):
-            ends = [c.preload + c.normal_stiffness * (motion.displacement[r, p, 0] - c.gap) for r in (row, row + 1)]
-            mean[p, 0] = mean_normal_force(*ends)[0]
-    return mean
 
 
 def indicators(body: Body, vectors: Array, motion: Motion, scene: Scene) -> tuple[float, float]:

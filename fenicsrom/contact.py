@@ -1,112 +1,418 @@
-"""Friction between points of the structure and rigid planes: one statement of the law, for every model.
+"""Friction between points of the structure and rigid surfaces: one statement of the law, for every model.
 
-A point is described by its displacement x = [x_n, x_t] in its own frame, x_n along the unit normal n into the surface,
-x_t in the tangent plane (one component in 2D, two in 3D). The forces below act against the motion: the residual of the
-equations of motion gains + B F, with F = [N, T].
+A point is described by its displacement x (d,) in its own frame, whose first axis is the normal into the surface at the place
+of the undeformed body, the others tangents there. The forces below act against the motion: the residual of the equations of
+motion gains + B F. With the penetration delta(x, t) of the surface, n = grad delta, P = I - n n^T / |n|^2 and the slider w, a
+point of the surface that friction pulls the body towards,
 
-    N = max(0, N0 + k_n (x_n - g0))
-    T = k_t (x_t - w)                 if |T| <= mu N      stick, the slider w rests
-    T = mu N T/|T|                    otherwise           slip, the slider moves: w = x_t - T/k_t
-    T = 0, w = x_t                    if N = 0            open, the slider follows
+    y = N0 + k_n delta                         N = max(0, y)                the normal force is N n
+    T = k_t P (x - w)                          if |T| <= mu N               stick, the slider rests on the surface
+    T = mu N T/|T|                             otherwise                    slip, the slider is dragged: w = x - T/k_t
+    T = 0, w = x                               if N = 0                     open, the slider follows
 
-The law is pure: it reads the displacement and the slider of the last accepted state and writes what it finds into arrays
-of the caller; a rejected step leaves no trace.
+Surfaces are planes, cylinders and spheres, seen from inside (a casing) or outside, that may close in on the body and turn about
+their axis; a cylinder may have waves. The normal is that of the current position, however far the point slides.
+
+Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
+step, in closed form), or is the weighted mean of its ends, as the scheme asks. Friction is the law at the weighted point
+x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a),
+where the law is applied once more. So friction dissipates in every step, whatever its size:
+
+    T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + k_t (1/2 - a) |d(x - w)|^2 + (what the law at the end takes) >= 0    for a <= 1/2
+
+Everything is pure: it reads the last accepted state and writes into arrays of the caller; a rejected step leaves no trace.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.dense import compiled, kernel, lu_factor, lu_solve
+from fenicsrom.errors import SceneError
 
 Array = NDArray[np.float64]
 
 OPEN, SLIP, STICK = -1, 0, 1
+PLANE, CYLINDER, SPHERE = 1, 2, 3  # the number of coordinates that the distance from the surface depends on
 
 CONTACT_ITERATIONS = 25  # of Newton before it is taken to cycle
 CONTACT_SWEEPS = 100  # tens of sweeps before the contact is given up
 ROUNDING = 5e-16  # of the displacements: a residual that no update could better
 
 
+class ContactPoints(NamedTuple):
+    """Where P contact points are on the undeformed body.
+
+    Attributes:
+        contact: (P,) the entry of the scene's contacts that each belongs to.
+        share: (P,) its part of that: 1 for a single point, else area, length or number.
+        position: (P, d) m.
+        frame: (P, d, d) rows normal into the surface, tangents.
+    """
+
+    contact: NDArray[np.int64]
+    share: Array
+    position: Array
+    frame: Array
+
+
+def no_points(dimension: int) -> ContactPoints:
+    """The points of a scene without contact."""
+    return ContactPoints(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, dimension)), np.zeros((0, dimension, dimension)))
+
+
 class Contacts(NamedTuple):
-    """The parameters of P contact points, arrays of shape (P,): N, m, N/m, N/m, none."""
+    """The parameters of P contact points in d dimensions and of the surface before each.
+
+    With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
+
+        delta = side (|z| - radius) + approach(t) + sum_k height_k cos(order_k (phi - spin t) - phase_k)
+
+    where phi is the angle of z; for a plane |z| is z itself, and the waves are those of cylinders.
+
+    Attributes:
+        preload: (P,) N0, normal force at penetration zero, N.
+        normal_stiffness: (P,) k_n, N/m.
+        tangential_stiffness: (P,) k_t, N/m.
+        friction: (P,) mu.
+        kind: (P,) PLANE, CYLINDER or SPHERE.
+        axes: (P, d, d) orthonormal rows.
+        centre: (P, d) a point of the plane's, the axis of the cylinder or the centre of the sphere, m.
+        radius: (P,) of the surface, of a plane its distance from `centre` along the normal, m.
+        side: (P,) 1 if the body is on the side of `centre`, -1 if it is on the other.
+        spin: (P,) rate at which the surface turns about its axis, rad/s.
+        times: (k,) and
+        approach: (P, k) how far the surface has come towards the body by then, linear between them, m.
+        order: (h,), height: (P, h) in m and phase: (P, h) in rad of the waves.
+    """
 
     preload: Array
-    gap: Array
     normal_stiffness: Array
     tangential_stiffness: Array
     friction: Array
+    kind: NDArray[np.int64]
+    axes: Array
+    centre: Array
+    radius: Array
+    side: Array
+    spin: Array
+    times: Array
+    approach: Array
+    order: Array
+    height: Array
+    phase: Array
 
 
-def no_contacts() -> Contacts:
+def planes(
+    preload: Array, gap: Array, normal_stiffness: Array, tangential_stiffness: Array, friction: Array, dimension: int
+) -> Contacts:
+    """Points each before a plane at rest at a distance `gap`, all (P,): what most scenes have."""
+    count = len(preload)
+    n0, g0, kn, kt, mu = (np.asarray(a, dtype=np.float64) for a in (preload, gap, normal_stiffness, tangential_stiffness, friction))
+    return Contacts(
+        preload=n0, normal_stiffness=kn, tangential_stiffness=kt, friction=mu, kind=np.full(count, PLANE),
+        axes=np.tile(np.eye(dimension), (count, 1, 1)), centre=np.zeros((count, dimension)), radius=g0, side=np.ones(count),
+        spin=np.zeros(count), times=np.zeros(0), approach=np.zeros((count, 0)), order=np.zeros(0),
+        height=np.zeros((count, 0)), phase=np.zeros((count, 0)),
+    )  # fmt: skip
+
+
+def no_contacts(dimension: int = 2) -> Contacts:
     """The contacts of a scene that has none."""
-    return Contacts(*(np.zeros(0) for _ in Contacts._fields))
+    none = np.zeros(0)
+    return planes(none, none, none, none, none, dimension)
+
+
+def frame(normal: Array) -> Array:
+    """The local frame of a unit normal: rows normal, tangents; (d, d), right-handed.
+
+    The first tangent in 3D lies nearest to the first of the axes y, z, x that is least aligned with the normal, so that a
+    wall beyond a blade's tip along x has the tangents y and z.
+    """
+    if normal.size == 2:
+        return np.array([normal, [-normal[1], normal[0]]])
+    order = [1, 2, 0]
+    axis = order[int(np.argmin(np.round(np.abs(normal[order]), 12)))]
+    tangent = np.eye(3)[axis] - normal[axis] * normal
+    tangent /= np.linalg.norm(tangent)
+    return np.array([normal, tangent, np.cross(normal, tangent)])
+
+
+def surface_normal(contact: Any, position: Array, where: str) -> Array:
+    """Unit normal (d,) into the surface of a scene's contact at a position (d,) of the undeformed body.
+
+    Raises:
+        SceneError: the position is on the axis or at the centre of the surface; `where` names it.
+    """
+    if contact.surface is None:
+        return np.array(contact.normal)
+    z = axes_of(contact.surface, position.size) @ (position - np.array(contact.surface.point))
+    size = float(np.linalg.norm(z))
+    if size == 0.0:
+        raise SceneError(f"{where}.surface.point: must not lie at the contact point itself")
+    return np.asarray((1.0 if contact.surface.inside else -1.0) / size * z @ axes_of(contact.surface, position.size))
+
+
+def axes_of(surface: Any, d: int) -> Array:
+    """Orthonormal rows (2 or 3, d) of the directions in which the distance from the axis or centre is measured."""
+    return frame(np.array(surface.axis))[1:] if surface.axis is not None else np.eye(d)
+
+
+def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
+    """The parameters of a scene's contacts at their points.
+
+    Raises:
+        SceneError: a given radius lets the surface cut into the undeformed body.
+    """
+    count, d = points.position.shape
+    chosen = [scene.contacts[k] for k in points.contact]
+
+    def of(name: str) -> Array:
+        return np.array([getattr(contact, name) for contact in chosen], dtype=np.float64)
+
+    found = planes(
+        points.share * of("preload"), of("gap"), points.share * of("normal_stiffness"),
+        points.share * of("tangential_stiffness"), of("friction"), d,
+    )  # fmt: skip
+    times = np.array(sorted({time for contact in scene.contacts for time, _ in contact.approach}))
+    orders = sorted({order for contact in scene.contacts if contact.surface for order, _, _ in contact.surface.waves})
+    found = found._replace(
+        times=times, approach=np.zeros((count, times.size)), order=np.array(orders),
+        height=np.zeros((count, len(orders))), phase=np.zeros((count, len(orders))),
+    )  # fmt: skip
+    for p, contact in enumerate(chosen):
+        if contact.approach:
+            found.approach[p] = np.interp(times, *np.array(contact.approach).T)
+        surface = contact.surface
+        if surface is None:
+            continue
+        axes, local = axes_of(surface, d), points.frame[p]
+        found.kind[p] = SPHERE if surface.kind == "sphere" else CYLINDER
+        found.axes[p, : len(axes)] = axes @ local.T
+        found.centre[p] = local @ (np.array(surface.point) - points.position[p])
+        found.side[p] = 1.0 if surface.inside else -1.0
+        found.spin[p] = surface.spin
+        for order, height, phase in surface.waves:
+            found.height[p, orders.index(order)] += height
+            found.phase[p, orders.index(order)] = phase
+    for k, contact in enumerate(scene.contacts):  # the radius of a surface: given, or the gap beyond the nearest node
+        if contact.surface is None:
+            continue
+        mine = np.flatnonzero(points.contact == k)
+        axes = axes_of(contact.surface, d)
+        reach = [float(np.linalg.norm(axes @ (points.position[p] - contact.surface.point))) for p in mine]
+        nearest = max(reach) if contact.surface.inside else min(reach)
+        radius = contact.surface.radius or nearest + (contact.gap if contact.surface.inside else -contact.gap)
+        if not radius > 0.0 or (nearest - radius) * (1.0 if contact.surface.inside else -1.0) > 1e-9 * radius:
+            raise SceneError(
+                f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into the undeformed body, whose "
+                f"nearest contact point is at {nearest:.9g} m from its axis or centre"
+            )
+        found.radius[mine] = radius
+    return found
+
+
+class Touch(NamedTuple):
+    """The state of P contact points.
+
+    Attributes:
+        x: (P, d) displacement, m.
+        raw: (P,) y of the module docstring: the normal force before it is clamped at zero, N.
+        normal: (P, d) normal force N n, N.
+        friction: (P, d) T, N.
+        slider: (P, d) w, m.
+        state: (P,) OPEN, SLIP or STICK.
+    """
+
+    x: Array
+    raw: Array
+    normal: Array
+    friction: Array
+    slider: Array
+    state: NDArray[np.int8]
+
+
+class Room(NamedTuple):
+    """Room to work in, and what is found of a step: `mean` (P, d), the mean force, `rubbing` (P, d), the friction in it, `push`
+    (P,), the normal force in it, `motion` (P,), OPEN, SLIP or STICK, and `slopes` (P, d, d), the mean force by the end point.
+    """
+
+    mean: Array
+    rubbing: Array
+    push: Array
+    motion: NDArray[np.int8]
+    slopes: Array
+    guess: Array
+    residual: Array
+    product: Array
+    touching: NDArray[np.int64]
+    jacobian: Array
+    update: Array
+    pivots: NDArray[np.int64]
+    vectors: Array
+    matrices: Array
+
+
+class Interval(NamedTuple):
+    """A time step from `begin` to `end` in s; `start_weight` is a of the module docstring, `line`: the normal force is its mean
+    along the straight way (discrete gradient) in place of the weighted ends.
+    """
+
+    begin: float
+    end: float
+    start_weight: float
+    line: bool
+
+
+def touch(points: int, d: int) -> Touch:
+    """A `Touch` of zeros."""
+    return Touch(
+        np.zeros((points, d)), np.zeros(points), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
+        np.zeros(points, dtype=np.int8),
+    )  # fmt: skip
+
+
+def room(points: int, d: int) -> Room:
+    """A `Room` for P points in d dimensions."""
+    m = points * d
+    return Room(
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
+        np.zeros((points, d, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
+        np.zeros(points, dtype=np.int64), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
+        np.zeros((6, d)), np.zeros((2, d, d)),
+    )  # fmt: skip
+
+
+# ---------------------------------------------------------------------- the surface
 
 
 @kernel
-def law(contacts: Contacts, p: int, x: Array, slider: Array, force: Array, tangent: Array, new_slider: Array) -> int:
-    """Forces of point p by return mapping, with the consistent tangent (unsymmetric in slip: T depends on N).
+def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
+    """How far point p at x (d,) is in its surface, negative before it, m."""
+    closed = 0.0
+    times = contacts.times
+    last = times.size - 1
+    if last >= 0:
+        k = 0
+        while k < last and times[k + 1] < time:
+            k += 1
+        closed = contacts.approach[p, k]
+        if k < last and time > times[k]:
+            share = min((time - times[k]) / (times[k + 1] - times[k]), 1.0)
+            closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
+    if contacts.kind[p] == PLANE:
+        return x[0] - contacts.radius[p] + closed
+    square, first, second = 0.0, 0.0, 0.0
+    for r in range(contacts.kind[p]):
+        z = 0.0
+        for k in range(x.size):
+            z += contacts.axes[p, r, k] * (x[k] - contacts.centre[p, k])
+        square += z * z
+        if r == 0:
+            first = z
+        elif r == 1:
+            second = z
+    if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
+        angle = np.arctan2(second, first) - contacts.spin[p] * time
+        for k in range(contacts.order.size):
+            closed += contacts.height[p, k] * np.cos(contacts.order[k] * angle - contacts.phase[p, k])
+    return contacts.side[p] * (np.sqrt(square) - contacts.radius[p]) + closed
+
+
+@kernel
+def direction(contacts: Contacts, p: int, x0: Array, x1: Array, time: float, n: Array, slope: Array, there: Array) -> None:
+    """The discrete gradient of the penetration between two points, and its derivative by the second.
+
+    n . (x1 - x0) is delta(x1) - delta(x0) exactly for planes, cylinders and spheres, as |z1| - |z0| = (z0 + z1) . (z1 - z0) /
+    (|z0| + |z1|), and to third order in the distance for waves. Between a point and itself it is the gradient, and `slope`
+    half the second derivative.
 
     Args:
         contacts: the parameters.
         p: the point.
-        x: (d,) displacement in the local frame [normal, tangents], m.
-        slider: (d-1,) slider w of the last accepted state, m.
-        force: (d,) out: [N, T], N.
-        tangent: (d, d) out: d force / d x, N/m.
-        new_slider: (d-1,) out: w at x, m.
-
-    Returns:
-        The state: OPEN, SLIP or STICK.
+        x0: (d,) m.
+        x1: (d,) m.
+        time: s.
+        n: (d,) out.
+        slope: (d, d) out, 1/m.
+        there: (d,) room.
     """
-    d = x.size
-    kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
-    normal = contacts.preload[p] + kn * (x[0] - contacts.gap[p])
-    force[:] = 0.0
-    tangent[:] = 0.0
-    if not normal > 0.0:
-        for k in range(1, d):
-            new_slider[k - 1] = x[k]
-        return OPEN
-    force[0] = normal
-    tangent[0, 0] = kn
-    size = 0.0
-    for k in range(1, d):
-        force[k] = kt * (x[k] - slider[k - 1])
-        size += force[k] ** 2
-    size = np.sqrt(size)
-    limit = contacts.friction[p] * normal
-    if size < limit or (size == limit and limit > 0.0):
-        for k in range(1, d):
-            tangent[k, k] = kt
-            new_slider[k - 1] = slider[k - 1]
-        return STICK
-    for k in range(1, d):
-        direction = force[k] / size if size > 0.0 else 0.0
-        force[k] = direction  # the unit vector for now: the tangent needs all its components
-    for k in range(1, d):
-        tangent[k, 0] = contacts.friction[p] * kn * force[k]
-        if size > 0.0:
-            for j in range(1, d):
-                tangent[k, j] = limit * kt / size * ((1.0 if j == k else 0.0) - force[k] * force[j])
-    for k in range(1, d):
-        force[k] *= limit
-        new_slider[k - 1] = x[k] - force[k] / kt
-    return SLIP
+    d = n.size
+    for k in range(d):
+        n[k] = 0.0
+        there[k] = 0.0
+        for j in range(d):
+            slope[k, j] = 0.0
+    if contacts.kind[p] == PLANE:
+        n[0] = 1.0
+        return
+    axes, centre, side = contacts.axes[p], contacts.centre[p], contacts.side[p]
+    square0, square1, first, second = 0.0, 0.0, 0.0, 0.0
+    for r in range(contacts.kind[p]):
+        z0, z1 = 0.0, 0.0
+        for k in range(d):
+            z0 += axes[r, k] * (x0[k] - centre[k])
+            z1 += axes[r, k] * (x1[k] - centre[k])
+        square0 += z0 * z0
+        square1 += z1 * z1
+        for k in range(d):
+            n[k] += axes[r, k] * (z0 + z1)
+            there[k] += axes[r, k] * z1
+        if r == 0:
+            first = 0.5 * (z0 + z1)
+        elif r == 1:
+            second = 0.5 * (z0 + z1)
+    end = np.sqrt(square1)
+    total = np.sqrt(square0) + end
+    for k in range(d):
+        n[k] *= side / total
+    for k in range(d):
+        for j in range(d):
+            for r in range(contacts.kind[p]):
+                slope[k, j] += side * axes[r, k] * axes[r, j] / total
+            slope[k, j] -= n[k] * there[j] / (end * total)
+    if contacts.order.size == 0 or contacts.kind[p] != CYLINDER:
+        return
+    square = first * first + second * second
+    angle = np.arctan2(second, first) - contacts.spin[p] * time
+    once, twice = 0.0, 0.0  # the derivatives of the waves by the angle
+    for k in range(contacts.order.size):
+        order, height, phase = contacts.order[k], contacts.height[p, k], contacts.phase[p, k]
+        once -= height * order * np.sin(order * angle - phase)
+        twice -= height * order**2 * np.cos(order * angle - phase)
+    for k in range(d):
+        outward = (first * axes[0, k] + second * axes[1, k]) / square
+        turned = (first * axes[1, k] - second * axes[0, k]) / square  # the gradient of the angle
+        n[k] += once * turned
+        for j in range(d):
+            outward_j = (first * axes[0, j] + second * axes[1, j]) / square
+            turned_j = (first * axes[1, j] - second * axes[0, j]) / square
+            slope[k, j] += 0.5 * (twice * turned * turned_j - once * (outward * turned_j + turned * outward_j))
 
 
 @kernel
-def energy(contacts: Contacts, x: Array, force: Array) -> float:
-    """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J; x and force (P, d)."""
-    total = 0.0
-    for p in range(x.shape[0]):
-        total += 0.5 * force[p, 0] ** 2 / contacts.normal_stiffness[p]
-        for k in range(1, x.shape[1]):
-            total += 0.5 * force[p, k] ** 2 / contacts.tangential_stiffness[p]
-    return total
+def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
+    """Where a point (d,) of the surface is carried by its turning, out (d,), in a time."""
+    d = point.size
+    for k in range(d):
+        out[k] = point[k]
+    if contacts.spin[p] == 0.0 or contacts.kind[p] == PLANE:
+        return
+    axes, centre = contacts.axes[p], contacts.centre[p]
+    first, second = 0.0, 0.0
+    for k in range(d):
+        first += axes[0, k] * (point[k] - centre[k])
+        second += axes[1, k] * (point[k] - centre[k])
+    angle = contacts.spin[p] * time
+    c, s = np.cos(angle) - 1.0, np.sin(angle)
+    for k in range(d):
+        out[k] += axes[0, k] * (c * first - s * second) + axes[1, k] * (s * first + c * second)
+
+
+# ---------------------------------------------------------------------- the law
 
 
 @kernel
@@ -132,42 +438,220 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     return -0.5 * before**2 / span, 0.5 * (before / span) ** 2
 
 
-class Workspace(NamedTuple):
-    """Room for `resolve` with m = P d unknowns."""
+@kernel
+def return_mapping(stiffness: float, limit: float, n: Array, stretch: Array, force: Array) -> tuple[int, float]:
+    """Friction by return mapping: the projection of k_t P (x - w) on the disc of radius mu N.
 
-    guess: Array
-    held: Array
-    slopes: Array
-    jacobian: Array
-    update: Array
-    pivots: NDArray[np.int64]
+    Args:
+        stiffness: k_t, N/m.
+        limit: mu N, N.
+        n: (d,) unit normal.
+        stretch: (d,) x - w, m.
+        force: (d,) out: T, N.
+
+    Returns:
+        SLIP or STICK, and the size of T before it was projected.
+    """
+    across, size = 0.0, 0.0
+    for k in range(n.size):
+        across += n[k] * stretch[k]
+    for k in range(n.size):
+        force[k] = stiffness * (stretch[k] - across * n[k])
+        size += force[k] ** 2
+    size = np.sqrt(size)
+    if size < limit or (size == limit and limit > 0.0):
+        return STICK, size
+    factor = limit / size if size > 0.0 else 0.0
+    for k in range(n.size):
+        force[k] *= factor
+    return SLIP, size
 
 
-@compiled
-def workspace(points: int, d: int) -> Workspace:
-    """A `Workspace` for P points in d dimensions."""
-    m = points * d
-    return Workspace(
-        np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d, d)), np.zeros((m, m)), np.zeros((m, 1)),
-        np.zeros(m, dtype=np.int64),
-    )  # fmt: skip
+@kernel
+def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room) -> bool:
+    """The mean force of point p over a step to end.x[p], its slope and its parts, into `room`; False if it does not touch."""
+    a = interval.start_weight
+    theta = 1.0 - a
+    kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
+    x0, x1, mean, slope, rubbing = start.x[p], end.x[p], room.mean[p], room.slopes[p], room.rubbing[p]
+    d = x0.size
+    before = start.raw[p]
+    after = contacts.preload[p] + kn * penetration(contacts, p, x1, interval.end)
+    end.raw[p] = after
+    if interval.line:
+        push, by_after = mean_normal_force(before, after)
+    else:
+        push = a * max(before, 0.0) + theta * max(after, 0.0)
+        by_after = theta if after > 0.0 else 0.0
+    room.push[p] = push
+    for k in range(d):
+        mean[k] = 0.0
+        rubbing[k] = 0.0
+        for j in range(d):
+            slope[k, j] = 0.0
+    if not push > 0.0:
+        room.motion[p] = OPEN
+        return False
+    flat = contacts.kind[p] == PLANE
+    n, steepest, stretch, there = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    bend, spare = room.matrices[0], room.matrices[1]
+    if flat:
+        for k in range(d):
+            steepest[k] = 0.0
+        steepest[0] = 1.0
+        mean[0] = push
+        slope[0, 0] = by_after * kn
+    else:
+        direction(contacts, p, x1, x1, interval.end, steepest, bend, there)
+        if interval.line:
+            direction(contacts, p, x0, x1, 0.5 * (interval.begin + interval.end), n, spare, there)
+            for k in range(d):
+                mean[k] = push * n[k]
+                for j in range(d):
+                    slope[k, j] = by_after * kn * n[k] * steepest[j] + push * spare[k, j]
+        else:
+            for k in range(d):
+                mean[k] = a * start.normal[p, k] + theta * max(after, 0.0) * steepest[k]
+                for j in range(d):
+                    slope[k, j] = by_after * kn * steepest[k] * steepest[j] + theta * max(after, 0.0) * 2.0 * bend[k, j]
+    # friction, at the weighted point
+    carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
+    for k in range(d):
+        there[k] = a * x0[k] + theta * x1[k]
+        stretch[k] = there[k] - stretch[k]
+        n[k] = steepest[k]
+    across, size = 0.0, 1.0
+    if not flat:
+        middle = room.vectors[4]
+        time = a * interval.begin + theta * interval.end
+        for k in range(d):
+            middle[k] = there[k]
+        direction(contacts, p, middle, middle, time, n, bend, there)
+        size = 0.0
+        for k in range(d):
+            size += n[k] ** 2
+        size = np.sqrt(size)
+        for k in range(d):
+            n[k] /= size
+            across += n[k] * stretch[k]
+    limit = contacts.friction[p] * push
+    motion, trial = return_mapping(kt, limit, n, stretch, rubbing)
+    room.motion[p] = motion
+    factor = theta * kt
+    if motion == SLIP:
+        factor *= limit / trial if trial > 0.0 else 0.0
+    for k in range(d):  # spare: the derivative of the stretch within the tangent plane, by x1 and without theta
+        for j in range(d):
+            spare[k, j] = (1.0 if k == j else 0.0) - n[k] * n[j]
+    if not flat:
+        turning = room.vectors[3]
+        for j in range(d):
+            turning[j] = 0.0
+            for i in range(d):
+                turning[j] += 2.0 * n[i] * bend[i, j]
+        for k in range(d):  # bend: the derivative of the unit normal
+            for j in range(d):
+                bend[k, j] = (2.0 * bend[k, j] - n[k] * turning[j]) / size
+        for j in range(d):
+            turning[j] = 0.0
+            for i in range(d):
+                turning[j] += stretch[i] * bend[i, j]
+        for k in range(d):
+            for j in range(d):
+                spare[k, j] -= across * bend[k, j] + n[k] * turning[j]
+    if motion == SLIP and limit > 0.0:
+        along = room.vectors[5]
+        for k in range(d):
+            along[k] = rubbing[k] / limit
+        for j in range(d):  # within the disc only what is across the direction of slip counts
+            part = 0.0
+            for k in range(d):
+                part += along[k] * spare[k, j]
+            for k in range(d):
+                slope[k, j] += factor * (spare[k, j] - along[k] * part)
+                slope[k, j] += contacts.friction[p] * by_after * kn * along[k] * steepest[j]
+    else:
+        for k in range(d):
+            for j in range(d):
+                slope[k, j] += factor * spare[k, j]
+    for k in range(d):
+        mean[k] += rubbing[k]
+    return True
 
 
-@compiled
+@kernel
+def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room) -> tuple[float, float]:
+    """The state of point p at the end of a step whose mean force `over_step` has found.
+
+    Returns:
+        The energy that friction dissipates, and the work that the motion of the surface does on body and springs, J.
+    """
+    kt, theta = contacts.tangential_stiffness[p], 1.0 - interval.start_weight
+    x0, x1, slider, force, normal = start.x[p], end.x[p], end.slider[p], end.friction[p], end.normal[p]
+    d = x0.size
+    length = interval.end - interval.begin
+    mean, rubbing, push = room.mean[p], room.rubbing[p], room.push[p]
+    n, stretch, there, carried = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    pressed = max(end.raw[p], 0.0)
+    size = 1.0
+    if contacts.kind[p] == PLANE:
+        for k in range(d):
+            n[k] = 0.0
+        n[0] = 1.0
+    else:
+        direction(contacts, p, x1, x1, interval.end, n, room.matrices[0], there)
+        size = 0.0
+        for k in range(d):
+            size += n[k] ** 2
+        size = np.sqrt(size)
+    for k in range(d):
+        normal[k] = pressed * n[k]
+        n[k] /= size
+    # the slider moves on to the end of the step, and the law is applied there
+    carry(contacts, p, length, start.slider[p], slider)
+    if room.motion[p] != STICK:
+        carry(contacts, p, theta * length, start.slider[p], carried)
+        for k in range(d):
+            weighted = interval.start_weight * x0[k] + theta * x1[k]
+            slider[k] += (weighted - rubbing[k] / kt - carried[k]) / theta
+    for k in range(d):
+        stretch[k] = x1[k] - slider[k]
+    motion, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
+    slips = motion == SLIP or room.motion[p] == SLIP
+    end.state[p] = OPEN if pressed == 0.0 else SLIP if slips else STICK
+    # energies
+    carry(contacts, p, length, x0, carried)
+    dissipated, surface = 0.0, 0.0
+    for k in range(d):
+        dissipated += rubbing[k] * (x1[k] - carried[k])
+        dissipated -= 0.5 * (force[k] ** 2 - start.friction[p, k] ** 2) / kt
+        surface -= rubbing[k] * (carried[k] - x0[k])
+        if motion == SLIP or contacts.kind[p] != PLANE:
+            slider[k] = x1[k] - force[k] / kt
+    if contacts.times.size > 0 or (contacts.order.size > 0 and contacts.spin[p] != 0.0):
+        surface += push * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
+        for k in range(d):
+            surface -= (mean[k] - rubbing[k]) * (x1[k] - x0[k])
+    return dissipated, surface
+
+
+@kernel
+def energy(contacts: Contacts, here: Touch) -> float:
+    """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
+    total = 0.0
+    for p in range(here.x.shape[0]):
+        total += 0.5 * max(here.raw[p], 0.0) ** 2 / contacts.normal_stiffness[p]
+        for k in range(here.x.shape[1]):
+            total += 0.5 * here.friction[p, k] ** 2 / contacts.tangential_stiffness[p]
+    return total
+
+
+# ---------------------------------------------------------------------- the contact problem of a step
+
+
+@kernel
 def resolve(
-    contacts: Contacts,
-    compliance: Array,
-    free: Array,
-    x0: Array,
-    force0: Array,
-    slider0: Array,
-    start_weight: float,
-    line: bool,
-    x: Array,
-    force: Array,
-    slider: Array,
-    state: NDArray[np.int8],
-    mean: Array,
+    contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room
 ) -> bool:
     """Find the contact displacements at the end of a step: x + G F(x) = x_free, with F the mean force over the step.
 
@@ -177,214 +661,202 @@ def resolve(
 
     Args:
         contacts: the parameters of P points.
+        interval: the step.
         compliance: (m, m) G, contact displacement by contact force at this iteration, m = P d, m/N.
         free: (P, d) displacement at the end of the step without contact forces, m.
-        x0: (P, d) displacement at the start of the step.
-        force0: (P, d) force at the start of the step.
-        slider0: (P, d-1) slider at the start of the step.
-        start_weight: weight of the force at the start of the step; 1 minus it weighs the force at the end.
-        line: the normal force is its mean along the step (discrete gradient) in place of the weighted ends.
-        x: (P, d) in: a first guess; out: the displacement at the end of the step.
-        force: (P, d) out: [N, T] at the end of the step.
-        slider: (P, d-1) out: slider at the end of the step.
-        state: (P,) out: OPEN, SLIP, STICK at the end of the step.
-        mean: (P, d) out: mean force over the step.
+        start: the state at the start of the step.
+        end: its x in: a first guess; out: the displacement at the end of the step.
+        room: its mean (P, d) out: mean force over the step.
 
     Returns:
         True if the residual or the update fell to round-off; False if no iteration found a solution.
     """
-    work = workspace(x.shape[0], x.shape[1])
-    return resolve_with(
-        work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean
-    )
+    points, d = free.shape
+    for p in range(points):
+        for k in range(d):
+            room.guess[p, k] = end.x[p, k]
+    if newton(contacts, interval, compliance, free, start, end, room):
+        return True
+    for p in range(points):
+        for k in range(d):
+            end.x[p, k] = room.guess[p, k]
+    for p in range(points):
+        over_step(contacts, interval, p, start, end, room)
+    for _ in range(CONTACT_SWEEPS):
+        for p in range(points):
+            for k in range(d):
+                end.x[p, k] = room.guess[p, k]
+        for _ in range(10):
+            for p in range(points):
+                sweep(contacts, interval, compliance, free, p, start, end, room)
+        for p in range(points):
+            for k in range(d):
+                room.guess[p, k] = end.x[p, k]
+        if newton(contacts, interval, compliance, free, start, end, room):
+            return True
+    return False
 
 
 @kernel
-def resolve_with(
-    work: Workspace,
-    contacts: Contacts,
-    compliance: Array,
-    free: Array,
-    x0: Array,
-    force0: Array,
-    slider0: Array,
-    start_weight: float,
-    line: bool,
-    x: Array,
-    force: Array,
-    slider: Array,
-    state: NDArray[np.int8],
-    mean: Array,
+def newton(
+    contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room
 ) -> bool:
-    """`resolve` with room to work in."""
-    points, d = x.shape
-    guess, held = work.guess, work.held
-    for p in range(points):
-        for k in range(d):
-            guess[p, k] = x[p, k]
-    if newton(work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean):
-        return True
-    evaluate(work.slopes, contacts, guess, x0, force0, slider0, start_weight, line, force, slider, state, held)
-    for _ in range(CONTACT_SWEEPS):
-        for _ in range(10):
-            sweep(contacts, compliance, free, x0, force0, slider0, start_weight, line, guess, held)
+    """Semismooth Newton for x + G F(x) = x_free from the x given; True if it converged.
+
+    Only the points that touch are unknowns: the others follow from their forces.
+    """
+    points, d = free.shape
+    x, x0, mean, slopes, touching = end.x, start.x, room.mean, room.slopes, room.touching
+    residual, product, jacobian, update, pivots = room.residual, room.product, room.jacobian, room.update, room.pivots
+    size = np.inf
+    for _ in range(CONTACT_ITERATIONS):
+        count = 0
+        for p in range(points):
+            if over_step(contacts, interval, p, start, end, room):
+                touching[count] = p
+                count += 1
+        scale, worst, row = 0.0, 0.0, 0
         for p in range(points):
             for k in range(d):
-                x[p, k] = guess[p, k]
-        if newton(work, contacts, compliance, free, x0, force0, slider0, start_weight, line, x, force, slider, state, mean):
+                value = x[p, k] - free[p, k]
+                for t in range(count):
+                    column = touching[t] * d
+                    for j in range(d):
+                        value += compliance[row, column + j] * mean[touching[t], j]
+                residual[p, k] = value
+                worst = max(worst, abs(value))
+                scale = max(scale, abs(x[p, k]), abs(free[p, k]), abs(x0[p, k]))
+                row += 1
+        if worst <= ROUNDING * scale:
             return True
+        m = count * d
+        for t in range(count):
+            p = touching[t]
+            for k in range(d):
+                update[t * d + k, 0] = -residual[p, k]
+                for s in range(count):
+                    column = touching[s] * d
+                    for j in range(d):
+                        value = 1.0 if s == t and j == k else 0.0
+                        for i in range(d):
+                            value += compliance[p * d + k, column + i] * slopes[touching[s], i, j]
+                        jacobian[t * d + k, s * d + j] = value
+        if not lu_factor(jacobian, pivots, m):
+            return False
+        lu_solve(jacobian, pivots, update, m)
+        for p in range(points):  # what the others do under the change of force
+            for k in range(d):
+                residual[p, k] = -residual[p, k]
+        for t in range(count):
+            p = touching[t]
+            for k in range(d):
+                product[p, k] = 0.0
+                for j in range(d):
+                    product[p, k] += slopes[p, k, j] * update[t * d + j, 0]
+        if count < points:
+            row = 0
+            for p in range(points):
+                for k in range(d):
+                    for t in range(count):
+                        for j in range(d):
+                            residual[p, k] -= compliance[row, touching[t] * d + j] * product[touching[t], j]
+                    row += 1
+        for t in range(count):
+            for k in range(d):
+                residual[touching[t], k] = update[t * d + k, 0]
+        last, size = size, 0.0
+        for p in range(points):
+            for k in range(d):
+                size = max(size, abs(residual[p, k]))
+        if size <= 1e-15 * scale or (size <= 1e-11 * scale and size >= 0.5 * last):
+            return True  # the forces belong to the x they were evaluated at
+        for p in range(points):
+            for k in range(d):
+                x[p, k] += residual[p, k]
     return False
 
 
 @kernel
 def sweep(
-    contacts: Contacts,
-    compliance: Array,
-    free: Array,
-    x0: Array,
-    force0: Array,
-    slider0: Array,
-    start_weight: float,
-    line: bool,
-    x: Array,
-    mean: Array,
+    contacts: Contacts, interval: Interval, compliance: Array, free: Array, p: int, start: Touch, end: Touch, room: Room
 ) -> None:
-    """Solve each point in turn, the forces of the others held: first its normal force, by bisection, then its friction.
+    """Solve point p, the forces of the others held: first its normal force, by bisection, then its friction.
 
     This nonlinear Gauss-Seidel iteration is slow, but does not cycle between states: the tangential force is projected on
     the friction disc as a force, not found from a displacement that a wrong normal force has thrown far away.
     """
-    points, d = x.shape
-    end_weight = 1.0 - start_weight
-    for p in range(points):
-        kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
-        offset = contacts.preload[p] - kn * contacts.gap[p]
-        before = offset + kn * x0[p, 0]
-        row = p * d
-        rest = free[p, 0]
-        for j in range(points * d):
-            if j != row:
-                rest -= compliance[row, j] * mean[j // d, j % d]
-        g = compliance[row, row]
-        low, high = 0.0, 0.0
-        for step in range(100):  # the displacement lies between rest and what the force at rest would leave of it
-            middle = rest if step == 0 else 0.5 * (low + high)
-            after = offset + kn * middle
-            if line:
-                push, _ = mean_normal_force(before, after)
-            else:
-                push = start_weight * force0[p, 0] + end_weight * max(after, 0.0)
-            if step == 0:
-                low, high = rest - g * push, rest
-            elif middle + g * push > rest:
-                high = middle
-            else:
-                low = middle
-        x[p, 0] = 0.5 * (low + high)
-        mean[p, 0] = max(rest - x[p, 0], 0.0) / g
-        limit = contacts.friction[p] * max(offset + kn * x[p, 0], 0.0)
-        g = 0.0
-        for k in range(1, d):
-            g = max(g, compliance[row + k, row + k])
-        size = 0.0
-        for k in range(1, d):
-            rest = free[p, k]
-            for j in range(points * d):
-                if j != row + k:
-                    rest -= compliance[row + k, j] * mean[j // d, j % d]
-            rest += (g - compliance[row + k, row + k]) * mean[p, k]
-            x[p, k] = (rest - g * start_weight * force0[p, k] - slider0[p, k - 1]) / (1.0 / kt + g * end_weight)
-            size += x[p, k] ** 2
-        size = np.sqrt(size)
-        factor = limit / size if size > limit else 1.0
-        for k in range(1, d):  # x held the trial force
-            mean[p, k] = start_weight * force0[p, k] + end_weight * factor * x[p, k]
-        for k in range(1, d):
-            x[p, k] = free[p, k]
-            for j in range(points * d):
-                x[p, k] -= compliance[row + k, j] * mean[j // d, j % d]
-
-
-@kernel
-def evaluate(
-    slopes: Array,
-    contacts: Contacts,
-    x: Array,
-    x0: Array,
-    force0: Array,
-    slider0: Array,
-    start_weight: float,
-    line: bool,
-    force: Array,
-    slider: Array,
-    state: NDArray[np.int8],
-    mean: Array,
-) -> None:
-    """Forces and states at the end of the step for a displacement x, the mean forces, and their slopes (P, d, d) by x."""
-    points, d = x.shape
-    for p in range(points):
-        state[p] = law(contacts, p, x[p], slider0[p], force[p], slopes[p], slider[p])
+    points, d = free.shape
+    a = interval.start_weight
+    theta = 1.0 - a
+    x, mean, rubbing = end.x[p], room.mean[p], room.rubbing[p]
+    kn, kt, preload, before = contacts.normal_stiffness[p], contacts.tangential_stiffness[p], contacts.preload[p], start.raw[p]
+    n, rest, spare, stretch = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    row = p * d
+    for k in range(d):
+        rest[k] = free[p, k]
+        for q in range(points):
+            if q != p:
+                for j in range(d):
+                    rest[k] -= compliance[row + k, q * d + j] * room.mean[q, j]
+    if interval.line:
+        direction(contacts, p, start.x[p], x, 0.5 * (interval.begin + interval.end), n, room.matrices[0], spare)
+    else:
+        direction(contacts, p, x, x, interval.end, n, room.matrices[0], spare)
+    low, high, push, held = 0.0, 0.0, 0.0, 0.0
+    if not interval.line:  # what the start contributes is known
+        held = a
+    for step in range(101):  # the force lies between nothing and what it would be if it moved nothing
+        push = 0.0 if step == 0 else 0.5 * (low + high)
         for k in range(d):
-            mean[p, k] = start_weight * force0[p, k] + (1.0 - start_weight) * force[p, k]
+            x[k] = rest[k]
             for j in range(d):
-                slopes[p, k, j] *= 1.0 - start_weight
-        if line:
-            kn = contacts.normal_stiffness[p]
-            before = contacts.preload[p] + kn * (x0[p, 0] - contacts.gap[p])
-            after = contacts.preload[p] + kn * (x[p, 0] - contacts.gap[p])
-            mean[p, 0], slope = mean_normal_force(before, after)
-            slopes[p, 0, 0] = slope * kn
+                force = push * n[j] + rubbing[j] + held * start.normal[p, j]
+                x[k] -= compliance[row + k, row + j] * force
+        after = preload + kn * penetration(contacts, p, x, interval.end)
+        if interval.line:
+            found, _ = mean_normal_force(before, after)
+        else:
+            found = theta * max(after, 0.0)
+        if step == 0:
+            high = found
+        elif found > push:
+            low = push
+        else:
+            high = push
+    limit = contacts.friction[p] * (push + held * max(before, 0.0))
+    carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
+    softness, size, across = 0.0, 0.0, 0.0
+    for k in range(d):
+        softness += compliance[row + k, row + k]  # at least that of any direction
+        stretch[k] = a * start.x[p, k] + theta * x[k] - stretch[k]
+        size += n[k] ** 2
+    for k in range(d):
+        across += n[k] * stretch[k] / size
+    total = 0.0
+    for k in range(d):
+        spare[k] = (stretch[k] - across * n[k] + theta * softness * rubbing[k]) / (1.0 / kt + theta * softness)
+        total += spare[k] ** 2
+    total = np.sqrt(total)
+    factor = limit / total if total > limit else 1.0
+    for k in range(d):
+        rubbing[k] = factor * spare[k]
+        mean[k] = push * n[k] + rubbing[k] + held * start.normal[p, k]
+    for k in range(d):
+        x[k] = rest[k]
+        for j in range(d):
+            x[k] -= compliance[row + k, row + j] * mean[j]
 
 
-@kernel
-def newton(
-    work: Workspace,
-    contacts: Contacts,
-    compliance: Array,
-    free: Array,
-    x0: Array,
-    force0: Array,
-    slider0: Array,
-    start_weight: float,
-    line: bool,
-    x: Array,
-    force: Array,
-    slider: Array,
-    state: NDArray[np.int8],
-    mean: Array,
-) -> bool:
-    """Semismooth Newton for x + G F(x) = x_free from the x given; True if it converged."""
-    points, d = x.shape
-    m = points * d
-    slopes, jacobian, update, pivots = work.slopes, work.jacobian, work.update, work.pivots
-    size = np.inf
-    for _ in range(CONTACT_ITERATIONS):
-        evaluate(slopes, contacts, x, x0, force0, slider0, start_weight, line, force, slider, state, mean)
-        scale = 0.0
-        worst = 0.0
-        for i in range(m):
-            here, aim = x[i // d, i % d], free[i // d, i % d]
-            residual = here - aim
-            for j in range(m):
-                residual += compliance[i, j] * mean[j // d, j % d]
-            update[i, 0] = -residual
-            worst = max(worst, abs(residual))
-            scale = max(scale, abs(here), abs(aim), abs(x0[i // d, i % d]))
-        if worst <= ROUNDING * scale:
-            return True
-        for i in range(m):
-            for j in range(m):
-                jacobian[i, j] = 1.0 if i == j else 0.0
-                for k in range(d):
-                    jacobian[i, j] += compliance[i, (j // d) * d + k] * slopes[j // d, k, j % d]
-        if not lu_factor(jacobian, pivots):
-            return False
-        lu_solve(jacobian, pivots, update)
-        last, size = size, 0.0
-        for i in range(m):
-            size = max(size, abs(update[i, 0]))
-        if size <= 1e-15 * scale or (size <= 1e-11 * scale and size >= 0.5 * last):
-            return True  # the forces belong to the x they were evaluated at
-        for i in range(m):
-            x[i // d, i % d] += update[i, 0]
-    return False
+@compiled
+def at_rest(contacts: Contacts, x: Array, slider: Array, time: float, here: Touch, room: Room) -> None:
+    """Write the state of points at x (P, d) with sliders (P, d) into `here`: the law at a given displacement.
+
+    A step of no length that ends where it starts.
+    """
+    here.x[:] = x
+    here.slider[:] = slider
+    here.friction[:] = 0.0
+    interval = Interval(time, time, 0.0, False)
+    for p in range(x.shape[0]):
+        over_step(contacts, interval, p, here, here, room)
+        settle(contacts, interval, p, here, here, room)

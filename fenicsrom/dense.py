@@ -56,6 +56,26 @@ def times(a: Array, x: Array) -> Array:
 
 
 @kernel
+def write_times(a: Array, x: Array, out: Array) -> None:
+    """Write A x (n,) for a matrix a (n, k) and a vector x (k,)."""
+    for i in range(a.shape[0]):
+        value = 0.0
+        for j in range(a.shape[1]):
+            value += a[i, j] * x[j]
+        out[i] = value
+
+
+@kernel
+def add_times(offset: Array, a: Array, x: Array, out: Array) -> None:
+    """Write offset + A x (n,) for a matrix a (n, k) and a vector x (k,)."""
+    for i in range(a.shape[0]):
+        value = offset[i]
+        for j in range(a.shape[1]):
+            value += a[i, j] * x[j]
+        out[i] = value
+
+
+@kernel
 def inner(x: Array, y: Array) -> float:
     """Inner product of two vectors."""
     value = 0.0
@@ -86,17 +106,17 @@ def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
 
 
 @kernel
-def lu_factor(a: Array, pivots: NDArray[np.int64]) -> bool:
-    """Factorise a square matrix in place, PA = LU with partial pivoting.
+def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
+    """Factorise the leading (n, n) part of a matrix in place, PA = LU with partial pivoting.
 
     Args:
-        a: (n, n), overwritten by L (unit diagonal, below) and U.
-        pivots: (n,), overwritten by the row swapped with row k at step k.
+        a: overwritten by L (unit diagonal, below) and U.
+        pivots: overwritten by the row swapped with row k at step k.
+        n: size of the part.
 
     Returns:
         False if a pivot is zero or not finite.
     """
-    n = a.shape[0]
     for k in range(n):
         row = k
         for i in range(k + 1, n):
@@ -118,9 +138,8 @@ def lu_factor(a: Array, pivots: NDArray[np.int64]) -> bool:
 
 
 @kernel
-def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
-    """Solve in place for every column of b (n, k), with a and pivots from `lu_factor`."""
-    n = a.shape[0]
+def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int) -> None:
+    """Solve in place for every column of the first n rows of b, with a and pivots from `lu_factor`."""
     columns = b.shape[1]
     for k in range(n):
         row = pivots[k]

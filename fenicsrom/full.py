@@ -26,7 +26,8 @@ class FullModel:
         self.linear = not solid.scene.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
         self.damping = solid.scene.material.mass_damping
-        self.signals = solid.signals
+        self.signals, self.points = solid.signals, solid.points
+        self.gyroscopic = False
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
         self._columns = self._rows.T.copy()
@@ -64,7 +65,7 @@ class FullModel:
             return force, 0.5 * self.dot(q, force + self._start)
         return force, self._solid.energy(self._solid.equilibrium + q) - self._energy
 
-    def responses(self, inertia: float, slope: Slope, residual: Array) -> tuple[Array, Array, Array]:
+    def responses(self, inertia: float, drag: float, slope: Slope, residual: Array) -> tuple[Array, Array, Array]:
         """Solve (inertia M + sum of weighted tangents) [y, Z] = [-residual, B]."""
         key = (inertia, sum(weight for weight, _ in slope))
         if not (self.linear and key == self._key):
@@ -91,6 +92,12 @@ class FullModel:
         block = self._factor.solve(np.concatenate([-residual[:, None], self._columns], axis=1))
         y, unit = block[:, 0].copy(), block[:, 1:].copy()
         return y, unit, np.asarray(self._solid.comm.allreduce(self._rows @ unit))
+
+    def negative_directions(self, slope: Slope) -> int:
+        """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
+        self.responses(0.0, 0.0, slope, np.zeros(self._columns.shape[0]))
+        assert self._factor is not None
+        return self._factor.negative_pivots
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""

@@ -8,7 +8,8 @@ A one-step scheme balances weighted means of the forces over a step h, with dq =
 average acceleration (am = af = 0) and generalised-alpha weigh the elastic and contact forces at the ends of the step;
 the discrete gradient (am = af = 1/2, beta = 1/4, gamma = 1/2) takes the elastic force averaged along the straight line from
 q0 to q1, int_0^1 f(q0 + s dq) ds by Gauss points that are exact for the model, and the discrete gradient of the normal
-contact energy: work and energy then balance exactly, whatever the step. Friction is weighted by its ends in all of them.
+contact energy: work and energy then balance exactly, whatever the step. Friction is that of `fenicsrom.contact`: it
+dissipates in every step of all of them. Where the model turns, its gyroscopic forces Gamma v join those of damping.
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then the contact problem
 exactly in the few contact coordinates (`fenicsrom.contact.resolve`): the iteration over the structure sees no kink. It
@@ -21,6 +22,7 @@ integrates a `ReducedModel`, for which the same operations are the compiled func
 
 from __future__ import annotations
 
+import copy
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,6 +40,7 @@ from fenicsrom.contact import Contacts
 from fenicsrom.dense import compiled
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.reduced import ReducedModel
+from fenicsrom.statics import equilibrium
 
 Array = NDArray[np.float64]
 
@@ -58,6 +61,7 @@ class Model(Protocol):
     """What the algorithm asks of a model of n coordinates and m contact displacements (here: the rows on this rank)."""
 
     linear: bool
+    gyroscopic: bool
     gauss_points: int
 
     def elastic_over_step(
@@ -68,8 +72,8 @@ class Model(Protocol):
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force and energy at q."""
 
-    def responses(self, inertia: float, slope: Any, residual: Array) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + slope) [y, Z] = [-residual, B]; returns y (n,), Z (n, m), B^T Z (m, m)."""
+    def responses(self, inertia: float, drag: float, slope: Any, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve (inertia M + drag Gamma + slope) [y, Z] = [-residual, B]; returns y (n,), Z (n, m), B^T Z (m, m)."""
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""
@@ -79,6 +83,9 @@ class Model(Protocol):
 
     def mass_times(self, v: Array) -> Array:
         """M v."""
+
+    def gyroscopic_times(self, v: Array) -> Array:
+        """Gamma v, of a model that is `gyroscopic`."""
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product over all ranks."""
@@ -112,12 +119,12 @@ def _elastic_at(model, q):  # type: ignore[no-untyped-def]
     return ReducedModel.elastic_at if _is_reduced(model) else None
 
 
-def responses(model, inertia, slope, residual):  # type: ignore[no-untyped-def]  # noqa: D103
-    return model.responses(inertia, slope, residual)
+def responses(model, inertia, drag, slope, residual):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.responses(inertia, drag, slope, residual)
 
 
 @overload(responses, inline="always", strict=False)
-def _responses(model, inertia, slope, residual):  # type: ignore[no-untyped-def]
+def _responses(model, inertia, drag, slope, residual):  # type: ignore[no-untyped-def]
     return ReducedModel.responses if _is_reduced(model) else None
 
 
@@ -146,6 +153,15 @@ def mass_times(model, v):  # type: ignore[no-untyped-def]  # noqa: D103
 @overload(mass_times, inline="always", strict=False)
 def _mass_times(model, v):  # type: ignore[no-untyped-def]
     return ReducedModel.mass_times if _is_reduced(model) else None
+
+
+def gyroscopic_times(model, v):  # type: ignore[no-untyped-def]  # noqa: D103
+    return model.gyroscopic_times(v)
+
+
+@overload(gyroscopic_times, inline="always", strict=False)
+def _gyroscopic_times(model, v):  # type: ignore[no-untyped-def]
+    return ReducedModel.gyroscopic_times if _is_reduced(model) else None
 
 
 def dot(model, a, b):  # type: ignore[no-untyped-def]  # noqa: D103
@@ -218,6 +234,7 @@ class Scheme(NamedTuple):
         weights: (g,) with what weights.
         damping: alpha of the model, 1/s.
         linear: the model's force is linear: one iteration solves the step.
+        gyroscopic: the model has gyroscopic forces.
     """
 
     alpha_m: float
@@ -230,6 +247,7 @@ class Scheme(NamedTuple):
     weights: Array
     damping: float
     linear: bool
+    gyroscopic: bool
 
 
 def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
@@ -240,18 +258,18 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
         model: gives the damping, whether it is linear, and the Gauss points that integrate its force exactly.
         spectral_radius: of generalised-alpha at infinite frequency, in [0, 1].
     """
-    damping, linear = float(model.damping), bool(model.linear)
+    model_is = float(model.damping), bool(model.linear), bool(model.gyroscopic)
     end = np.ones(1)
     if name == "average-acceleration":
-        return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, damping, linear)
+        return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, *model_is)
     if name == "generalised-alpha":
         am = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
         af = spectral_radius / (spectral_radius + 1.0)
         beta, gamma = 0.25 * (1.0 - am + af) ** 2, 0.5 - am + af
-        return Scheme(am, af, beta, gamma, False, af, end, np.array([1.0 - af]), damping, linear)
+        return Scheme(am, af, beta, gamma, False, af, end, np.array([1.0 - af]), *model_is)
     if name == "discrete-gradient":
         points, weights = np.polynomial.legendre.leggauss(model.gauss_points)
-        return Scheme(0.5, 0.5, 0.25, 0.5, True, 0.0, 0.5 + 0.5 * points, 0.5 * weights, damping, linear)
+        return Scheme(0.5, 0.5, 0.25, 0.5, True, 0.0, 0.5 + 0.5 * points, 0.5 * weights, *model_is)
     raise ValueError(f"scheme {name!r}: allowed are average-acceleration, generalised-alpha and discrete-gradient")
 
 
@@ -284,10 +302,10 @@ class Trial(NamedTuple):
         rest: (n,) M times this is the part of the inertia and damping forces that does not depend on dq.
         push: (n,) mean load.
         total: (n,) a sum to be handed on.
-        x, force, slider, state: of the contact at the end of the step, as in `State`.
-        mean: (P, d) mean contact force over the step.
-        before: (P, d) x before the iteration.
-        work: for the contact problem.
+        touch: the contact points at the end of the step.
+        before: (P, d) their displacement before the iteration.
+        free: (P, d) their displacement without contact forces.
+        room: for the contact problem; holds the mean contact force over the step.
     """
 
     dq: Array
@@ -296,13 +314,10 @@ class Trial(NamedTuple):
     rest: Array
     push: Array
     total: Array
-    x: Array
-    force: Array
-    slider: Array
-    state: NDArray[np.int8]
-    mean: Array
+    touch: contact.Touch
     before: Array
-    work: contact.Workspace
+    free: Array
+    room: contact.Room
 
 
 class State(NamedTuple):
@@ -317,11 +332,8 @@ class State(NamedTuple):
             distance of the solution from that extrapolation estimates the error.
         start: (n,) elastic force at q, where the scheme asks for it.
         load: (n,) load vector at the time.
-        x: (P, d) contact displacement.
-        force: (P, d) contact force.
-        slider: (P, d-1).
-        state: (P,) OPEN, SLIP, STICK.
-        scalars: time, next step, last step, work of the loads, energies dissipated by damping and friction, kinetic, elastic
+        touch: the contact points.
+        scalars: time, next step, last step, work of the loads and of moving surfaces, energies dissipated by damping and friction, kinetic, elastic
             and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
         trial: the step that is being tried: no part of the state, but room that is needed at every step.
     """
@@ -333,10 +345,7 @@ class State(NamedTuple):
     growth: Array
     start: Array
     load: Array
-    x: Array
-    force: Array
-    slider: Array
-    state: NDArray[np.int8]
+    touch: contact.Touch
     scalars: Array
     trial: Trial
 
@@ -348,6 +357,8 @@ class Record(NamedTuple):
     displacement: Array
     probe: Array
     force: Array
+    mean_force: Array
+    gap: Array
     state: NDArray[np.int8]
     energies: Array
     coordinates: Array
@@ -395,6 +406,15 @@ def _answer(out, y, unit, mean):  # type: ignore[no-untyped-def]
 
 
 @register_jitable(inline="always")
+def put(points, displacement):  # type: ignore[no-untyped-def]
+    """Write displacements (P d,) into (P, d)."""
+    d = points.shape[1]
+    for p in range(points.shape[0]):
+        for k in range(d):
+            points[p, k] = displacement[p * d + k]
+
+
+@register_jitable(inline="always")
 def extrapolate(out, state, h):  # type: ignore[no-untyped-def]
     """Write dq of a step of size h as the steps before foretell it: the velocities of the scheme may ring, dq/h does not."""
     combine(out, h, state.rate, 0.5 * h * (h + state.scalars[LAST]), state.growth)
@@ -411,19 +431,24 @@ def inertia_of(scheme, h):  # type: ignore[no-untyped-def]
 def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Solve one step of size h from `state`, writing only to its trial; returns (converged, iterations)."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    trial = state.trial
-    points, d = trial.x.shape
-    dq, residual, change, total = trial.dq, trial.residual, trial.change, trial.total
+    trial, room = state.trial, state.trial.room
+    points, d = trial.free.shape
+    dq, residual, change, total, x = trial.dq, trial.residual, trial.change, trial.total, trial.touch.x
     q0, v0, a0 = state.q, state.v, state.a
-    # the part of the mean acceleration and alpha times the mean velocity that does not depend on dq, from v0 and a0 ..
-    from_v = -(1.0 - am) / (beta * h) + scheme.damping * ((1.0 - af) * (1.0 - gamma / beta) + af)
-    from_a = am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
+    interval = contact.Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.line)
+    # the mean velocity over the step is drag dq + drag_v v0 + drag_a a0, the mean acceleration likewise: M times `rest` is what
+    # does not depend on dq in the forces of inertia and damping, and `inertia` the factor of M dq in them
+    drag = (1.0 - af) * gamma / (beta * h)
+    drag_v = (1.0 - af) * (1.0 - gamma / beta) + af
+    drag_a = (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
+    from_v = -(1.0 - am) / (beta * h) + scheme.damping * drag_v
+    from_a = am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * drag_a
     combine(trial.rest, from_v, v0, from_a, a0)
-    inertia = inertia_of(scheme, h)  # .. and the factor of dq in them
+    inertia = inertia_of(scheme, h)
     combine(trial.push, 1.0 - af, load_ahead, af, state.load)
     extrapolate(dq, state, h)
     combine(total, 1.0, q0, 1.0, dq)
-    trial.x[:] = contact_displacement(model, total).reshape(points, d)
+    put(x, contact_displacement(model, total))
     first, last = 0.0, 0.0
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, slope = elastic_over_step(
@@ -431,21 +456,21 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
         )
         combine(total, 1.0, trial.rest, inertia, dq)
         combine(residual, 1.0, mass_times(model, total), 1.0, elastic, -1.0, trial.push)
-        y, unit, compliance = responses(model, inertia, slope, residual)
-        trial.before[:] = trial.x
+        if scheme.gyroscopic:
+            combine(total, drag, dq, drag_v, v0, drag_a, a0)
+            combine(residual, 1.0, residual, 1.0, gyroscopic_times(model, total))
+        y, unit, compliance = responses(model, inertia, drag, slope, residual)
+        trial.before[:] = x
         combine(total, 1.0, q0, 1.0, dq, 1.0, y)
-        free = contact_displacement(model, total).reshape(points, d)
-        if points > 0 and not contact.resolve_with(
-            trial.work, contacts, compliance, free, state.x, state.force, state.slider, af, scheme.line,
-            trial.x, trial.force, trial.slider, trial.state, trial.mean,
-        ):  # fmt: skip
+        put(trial.free, contact_displacement(model, total))
+        if points > 0 and not contact.resolve(contacts, interval, compliance, trial.free, state.touch, trial.touch, room):
             return False, iteration
-        answer(change, y, unit, trial.mean)
+        answer(change, y, unit, room.mean)
         combine(dq, 1.0, dq, 1.0, change)
         decrement = dot(model, residual, change)
         for p in range(points):
             for k in range(d):
-                decrement += trial.mean[p, k] * (trial.x[p, k] - trial.before[p, k])
+                decrement += room.mean[p, k] * (x[p, k] - trial.before[p, k])
         decrement = abs(decrement)
         if not np.isfinite(decrement):
             return False, iteration
@@ -473,10 +498,11 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     s[WORK] += 0.5 * (dot(model, state.load, dq) + dot(model, load_ahead, dq))
     combine(total, 1.0, state.v, 1.0, v1)
     s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, total), dq)
-    for p in range(trial.x.shape[0]):
-        for k in range(1, trial.x.shape[1]):
-            way = trial.slider[p, k - 1] - state.slider[p, k - 1]
-            s[RUBBED] += 0.5 * (state.force[p, k] + trial.force[p, k]) * way
+    interval = contact.Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.line)
+    for p in range(trial.free.shape[0]):
+        dissipated, surface = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
+        s[RUBBED] += dissipated
+        s[WORK] += surface
     change = 2.0 / (h + s[LAST])
     combine(state.growth, change / h, dq, -change, state.rate)
     combine(state.rate, 1.0 / h, dq, 0.0, state.rate)
@@ -485,10 +511,14 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
         combine(state.a, 1.0 / (beta * h * h), dq, -1.0 / (beta * h), state.v, 1.0 - 0.5 / beta, state.a)
     state.v[:] = v1
     state.load[:] = load_ahead
-    state.x[:] = trial.x
-    state.force[:] = trial.force
-    state.slider[:] = trial.slider
-    state.state[:] = trial.state
+    for p in range(trial.free.shape[0]):
+        state.touch.raw[p] = trial.touch.raw[p]
+        state.touch.state[p] = trial.touch.state[p]
+        for k in range(trial.free.shape[1]):
+            state.touch.x[p, k] = trial.touch.x[p, k]
+            state.touch.normal[p, k] = trial.touch.normal[p, k]
+            state.touch.friction[p, k] = trial.touch.friction[p, k]
+            state.touch.slider[p, k] = trial.touch.slider[p, k]
     s[TIME] += h
     s[LAST] = h
     s[STEPS] += 1.0
@@ -502,21 +532,35 @@ def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
     s[KINETIC] = 0.5 * dot(model, state.v, mass_times(model, state.v))
     elastic, s[ELASTIC] = elastic_at(model, state.q)
     state.start[:] = elastic
-    s[CONTACT] = contact.energy(contacts, state.x, state.force)
+    s[CONTACT] = contact.energy(contacts, state.touch)
     s[SCALE] = max(s[SCALE], s[KINETIC] + abs(s[ELASTIC]))
     s[SIZE] = max(s[SIZE], np.sqrt(dot(model, state.q, mass_times(model, state.q))))
 
 
 @register_jitable(inline="always")
-def write(model, state, record, row):  # type: ignore[no-untyped-def]
+def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     """Keep the state as a row of the record."""
     s = state.scalars
     record.time[row] = s[TIME]
-    record.displacement[row] = state.x
-    if state.x.shape[0] == 0:
+    touch = state.touch
+    points, d = touch.x.shape
+    if points == 0:
         record.probe[row] = probe_displacement(model, state.q)
-    record.force[row] = state.force
-    record.state[row] = state.state
+    for p in range(points):
+        record.state[row, p] = touch.state[p]
+        record.gap[row, p] = -contact.penetration(contacts, p, touch.x[p], s[TIME])
+        # the frame of the point, turned the shortest way so that its first axis is the current normal
+        size = 0.0
+        for k in range(d):
+            size += touch.normal[p, k] ** 2
+        size = np.sqrt(size)
+        lean = touch.friction[p, 0] / (size + touch.normal[p, 0]) if size > 0.0 else 0.0
+        record.force[row, p, 0] = max(touch.raw[p], 0.0)
+        for k in range(d):
+            record.displacement[row, p, k] = touch.x[p, k]
+            record.mean_force[row, p, k] = state.trial.room.mean[p, k]
+            if k > 0:
+                record.force[row, p, k] = touch.friction[p, k] - lean * touch.normal[p, k]
     for k in range(6):
         record.energies[row, k] = s[WORK + k]
     if record.coordinates.shape[1] > 0:
@@ -571,7 +615,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             _, slope = elastic_over_step(
                 model, state.start, state.q, state.trial.dq, scheme.start_weight, scheme.points, scheme.weights
             )
-            error, _, _ = responses(model, inertia, slope, mass_times(model, surprise))
+            error, _, _ = responses(model, inertia, 0.0, slope, mass_times(model, surprise))
             size = max(s[SIZE], control.size)
             local = np.sqrt(dot(model, error, mass_times(model, error))) / 12.0
             ratio = local / (STEP_SHARE * control.tolerance * size) if size > 0.0 else 0.0
@@ -588,7 +632,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
                 s[TIME] = goal
             # a step cut short to land on the grid says nothing against the longer one
             s[STEP] = min(control.grid, max(factor * h, nominal if lands and factor >= 1.0 else 0.0))
-            write(model, state, record, rows)
+            write(model, contacts, state, record, rows)
             rows += 1
         else:
             s[REJECTED] += 1.0
@@ -601,6 +645,24 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
 _compiled_march = compiled(march)
 
 
+class Checkpoint(NamedTuple):
+    """Where a run stands between two periods: all that the next period depends on, bit for bit.
+
+    Attributes:
+        state: the state.
+        last: the rows of the last period, by which the next is judged steady.
+        size: of the motion, that errors are measured against (`Control.size`).
+        spans: periods run.
+        buckled: as in `Motion`.
+    """
+
+    state: State
+    last: Record
+    size: float
+    spans: int
+    buckled: int
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A motion in time: ns accepted steps, the start included; P contact points in d dimensions.
@@ -610,12 +672,15 @@ class Motion:
         period: of the loads, s; None without harmonic load.
         displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or (ns, 1, d) of the probe in
             global axes where there is no contact, m.
-        force: (ns, P, d) contact forces [N, T] acting against the motion, N.
+        force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the current position and the
+            tangents there (the frame of the point turned the shortest way), N.
+        mean_force: (ns, P, d) mean contact force over the step that ended there, in the frames of the points, N.
+        gap: (ns, P) distance from the surface, negative inside it, m.
         state: (ns, P) -1 open, 0 slip, 1 stick.
         kinetic: (ns,) kinetic energy, J.
         elastic: (ns,) elastic energy from the equilibrium, J.
         contact_energy: (ns,) energy of the contact springs, J.
-        work: (ns,) work of the loads since the start, J.
+        work: (ns,) work of the loads, and of surfaces that move, since the start, J.
         damped: (ns,) energy dissipated by damping since the start, J.
         rubbed: (ns,) energy dissipated by friction since the start, J.
         steady: whether the motion was found to repeat.
@@ -628,12 +693,16 @@ class Motion:
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient, which does without).
         coordinate_time: (k,) their times, s.
+        end: where it ended, to go on from.
+        buckled: number of directions in which the equilibrium that lies nearest was unstable: it started in another.
     """
 
     time: Array
     period: float | None
     displacement: Array
     force: Array
+    mean_force: Array
+    gap: Array
     state: NDArray[np.int8]
     kinetic: Array
     elastic: Array
@@ -651,12 +720,15 @@ class Motion:
     velocity: Array | None = None
     acceleration: Array | None = None
     coordinate_time: Array | None = None
+    end: Checkpoint | None = None
+    buckled: int = 0
 
     @property
     def imbalance(self) -> Array:
         """(ns,) the energy ledger: energy + dissipated - work - initial, J; 0 but for the scheme's own error."""
         energy = self.kinetic + self.elastic + self.contact_energy
-        return energy - energy[0] + self.damped + self.rubbed - self.work
+        spent = self.damped + self.rubbed - self.work
+        return energy - energy[0] + spent - spent[0]
 
     @property
     def relative_imbalance(self) -> float:
@@ -673,32 +745,27 @@ class Motion:
 
 
 def initial_state(
-    model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array, sliders: Array | None
+    model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array, sliders: Array | None = None
 ) -> State:
     """The state at t = 0 with the acceleration that balances the forces; sliders rest where the points are, unless given."""
-    x = np.ascontiguousarray(contact_displacement(model, q)).reshape(-1, dimension)
+    x = contact_displacement(model, q).reshape(-1, dimension).copy()
     points = x.shape[0]
-    force, codes = np.zeros_like(x), np.zeros(points, dtype=np.int8)
-    slider = x[:, 1:].copy() if sliders is None else sliders.copy()
-    tangent = np.zeros((dimension, dimension))
-    for p in range(points):
-        codes[p] = contact.law(contacts, p, x[p], slider[p].copy(), force[p], tangent, slider[p])
-    zero = np.zeros_like(q)
+    room, here = contact.room(points, dimension), contact.touch(points, dimension)
+    contact.at_rest(contacts, x, x.copy() if sliders is None else sliders, 0.0, here, room)
+    zero, push = np.zeros_like(q), load(model, 0.0).copy()
     trial = Trial(
-        zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(),
-        x.copy(), force.copy(), slider.copy(), codes.copy(), np.zeros_like(x), np.zeros_like(x),
-        contact.workspace(points, dimension),
+        zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), contact.touch(points, dimension),
+        x.copy(), x.copy(), room,
     )  # fmt: skip
-    state = State(
-        q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), load(model, 0.0),
-        x, force, slider, codes, np.zeros(14), trial,
-    )  # fmt: skip
+    state = State(q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), push, here, np.zeros(14), trial)
     measure(model, contacts, scheme, state)
     if not scheme.line:
         _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
-        residual = state.start + scheme.damping * mass_times(model, v) - load(model, 0.0)
-        y, unit, _ = responses(model, 1.0, nothing, residual)
-        state.a[:] = y - unit @ force.reshape(-1)
+        residual = state.start + scheme.damping * mass_times(model, v) - push
+        if scheme.gyroscopic:
+            residual += gyroscopic_times(model, v)
+        y, unit, _ = responses(model, 1.0, 0.0, nothing, residual)
+        state.a[:] = y - unit @ (here.normal + here.friction).reshape(-1)
         state.growth[:] = state.a
     return state
 
@@ -710,7 +777,7 @@ def static_size(model: Any, contacts: Contacts, dimension: int, q: Array, amplit
     for k in range(omega.size):  # each load at its crest
         crest = (0.5 * np.pi - model.signals.phase[k]) / omega[k] if omega[k] > 0.0 else 0.0
         push = push + np.abs(load(model, crest))
-    y, unit, _ = responses(model, 0.0, slope, -push)
+    y, unit, _ = responses(model, 0.0, 0.0, slope, -push)
     preload = np.zeros((contacts.preload.size, dimension))
     preload[:, 0] = contacts.preload
     y = np.abs(y) + np.abs(unit) @ preload.reshape(-1)
@@ -724,10 +791,12 @@ def integrate(
     period: float | None,
     *,
     dimension: int,
-    start: tuple[Array, Array] | Motion | None = None,
+    start: tuple[Array, ...] | None = None,
+    resume: Checkpoint | None = None,
     keep_coordinates: bool = False,
     compiled: bool = True,
     progress: Callable[[float, float], None] | None = None,
+    checkpoint: Callable[[Checkpoint], None] | None = None,
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
 
@@ -737,14 +806,17 @@ def integrate(
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance, or duration.
         period: of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
-        start: displacement and velocity (n,) at t = 0, or a motion with coordinates, to go on from its end; at rest in the
-            equilibrium without it.
+        start: displacement and velocity (n,), and sliders (P, d) if they are not at rest, at t = 0; at rest in the
+            equilibrium of the loads and the preload without it (`fenicsrom.statics`).
+        resume: go on from where a run stood: what follows is what would have followed, bit for bit.
         keep_coordinates: keep the coordinates of the last period.
         compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
         progress: called after each period with the fraction of the run done and the change since the last period.
+        checkpoint: called after each period with where the run stands; what it is given is overwritten afterwards.
 
     Returns:
-        The motion, steady or at the end of the periods (`Motion.steady` says which).
+        The motion, steady or at the end of the periods (`Motion.steady` says which); of a resumed run from the last period
+        before.
 
     Raises:
         ConvergenceError: at the smallest step Newton did not converge; `partial` holds the motion up to there.
@@ -752,41 +824,50 @@ def integrate(
     """
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = _compiled_march if compiled and isinstance(model, ReducedModel) else march
-    like = load(model, 0.0)
-    q, v, sliders = np.zeros_like(like), np.zeros_like(like), None
-    if isinstance(start, Motion):
-        q, v, sliders = end_of(start, contacts)
-    elif start is not None:
-        q, v = start
-    state = initial_state(model, contacts, plan, dimension, q, v, sliders)
-    s = state.scalars
     horizon = float(period if period is not None else settings.duration)
     tolerance = settings.tolerance or 0.0
-    if tolerance:
-        size = static_size(model, contacts, dimension, q, model.signals.amplitude, model.signals.omega)
-        control = Control(horizon, tolerance, max(size, s[SIZE]))
-        s[STEP] = 1e-4 * horizon
+    step = period / settings.steps_per_period if period is not None and not tolerance else settings.step
+    nothing, buckled = np.zeros_like(load(model, 0.0)), 0
+    if resume is not None:
+        state, done, buckled = copy.deepcopy(resume.state), resume.spans if period is not None else 0, resume.buckled
+        control = Control(horizon if tolerance else step, tolerance, resume.size)
     else:
-        s[STEP] = period / settings.steps_per_period if period is not None else settings.step
-        control = Control(s[STEP], 0.0, s[SIZE])
-    points, width, rows = state.x.shape[0], 3 * state.q.size if keep_coordinates else 0, 4096
+        if start is None:
+            q, buckled = equilibrium(model, contacts, dimension)
+            start = (q, nothing)
+        state, done = initial_state(model, contacts, plan, dimension, *start), 0
+        state.scalars[STEP] = 1e-4 * horizon if tolerance else step
+        size = state.scalars[SIZE]
+        if tolerance:
+            size = max(size, static_size(model, contacts, dimension, start[0], model.signals.amplitude, model.signals.omega))
+        control = Control(horizon if tolerance else step, tolerance, size)
+    s = state.scalars
+    points, width, rows = state.touch.x.shape[0], 3 * state.q.size if keep_coordinates else 0, 4096
     if keep_coordinates and not tolerance:
-        rows = min(rows, round(horizon / s[STEP]) + 1)
+        rows = min(rows, round(horizon / step) + 1)
     record = Record(
         np.empty(rows), np.empty((rows, points, dimension)), np.empty((rows, dimension)), np.empty((rows, points, dimension)),
-        np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
+        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
     )  # fmt: skip
-    write(model, state, record, 0)
+    write(model, contacts, state, record, 0)
     history = [_rows([record], [1])]
+    if resume is not None:
+        history = [resume.last._replace(coordinates=np.repeat(history[0].coordinates, resume.last.time.size, axis=0))]
     if advance is not march:  # compile outside of the clock: a call that finds nothing to do
         advance(model, contacts, plan, control, state, 0.0, 0.0, record)
     begin = clock.perf_counter()
     spans = settings.periods if period is not None else 1
     steady, status = False, DONE
-    for span in range(1, spans + 1):
+
+    def stand(span: int) -> Checkpoint:
+        return Checkpoint(state, history[-1], control.size, span, buckled)
+
+    span = done
+    for span in range(done + 1, spans + 1):
         q0, pieces, counts = state.q.copy(), [], []
         while status != FAILED:
-            status, count = advance(model, contacts, plan, control, state, (span - 1) * horizon, span * horizon, record)
+            origin = (span - 1) * horizon
+            status, count = advance(model, contacts, plan, control, state, origin, origin + horizon, record)
             pieces.append(_copy(record, count))
             counts.append(count)
             if status == DONE:
@@ -798,14 +879,16 @@ def integrate(
         change = max(_norm(model, state.q - q0) / max(s[SIZE], 1e-300), _change(history[-2], history[-1], period))
         if progress is not None:
             progress(span / spans, change)
+        if checkpoint is not None:
+            checkpoint(stand(span))
         if change <= settings.steady_tolerance:
             steady = True
             break
     seconds = clock.perf_counter() - begin
-    motion = _motion(history, period, steady, s, seconds)
+    motion = _motion(history, period, steady, s, seconds, stand(span))
     if status == FAILED or not np.all(np.isfinite(motion.kinetic)):
         names = {-1: "open", 0: "slip", 1: "stick"}
-        where = ", ".join(f"point {p + 1} {names[int(c)]}" for p, c in enumerate(state.state)) or "no contact"
+        where = ", ".join(f"point {p + 1} {names[int(c)]}" for p, c in enumerate(state.touch.state)) or "no contact"
         raise ConvergenceError(
             f"time integration stopped at t = {s[TIME]:.6g} s: no convergence with the smallest step "
             f"{SMALLEST_STEP * control.grid:.3g} s ({where}; scheme {settings.scheme}); the motion up to there is kept",
@@ -824,14 +907,11 @@ def integrate(
     return motion
 
 
-def end_of(motion: Motion, contacts: Contacts) -> tuple[Array, Array, Array]:
-    """Coordinates, velocity (n,) and sliders (P, d-1) at the end of a motion that kept its coordinates.
-
-    The slider is where the spring of the contact is without force, w = x_t - T/k_t, in every contact state.
-    """
-    assert motion.coordinates is not None and motion.velocity is not None
-    sliders = motion.displacement[-1, :, 1:] - motion.force[-1, :, 1:] / contacts.tangential_stiffness[:, None]
-    return motion.coordinates[-1].copy(), motion.velocity[-1].copy(), sliders
+def end_of(motion: Motion) -> tuple[Array, Array, Array]:
+    """Coordinates and velocity (n,) and sliders (P, d) at the end of a motion: a start for another run from t = 0."""
+    assert motion.end is not None
+    state = motion.end.state
+    return state.q.copy(), state.v.copy(), state.touch.slider.copy()
 
 
 def _norm(model: Any, vector: Array) -> float:
@@ -865,7 +945,9 @@ def _change(before: Record, after: Record, period: float) -> float:
     return float(np.max(np.abs(now - there)) / max(np.max(np.abs(now)), 1e-300))
 
 
-def _motion(history: list[Record], period: float | None, steady: bool, s: Array, seconds: float) -> Motion:
+def _motion(
+    history: list[Record], period: float | None, steady: bool, s: Array, seconds: float, end: Checkpoint
+) -> Motion:
     last = [r.coordinates for r in history[-2:]]
     kept: list[Any] = [None] * 3
     if last[-1].size:
@@ -877,6 +959,8 @@ def _motion(history: list[Record], period: float | None, steady: bool, s: Array,
         period=period,
         displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
         force=whole.force,
+        mean_force=whole.mean_force,
+        gap=whole.gap,
         state=whole.state,
         kinetic=kinetic,
         elastic=elastic,
@@ -885,7 +969,7 @@ def _motion(history: list[Record], period: float | None, steady: bool, s: Array,
         damped=damped,
         rubbed=rubbed,
         steady=steady,
-        periods=len(history) - 1 if period is not None else 0,
+        periods=end.spans if period is not None else 0,
         steps=int(s[STEPS]),
         rejected=int(s[REJECTED]),
         newton_iterations=int(s[ITERATIONS]),
@@ -894,4 +978,6 @@ def _motion(history: list[Record], period: float | None, steady: bool, s: Array,
         velocity=kept[1],
         acceleration=kept[2],
         coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
+        end=end,
+        buckled=end.buckled,
     )

@@ -64,6 +64,11 @@ class Factorisation:
             raise ConvergenceError("the stiffness matrix is singular: its factorisation met a zero pivot")
         self._vectors = self.matrix.createVecs()
 
+    @property
+    def negative_pivots(self) -> int:
+        """Number of negative eigenvalues of the matrix (Sylvester's law of inertia)."""
+        return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
+
     def solve(self, block: Array) -> Array:
         """Solve for every column of a block.
 

@@ -91,6 +91,7 @@ class SolvedModes:
         method: "rubin" or "craig-bampton".
         squares: (v,) omega^2 of the normal modes, ascending, rad^2/s^2.
         normal: (local, v) normal modes, mass-normalised, turned to face the loads.
+        rows: (m, local) B^T of the master directions.
         attachment: (local, m) G = K^-1 B.
         flexibility: (m, m) B^T G.
         inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
@@ -99,6 +100,7 @@ class SolvedModes:
     method: str
     squares: Array
     normal: Array
+    rows: Array
     attachment: Array
     flexibility: Array
     inverse: Inverse
@@ -122,27 +124,25 @@ def component_modes(solid: Body, method: str, count: int) -> ComponentModes:
 
 def solve_modes(solid: Body, method: str, count: int) -> SolvedModes:
     """The solves of `component_modes`, for this number of normal modes or any smaller one; errors as there."""
-    b = solid.contact_rows
+    b, attachment = master_directions(solid)
     m = b.shape[0]
     free = solid.free - (m if method == "craig-bampton" else 0)
     extra = min(2, max(free - count, 0))  # so that a pair at the end of the list is whole when it is turned
     if count > free:
         raise SceneError(f"{solid.scene.source}: basis.modes = {count}: must be at most {free}, the number of free unknowns")
-    attachment = solid.factor.solve(b.T.copy()) if m else np.zeros((solid.local, 0))
     flexibility = solid.gram(b.T, attachment)
-    check_flexibility(solid, flexibility)
     inverse: Inverse = solid.factor
     if method == "craig-bampton" and m:
         inverse = Held(solid.factor, attachment, flexibility, solid)
     squares, normal = solid.eigenmodes(inverse, count + extra if count else 0)
     if np.any(squares <= 0.0):
         solid.warnings.append(f"the equilibrium is unstable: {int(np.sum(squares <= 0))} modes have omega^2 < 0")
-    return SolvedModes(method, squares, face_loads(solid, squares, normal), attachment, flexibility, inverse)
+    return SolvedModes(method, squares, face_loads(solid, squares, normal), b, attachment, flexibility, inverse)
 
 
 def first_modes(solid: Body, solved: SolvedModes, count: int) -> ComponentModes:
     """The component modes of a method with its first `count` normal modes."""
-    b, method = solid.contact_rows, solved.method
+    b, method = solved.rows, solved.method
     normal, squares = solved.normal[:, :count], solved.squares[:count]
     masters = solved.attachment @ np.linalg.inv(solved.flexibility)
     # 1/omega^2, but for modes of a split pair that were turned: their flexibility is not quite diagonal
@@ -157,19 +157,55 @@ def first_modes(solid: Body, solved: SolvedModes, count: int) -> ComponentModes:
     )
 
 
-def check_flexibility(solid: Body, flexibility: Array) -> None:
-    """Refuse contact coordinates that cannot move: B^T G must be positive definite."""
-    if flexibility.size == 0:
-        return
-    d = solid.scene.geometry.dimension
+def master_directions(solid: Body) -> tuple[Array, Array]:
+    """The directions W of the contact forces that are masters, as the scene's `basis.masters` asks.
+
+    Interface modes are the eigenvectors of B^T K^-1 B with the largest eigenvalues: of all sets of so many combinations of
+    contact forces theirs are the static responses that come nearest, in the energy, to those under any contact force.
+
+    Returns:
+        (m, local) W^T B^T, and the attachment modes (local, m) K^-1 B W.
+
+    Raises:
+        SceneError: a contact direction that the supports forbid, or that depends on others.
+    """
+    rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters
+    if rows.shape[0] == 0:
+        return rows, np.zeros((solid.local, 0))
+    if masters == "normal":
+        rows = rows[::d]
+    attachment = solid.factor.solve(rows.T.copy())
+    flexibility = solid.gram(rows.T, attachment)
+    check_flexibility(solid, flexibility, isinstance(masters, str))
+    if isinstance(masters, str):
+        return rows, attachment
+    values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
+    independent = int(np.sum(values > 1e-12 * values[-1]))
+    if masters > independent:
+        raise SceneError(
+            f"{solid.scene.source}: basis.masters = {masters}: must be at most {independent}, the number of independent contact "
+            "directions"
+        )
+    chosen = vectors[:, ::-1][:, :masters]
+    chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(masters)] < 0.0, -1.0, 1.0)
+    return chosen.T @ rows, attachment @ chosen
+
+
+def check_flexibility(solid: Body, flexibility: Array, independent: bool) -> None:
+    """Refuse contact coordinates that cannot move, or, of `independent` ones, not each alone: B^T G positive definite."""
+    points = len(solid.points.contact)
+    d = flexibility.shape[0] // points
     diagonal = np.diag(flexibility)
     for k in np.flatnonzero(~(diagonal > 1e-14 * np.max(diagonal))):
         raise SceneError(
-            f"{solid.scene.source}: contacts[{k // d}]: the supports forbid its motion along direction {k % d + 1} "
+            f"{solid.scene.source}: contacts[{solid.points.contact[k // d]}]: the supports forbid its motion along direction {k % d + 1} "
             f"of [normal, tangents]; move the contact away from the supports"
         )
-    if scaled_condition(flexibility) > 1e12:
-        raise SceneError(f"{solid.scene.source}: contacts: two contact coordinates always move together; remove one of them")
+    if independent and scaled_condition(flexibility) > 1e12:
+        raise SceneError(
+            f"{solid.scene.source}: contacts: two contact coordinates always move together; remove one of them, or set "
+            "basis.masters to a number of interface modes"
+        )
 
 
 def scaled_condition(matrix: Array) -> float:

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.contact import Contacts
+from fenicsrom.contact import ContactPoints, contacts_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
-from fenicsrom.integrate import Motion, integrate
+from fenicsrom.integrate import Motion, end_of, integrate
 from fenicsrom.reduced import ElasticPolynomial, ReducedModel, Signals, reduced_model
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 
@@ -33,13 +33,8 @@ BASIS_ERROR = 0.05  # relative difference from a basis with more derivatives abo
 SETTLED = 1e-3  # relative change of the amplitudes from period to period below which they are taken as settled
 ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
 
-FORMAT = "fenicsrom reduced model 1"
+FORMAT = "fenicsrom reduced model 2"
 UNITS = {"mass": "kg", "stiffness": "N/m", "quadratic": "N/m^2", "cubic": "N/m^3", "force": "N", "frequencies_hz": "Hz"}
-
-
-def contacts(scene: Scene) -> Contacts:
-    """The parameters of a scene's contact points."""
-    return Contacts(*(np.array([getattr(c, name) for c in scene.contacts], dtype=np.float64) for name in Contacts._fields))
 
 
 def signals(scene: Scene) -> Signals:
@@ -52,23 +47,27 @@ def simulate(
     scene: Scene,
     *,
     start: Motion | None = None,
-    keep_coordinates: bool = False,
-    progress: Callable[[float, float], None] | None = None,
+    **options: Any,
 ) -> Motion:
-    """Integrate a model of a scene (reduced, full or beam) as its [time] table says, from rest or on from a motion.
+    """Integrate a model of a scene (reduced, full or beam) as its [time] table says.
+
+    Args:
+        model: the model.
+        scene: the scene.
+        start: a motion at whose end to start again from t = 0; else from rest in the equilibrium.
+        options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of `fenicsrom.integrate.integrate`.
 
     Raises:
-        ConvergenceError: see `fenicsrom.integrate.integrate`.
+        ConvergenceError, AccuracyError: see there.
     """
     return integrate(
         model,
-        contacts(scene),
+        contacts_of(scene, model.points),
         scene.time,
         scene.period,
         dimension=scene.geometry.dimension,
-        start=start,
-        keep_coordinates=keep_coordinates,
-        progress=progress,
+        start=end_of(start) if start is not None else None,
+        **options,
     )
 
 
@@ -283,9 +282,12 @@ def save_model(path: Path, stored: StoredModel) -> None:
             damping=np.array(model.damping),
             **model.elastic._asdict(),
             loads=model.loads,
+            **{f"point_{name}": array for name, array in model.points._asdict().items()},
+            contact_rows=model.contact_rows,
             contact_offset=model.contact_offset,
             probe=model.probe,
             probe_offset=model.probe_offset,
+            turning=model.turning,
         )
 
 
@@ -326,6 +328,10 @@ def _one_line(text: str) -> str:
 def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]) -> StoredModel:
     n, d = len(labels), scene.geometry.dimension
     p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    belongs = data["point_contact"]
+    if belongs.ndim != 1 or belongs.dtype != np.int64 or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts))):
+        raise SceneError(f"{path}: point_contact does not name the contacts of the scene: the file is damaged")
+    points = belongs.size
     shapes = {
         "mass": (n, n),
         "damping": (),
@@ -334,9 +340,14 @@ def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: S
         "quadratic": (p, n if p else 0),
         "cubic": (p, p),
         "loads": (n, len(scene.loads)),
-        "contact_offset": (len(scene.contacts) * d,),
+        "point_share": (points,),
+        "point_position": (points, d),
+        "point_frame": (points, d, d),
+        "contact_rows": (points * d, n),
+        "contact_offset": (points * d,),
         "probe": (d, n),
         "probe_offset": (d,),
+        "turning": (n, n) if data["turning"].size else (0, 0),
         "frequencies_hz": (data["frequencies_hz"].size,),
     }
     for name, shape in shapes.items():
@@ -351,7 +362,8 @@ def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: S
     elastic = ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields))
     model = reduced_model(
         data["mass"], float(data["damping"]), elastic, data["loads"], signals(scene),
-        data["contact_offset"], data["probe"], data["probe_offset"],
+        ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)), data["contact_rows"],
+        data["contact_offset"], data["probe"], data["probe_offset"], data["turning"],
     )  # fmt: skip
     made_by = {str(k): str(v) for k, v in header["provenance"].items()}
     return StoredModel(model, scene, str(header["method"]), labels, int(header["dofs"]), data["frequencies_hz"], made_by)

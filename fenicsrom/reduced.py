@@ -25,7 +25,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.dense import add_combined_rows, compiled, inner, kernel, lu_factor, lu_solve, times
+from fenicsrom.contact import ContactPoints
+from fenicsrom.dense import add_combined_rows, add_times, compiled, inner, kernel, lu_factor, lu_solve, times, write_times
 
 Array = NDArray[np.float64]
 
@@ -139,7 +140,12 @@ class Workspace(NamedTuple):
         factor: (n, n) the last effective stiffness factorised.
         pivots: (n,)
         key: (2,) what the factor held was made of (a linear model keeps its factor).
-        block: (1 + m, n) right-hand sides and solutions.
+        block: (n, 1 + m) right-hand sides and solutions.
+        compliance: (m, m) contact displacement by contact force.
+        contact: (m,) contact displacement.
+        inertia: (n,) M v.
+        gyroscopic: (n,) Gamma v.
+        load: (n,) load vector.
     """
 
     columns: Array
@@ -151,10 +157,15 @@ class Workspace(NamedTuple):
     pivots: NDArray[np.int64]
     key: Array
     block: Array
+    compliance: Array
+    contact: Array
+    inertia: Array
+    gyroscopic: Array
+    load: Array
 
 
 class ReducedModel(NamedTuple):
-    """Everything the online stage needs of n coordinates, the first m of which are the contact displacements.
+    """Everything the online stage needs of n coordinates and m contact displacements.
 
     Attributes:
         mass: (n, n), kg.
@@ -162,9 +173,12 @@ class ReducedModel(NamedTuple):
         elastic: coefficients of the elastic force.
         loads: (n, loads), unit loads projected on the basis.
         signals: time factors of the loads.
-        contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m; m = 0 without contact.
+        points: the contact points.
+        contact_rows: (m, n) B^T R, contact displacements by coordinates; m = 0 without contact.
+        contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
+        turning: (n, n) gyroscopic matrix Gamma, kg/s; (0, 0) of a model without.
         work: where the results go.
     """
 
@@ -173,9 +187,12 @@ class ReducedModel(NamedTuple):
     elastic: ElasticPolynomial
     loads: Array
     signals: Signals
+    points: ContactPoints
+    contact_rows: Array
     contact_offset: Array
     probe: Array
     probe_offset: Array
+    turning: Array
     work: Workspace
 
     @property
@@ -187,6 +204,11 @@ class ReducedModel(NamedTuple):
     def linear(self) -> bool:
         """Whether the elastic force is linear."""
         return self.elastic.cubic.shape[0] == 0
+
+    @property
+    def gyroscopic(self) -> bool:
+        """Whether there are gyroscopic forces."""
+        return self.turning.shape[0] > 0
 
     @property
     def gauss_points(self) -> int:
@@ -208,18 +230,24 @@ class ReducedModel(NamedTuple):
             self.elastic, self.work.columns, self.work.points, self.work.products, q, self.work.force, self.work.slope
         )
 
-    def responses(self, inertia: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S = inertia M + slope; returns y (n,), Z (n, m) and G = B^T Z (m, m).
+    def responses(self, inertia: float, drag: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve S [y, Z] = [-residual, B] with S = inertia M + drag Gamma + slope; returns y (n,), Z (n, m), G = B^T Z (m, m).
 
-        B holds the first m unit vectors. A linear model keeps its factor while S is the same. A singular S gives NaN.
+        A linear model keeps its factor while S is the same. A singular S gives NaN.
         """
-        solve_responses(self.mass, self.elastic.cubic.shape[0] == 0, self.work, inertia, slope, residual)
-        unit = self.work.block[1:].T
-        return self.work.block[0], unit, unit[: unit.shape[1]]
+        solve_responses(
+            self.mass, self.turning, self.contact_rows, self.elastic.cubic.shape[0] == 0, self.work, inertia, drag, slope, residual
+        )
+        return self.work.block[:, 0], self.work.block[:, 1:], self.work.compliance
+
+    def negative_directions(self, slope: Array) -> int:
+        """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
+        return int(np.sum(np.linalg.eigvalsh(0.5 * (slope + slope.T)) < 0.0))
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
-        return self.contact_offset + q[: self.contact_offset.size]
+        add_times(self.contact_offset, self.contact_rows, q, self.work.contact)
+        return self.work.contact
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
@@ -227,7 +255,13 @@ class ReducedModel(NamedTuple):
 
     def mass_times(self, v: Array) -> Array:
         """M v (n,)."""
-        return times(self.mass, v)
+        write_times(self.mass, v, self.work.inertia)
+        return self.work.inertia
+
+    def gyroscopic_times(self, v: Array) -> Array:
+        """Gamma v (n,)."""
+        write_times(self.turning, v, self.work.gyroscopic)
+        return self.work.gyroscopic
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors (n,)."""
@@ -235,8 +269,8 @@ class ReducedModel(NamedTuple):
 
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
-        signals = self.signals
-        return times(self.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
+        write_load(self.loads, self.signals, time, self.work.load)
+        return self.work.load
 
 
 def reduced_model(
@@ -245,44 +279,83 @@ def reduced_model(
     elastic: ElasticPolynomial,
     loads: Array,
     signals: Signals,
+    points: ContactPoints,
+    contact_rows: Array,
     contact_offset: Array,
     probe: Array,
     probe_offset: Array,
+    turning: Array | None = None,
 ) -> ReducedModel:
     """A `ReducedModel` with its workspace; arguments as its attributes."""
-    n = mass.shape[0]
-    tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in (mass, loads, contact_offset, probe, probe_offset)]
+    n, m = mass.shape[0], contact_rows.shape[0]
+    turning = np.zeros((0, 0)) if turning is None else turning
+    arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, turning
+    tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
     times = Signals(*(np.ascontiguousarray(a, dtype=np.float64) for a in signals))
+    where = ContactPoints(np.ascontiguousarray(points.contact, dtype=np.int64), *map(np.ascontiguousarray, points[1:]))
     return ReducedModel(
-        tidy[0], float(damping), coefficients, tidy[1], times, tidy[2], tidy[3], tidy[4],
+        tidy[0], float(damping), coefficients, tidy[1], times, where, tidy[2], tidy[3], tidy[4], tidy[5], tidy[6],
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T), points=np.zeros((2, n)),
             products=np.zeros((3, 2, coefficients.cubic.shape[0])), force=np.zeros(n), slope=np.zeros((n, n)),
             factor=np.zeros((n, n)), pivots=np.zeros(n, dtype=np.int64), key=np.zeros(2),
-            block=np.zeros((1 + contact_offset.size, n)),
+            block=np.zeros((n, 1 + m)), compliance=np.zeros((m, m)), contact=np.zeros(m), inertia=np.zeros(n),
+            gyroscopic=np.zeros(n), load=np.zeros(n),
         ),
     )  # fmt: skip
 
 
 @kernel
-def solve_responses(mass: Array, linear: bool, work: Workspace, inertia: float, slope: Array, residual: Array) -> None:
-    """Leave the solutions of `ReducedModel.responses` in the rows of work.block."""
-    n, factor, key, block = residual.size, work.factor, work.key, work.block
+def write_load(loads: Array, signals: Signals, time: float, out: Array) -> None:
+    """Write the load vector (n,) at a time."""
+    for i in range(out.size):
+        out[i] = 0.0
+    for k in range(loads.shape[1]):
+        factor = signals.amplitude[k] * np.sin(signals.omega[k] * time + signals.phase[k])
+        for i in range(out.size):
+            out[i] += factor * loads[i, k]
+
+
+@kernel
+def solve_responses(
+    mass: Array,
+    turning: Array,
+    rows: Array,
+    linear: bool,
+    work: Workspace,
+    inertia: float,
+    drag: float,
+    slope: Array,
+    residual: Array,
+) -> None:
+    """Leave the solutions of `ReducedModel.responses` in the columns of work.block and in work.compliance."""
+    n, m = residual.size, rows.shape[0]
+    factor, key, block, compliance = work.factor, work.key, work.block, work.compliance
     if not (linear and key[0] == inertia and key[1] == slope[0, 0]):
         for i in range(n):
             for j in range(n):
                 factor[i, j] = inertia * mass[i, j] + slope[i, j]
-        key[0] = inertia if lu_factor(factor, work.pivots) else np.nan
+        if drag != 0.0 and turning.shape[0] > 0:
+            for i in range(n):
+                for j in range(n):
+                    factor[i, j] += drag * turning[i, j]
+        key[0] = inertia if lu_factor(factor, work.pivots, n) else np.nan
         key[1] = slope[0, 0]
     for i in range(n):
-        block[0, i] = -residual[i]
-        for j in range(1, block.shape[0]):
-            block[j, i] = 1.0 if i == j - 1 else 0.0
+        block[i, 0] = -residual[i]
+        for j in range(m):
+            block[i, 1 + j] = rows[j, i]
     if np.isnan(key[0]):
         block[:] = np.nan
     else:
-        lu_solve(factor, work.pivots, block.T)
+        lu_solve(factor, work.pivots, block, n)
+    for i in range(m):
+        for j in range(m):
+            value = 0.0
+            for k in range(n):
+                value += rows[i, k] * block[k, 1 + j]
+            compliance[i, j] = value
 
 
 @kernel
@@ -423,10 +496,12 @@ class DenseModel:
         energy: Callable[[Array], float],
         loads: Array,
         signals: Signals,
+        points: ContactPoints,
         contact_rows: Array,
         contact_offset: Array,
         probe: Array,
         probe_offset: Array,
+        turning: Array | None = None,
         *,
         linear: bool,
         gauss_points: int,
@@ -440,15 +515,19 @@ class DenseModel:
             energy: q -> elastic energy, J.
             loads: (n, loads) unit loads.
             signals: their time factors.
+            points: the contact points.
             contact_rows: (m, n) B^T.
             contact_offset: (m,) contact displacement at q = 0.
             probe: (d, n) rows of the probe's displacement.
             probe_offset: (d,) its displacement at q = 0.
+            turning: (n, n) gyroscopic matrix, where there is one.
             linear: the tangent is constant.
             gauss_points: points that integrate the force along a step exactly, or to rounding.
         """
         self.mass, self.damping, self.signals = mass, damping, signals
-        self.linear, self.gauss_points = linear, gauss_points
+        self.linear, self.gauss_points, self.points = linear, gauss_points, points
+        self.gyroscopic = turning is not None
+        self._turning = np.zeros_like(mass) if turning is None else turning
         self._elastic, self._energy = elastic, energy
         self._loads, self._rows, self._offset = loads, contact_rows, contact_offset
         self._probe, self._probe_offset = probe, probe_offset
@@ -470,11 +549,13 @@ class DenseModel:
         """Elastic force (n,) and energy."""
         return self._elastic(q)[0], self._energy(q)
 
-    def responses(self, inertia: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + slope) [y, Z] = [-residual, B]; NaN if the matrix is singular."""
+    def responses(self, inertia: float, drag: float, slope: Array, residual: Array) -> tuple[Array, Array, Array]:
+        """Solve (inertia M + drag Gamma + slope) [y, Z] = [-residual, B]; NaN if the matrix is singular."""
         key = (inertia, float(slope[-1, -1]))
         if not (self.linear and key == self._key):
             effective = inertia * self.mass + slope
+            if self.gyroscopic:
+                effective += drag * self._turning
             self._factor = scipy.linalg.lu_factor(effective, check_finite=False) if np.all(np.isfinite(effective)) else None
             self._key = key
         block = np.concatenate([-residual[:, None], self._rows.T], axis=1)
@@ -483,6 +564,10 @@ class DenseModel:
         else:
             block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
         return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
+
+    def negative_directions(self, slope: Array) -> int:
+        """Number of negative eigenvalues of a stiffness."""
+        return int(np.sum(np.linalg.eigvalsh(0.5 * (slope + slope.T)) < 0.0))
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""
@@ -495,6 +580,10 @@ class DenseModel:
     def mass_times(self, v: Array) -> Array:
         """M v."""
         return self.mass @ v
+
+    def gyroscopic_times(self, v: Array) -> Array:
+        """Gamma v."""
+        return self._turning @ v
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product."""
@@ -536,9 +625,8 @@ def project_intrusively(solid: Any, basis: ReducedBasis) -> DenseModel:
         return float(solid.energy(u0 + r @ q) - rest)
 
     parts = _projections(solid, r)
-    rows = np.eye(basis.masters, basis.size)
     return DenseModel(
-        elastic=elastic, energy=energy, contact_rows=rows, linear=False, gauss_points=solid.gauss_points,
+        elastic=elastic, energy=energy, linear=False, gauss_points=solid.gauss_points,
         **parts,
     )  # fmt: skip
 
@@ -551,6 +639,8 @@ def _projections(solid: Any, r: Array) -> dict[str, Any]:
         "damping": solid.scene.material.mass_damping,
         "loads": solid.gram(r, solid.load_vectors),
         "signals": solid.signals,
+        "points": solid.points,
+        "contact_rows": solid.comm.allreduce(solid.contact_rows @ r),
         "contact_offset": solid.comm.allreduce(solid.contact_rows @ u0),
         "probe": solid.comm.allreduce(solid.probe_rows @ r),
         "probe_offset": solid.comm.allreduce(solid.probe_rows @ u0),

@@ -17,6 +17,7 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
@@ -180,6 +181,15 @@ def _label(value: Any, where: _Where) -> str:
     return "".join(f"{number}{'VS'[kind]}" for kind, number in pair)
 
 
+def _masters(value: Any, where: _Where) -> str | int:
+    """Which contact directions are masters."""
+    if value in ("all", "normal"):
+        return str(value)
+    if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
+        raise where.refuse(value, 'must be "all", "normal" or an integer from 1 to 1000')
+    return int(value)
+
+
 def _derivatives(value: Any, where: _Where) -> str | tuple[str, ...]:
     """A way of choosing derivatives, or their labels."""
     if value in ("none", "all", "mmi", "mmi-nls"):
@@ -223,6 +233,21 @@ def _list(rule: Rule) -> Rule:
         return values
 
     return listed
+
+
+def _rows(*names: str) -> Rule:
+    """A list of rows of so many numbers each."""
+    allowed = f"must be a list of [{', '.join(names)}], finite numbers"
+
+    def rule(value: Any, where: _Where) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(value, list | tuple):
+            raise where.refuse(value, allowed)
+        for index, row in enumerate(value):
+            if not isinstance(row, list | tuple) or len(row) != len(names) or not all(map(_is_number, row)):
+                raise where.at(index).refuse(row, f"must be [{', '.join(names)}], finite numbers")
+        return tuple(tuple(float(entry) for entry in row) for row in value)
+
+    return rule
 
 
 def _tables(kind: type, least: int = 0) -> Rule:
@@ -362,12 +387,13 @@ class Place(Region):
     Attributes:
         node: coordinates in m of a node, which must lie there.
         nearest: coordinates in m of a point that the nearest node is taken for, however far it is.
-        at: on a region, "mean" (area-weighted mean over it) or "centre" (the node nearest to its centroid).
+        at: on a region, "mean" (area-weighted mean over it), "centre" (the node nearest to its centroid) or, of a contact,
+            "nodes" (every node, each with its share of the area or length, or one among so many of a group of nodes alone).
     """
 
     node: Annotated[tuple[float, ...] | None, _point] = None
     nearest: Annotated[tuple[float, ...] | None, _point] = None
-    at: Annotated[str, _choice("mean", "centre")] = "mean"
+    at: Annotated[str, _choice("mean", "centre", "nodes")] = "mean"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -395,23 +421,54 @@ class Load:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Surface:
+    """A round rigid surface.
+
+    Attributes:
+        kind: "cylinder" (in two dimensions a circle) or "sphere".
+        point: a point of the axis, or the centre, m.
+        axis: unit vector along the axis of a cylinder in three dimensions; else None.
+        inside: whether the body is inside, as a blade in its casing, or outside.
+        radius: radius in m; None to follow from the gap.
+        spin: rate at which the surface turns about its axis, in rad/s, as the body sees it.
+        waves: of a cylinder, (order, height in m, phase in rad) of each: the surface comes nearer to the body by
+            height cos(order (angle - spin t) - phase), the angle from the first tangent of `fenicsrom.contact.frame` of the axis
+            (in two dimensions from x).
+    """
+
+    kind: Annotated[str, _choice("cylinder", "sphere")]
+    point: Annotated[tuple[float, ...], _point]
+    axis: Annotated[tuple[float, ...] | None, _direction] = None
+    inside: Annotated[bool, _flag] = True
+    radius: Annotated[float | None, _number(above=0.0)] = None
+    spin: Annotated[float, _number()] = 0.0
+    waves: Annotated[tuple[tuple[float, ...], ...], _rows("order", "height", "phase")] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class Contact:
-    """A point against a rigid plane.
+    """A point, or every node of a region, against a rigid surface: a plane, or `surface`.
+
+    With at = "nodes" the preload and both stiffnesses are per unit of what the nodes share: area, length, or a node.
 
     Attributes:
         place: the point.
-        normal: unit vector into the plane.
+        normal: unit vector into the plane; None before a surface.
+        surface: a surface that is not plane, or None.
         preload: normal force N0 in N at the undeformed position.
-        gap: initial distance from the plane in m.
+        gap: initial distance in m, of the nearest of the nodes.
+        approach: (time in s, distance in m) of a surface that comes nearer, linear between the times; at rest without.
         normal_stiffness: k_n in N/m.
         tangential_stiffness: k_t in N/m.
         friction: coefficient of friction.
     """
 
     place: Annotated[Place, Place]
-    normal: Annotated[tuple[float, ...], _direction]
-    preload: Annotated[float, _number(least=0.0)]
+    normal: Annotated[tuple[float, ...] | None, _direction] = None
+    surface: Annotated[Surface | None, _table(Surface)] = None
+    preload: Annotated[float, _number(least=0.0)] = 0.0
     gap: Annotated[float, _number(least=0.0)] = 0.0
+    approach: Annotated[tuple[tuple[float, ...], ...], _rows("time", "distance")] = ()
     normal_stiffness: Annotated[float, _number(above=0.0)]
     tangential_stiffness: Annotated[float, _number(above=0.0)]
     friction: Annotated[float, _number(least=0.0)]
@@ -425,6 +482,8 @@ class Basis:
         method: "rubin" or "craig-bampton".
         modes: number of normal modes.
         derivatives: "none", "all", "mmi", "mmi-nls" or the labels of the derivatives to keep.
+        masters: directions of the contact forces that the static modes belong to: "all" of every point, "normal" alone, or a
+            number of interface modes, the combinations of forces that the body yields most to.
         threshold: smallest weight a derivative is kept with, relative to the largest (mmi and mmi-nls).
         differentiation: "exact" or "central-difference", of the tangent.
         elastic_force: "polynomial" (exact, without the mesh) or "projection" (of the full elastic force).
@@ -432,6 +491,7 @@ class Basis:
 
     method: Annotated[str, _choice("rubin", "craig-bampton")] = "rubin"
     modes: Annotated[int, _integer(0, 1000)] = 3
+    masters: Annotated[str | int, _masters] = "all"
     derivatives: Annotated[str | tuple[str, ...], _derivatives] = "mmi-nls"
     threshold: Annotated[float, _number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, _choice("exact", "central-difference")] = "exact"
@@ -623,7 +683,11 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         if region.plane:
             vectors += [(f"{key}.plane.{name}", getattr(region.plane, name)) for name in ("point", "normal")]
     vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads)]
-    vectors += [(f"contacts[{index}].normal", contact.normal) for index, contact in enumerate(scene.contacts)]
+    for index, contact in enumerate(scene.contacts):
+        vectors += [(f"contacts[{index}].normal", contact.normal)] if contact.normal else []
+        if contact.surface is not None:
+            vectors += [(f"contacts[{index}].surface.point", contact.surface.point)]
+            vectors += [(f"contacts[{index}].surface.axis", contact.surface.axis)] if contact.surface.axis else []
     for key, vector in vectors:
         if len(vector) != scene.geometry.dimension:
             yield key, vector, f"must have {scene.geometry.dimension} components, as geometry.dimension says"
@@ -636,7 +700,11 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         if len(values) > 1:
             first, second = list(values)[:2]
             yield f"{key}.{second}", _plain(values[second]), f"must not be given together with {first}"
+    for index, contact in enumerate(scene.contacts):
+        yield from _contact_contradictions(contact, f"contacts[{index}]", scene.geometry.dimension)
     for key, place in places:
+        if place.at == "nodes" and not key.startswith("contacts"):
+            yield f"{key}.at", place.at, 'must be "mean" or "centre", but of a contact'
         if place.at != "mean" and (place.node or place.nearest):
             yield f"{key}.at", place.at, f"must not be given together with {'node' if place.node else 'nearest'}"
     for index, load in enumerate(scene.loads):
@@ -646,6 +714,35 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         yield "probe", MISSING, "must be a table in a scene with neither contact nor load"
     yield from _basis_contradictions(scene)
     yield from _time_contradictions(scene)
+
+
+def _contact_contradictions(contact: Contact, key: str, dimension: int) -> Iterator[tuple[str, object, str]]:
+    """The same within a contact."""
+    surface = contact.surface
+    if surface is None and contact.normal is None:
+        yield f"{key}.normal", MISSING, "must be given, or a surface"
+    times = [time for time, _ in contact.approach]
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield f"{key}.approach", times, "must have times that increase"
+    if surface is None:
+        return
+    if contact.normal is not None:
+        yield f"{key}.normal", contact.normal, "must not be given together with surface"
+    wanted = dimension == 3 and surface.kind == "cylinder"
+    if wanted and surface.axis is None:
+        yield f"{key}.surface.axis", MISSING, "must be given of a cylinder in three dimensions"
+    if not wanted and surface.axis is not None:
+        yield f"{key}.surface.axis", surface.axis, "must not be given but of a cylinder in three dimensions"
+    if dimension == 2 and surface.kind == "sphere":
+        yield f"{key}.surface.kind", surface.kind, 'must be "cylinder" in two dimensions'
+    if surface.radius is not None and contact.gap:
+        yield f"{key}.gap", contact.gap, "must not be given together with surface.radius, from which it follows"
+    if surface.kind == "sphere" and (surface.waves or surface.spin):
+        name = "waves" if surface.waves else "spin"
+        yield f"{key}.surface.{name}", getattr(surface, name), "must not be given of a sphere"
+    for index, (order, _, _) in enumerate(surface.waves):
+        if order != round(order) or order < 1:
+            yield f"{key}.surface.waves[{index}]", order, "must be of an integer order of at least 1"
 
 
 def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, str]]:
@@ -675,8 +772,13 @@ def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     """The same between the basis and the contacts."""
     if scene.basis.modes < 1 and not scene.contacts:
         yield "basis.modes", scene.basis.modes, "must be at least 1 in a scene without contact"
-    if isinstance(scene.basis.derivatives, tuple):
-        available = {"V": scene.basis.modes, "S": len(scene.contacts) * scene.geometry.dimension}
+    if not scene.contacts and scene.basis.masters != "all":
+        yield "basis.masters", scene.basis.masters, "must not be given in a scene without contact"
+    if isinstance(scene.basis.derivatives, tuple) and not any(contact.place.at == "nodes" for contact in scene.contacts):
+        points, masters = len(scene.contacts), scene.basis.masters
+        each = scene.geometry.dimension if masters == "all" else 1
+        static = points * each if isinstance(masters, str) else min(masters, points * scene.geometry.dimension)
+        available = {"V": scene.basis.modes, "S": static}
         for index, label in enumerate(scene.basis.derivatives):
             if any(int(number) > available[kind] for number, kind in re.findall(r"([0-9]+)([VS])", label)):
                 allowed = f"must be of the {available['V']} normal (V) and {available['S']} static (S) modes"

@@ -20,6 +20,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from fenicsrom.contact import ContactPoints, frame, no_points, surface_normal
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.linalg import Factorisation, Inverse, eigenmodes, multiply
 from fenicsrom.mesh import Mesh, unclamped_pieces
@@ -55,6 +56,7 @@ class Solid:
         factor: K, factorised once: modes, attachments, constraints and derivatives all use it.
         equilibrium: (local,) displacement under the static loads, m.
         contact_rows: (m, local) B^T: contact displacements in the local frames [normal, tangents], point by point.
+        points: the contact points.
         probe_rows: (d, local) displacement of the probe in global axes.
         load_vectors: (local, loads) unit loads.
         signals: time factors of the loads.
@@ -348,14 +350,14 @@ class Solid:
 
     def _frames(self) -> None:
         scene, d = self.scene, self.scene.geometry.dimension
-        self.contact_frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
-        self.contact_positions = []
-        rows = []
+        rows, found = [], []
         for k, contact in enumerate(scene.contacts):
-            at, position = self.place(contact.place, f"contacts[{k}]")
-            rows.append(self.contact_frames[k] @ at)
-            self.contact_positions.append(position)
+            for at, position, share in self._touching(contact.place, f"contacts[{k}]"):
+                axes = frame(surface_normal(contact, position[:d], f"{scene.source}: contacts[{k}]"))
+                rows.append(axes @ at)
+                found.append((k, share, position[:d], axes))
         self.contact_rows = np.concatenate(rows) if rows else np.zeros((0, self.local))
+        self.points = ContactPoints(*map(np.array, zip(*found, strict=True))) if found else no_points(d)
         loads, self.load_positions = [], []
         for k, load in enumerate(scene.loads):
             at, position = self.place(load.place, f"loads[{k}]")
@@ -366,6 +368,30 @@ class Solid:
         probe = scene.probe or (scene.contacts[0].place if scene.contacts else None) or scene.loads[0].place
         self.probe_rows, self.probe_position = self.place(probe, "probe")
         assert self.probe_rows.shape[0] == d
+
+    def _touching(self, place: Place, key: str) -> list[tuple[Array, Array, float]]:
+        """The points of a contact: rows (d, local) of the displacement, position (3,) and share of each."""
+        if place.at != "nodes":
+            return [(*self.place(place, key), 1.0)]
+        d = self.scene.geometry.dimension
+        weights, _, measure = self._mean(place, key) if self.mesh.has_facets(place) else self._mean_of_nodes(place)
+        x = self.space.tabulate_dof_coordinates()[: self.local // d]
+        weights[self._clamped[::d] // d] = 0.0
+        largest = self.comm.allreduce(float(np.max(weights, initial=0.0)), op=MPI.MAX)
+        mine = [  # corners of quadratic triangles have no share
+            (*x[node].round(12), float(weights[node]), self.comm.rank, int(node))
+            for node in np.flatnonzero(weights > 1e-9 * largest)
+        ]
+        chosen = sorted(point for points in self.comm.allgather(mine) for point in points)
+        if not chosen:
+            raise SceneError(f"{self.scene.source}: {key}: every node of it is clamped; choose free ones")
+        found = []
+        for *position, weight, rank, node in chosen:
+            rows = np.zeros((d, self.local))
+            if rank == self.comm.rank:
+                rows[np.arange(d), int(node) * d + np.arange(d)] = 1.0
+            found.append((rows, np.array(position), float(weight * measure)))
+        return found
 
     def place(self, place: Place, key: str) -> tuple[Array, Array]:
         """Rows that give the displacement of a place.
@@ -386,7 +412,7 @@ class Solid:
         name, wanted = ("nearest", place.nearest) if place.nearest is not None else ("node", place.node)
         near = np.inf
         if wanted is None:
-            weights, position = self._mean(place, key) if self.mesh.has_facets(place) else self._mean_of_nodes(place)
+            weights, position, _ = self._mean(place, key) if self.mesh.has_facets(place) else self._mean_of_nodes(place)
             if place.at == "mean":
                 for k in range(d):
                     rows[k, k::d] = weights
@@ -417,8 +443,8 @@ class Solid:
             raise SceneError(f"{self.scene.source}: {key}: the node at {list(chosen[1 : 1 + d])} is clamped; choose a free one")
         return rows, np.array(chosen[1:4])
 
-    def _mean(self, region: Region, key: str) -> tuple[Array, Array]:
-        """Area-weighted mean over facets: weights (local / d,) of the nodes, and the centroid (3,)."""
+    def _mean(self, region: Region, key: str) -> tuple[Array, Array, float]:
+        """Area-weighted mean over facets: weights (local / d,) of the nodes, the centroid (3,) and the area, m^2."""
         domain = self.mesh.domain
         ds = self.mesh.surface(region)
         scalar = fem.functionspace(domain, ("Lagrange", self.scene.geometry.degree))
@@ -436,10 +462,12 @@ class Solid:
         for k in range(self.scene.geometry.dimension):
             position[k] = self.comm.allreduce(fem.assemble_scalar(fem.form(x[k] * ds))) / area
         local = scalar.dofmap.index_map.size_local
-        return weights.x.array[:local] / area, position
+        return weights.x.array[:local] / area, position, float(area * (self.scene.geometry.thickness or 1.0))
 
-    def _mean_of_nodes(self, region: Region) -> tuple[Array, Array]:
-        """Mean over a node group, weighted by the length of its edges, equal without any: weights and centroid as above."""
+    def _mean_of_nodes(self, region: Region) -> tuple[Array, Array, float]:
+        """Mean over a node group, weighted by the length of its edges, equal without any: weights and centroid as above, and
+        the length, or the number of the nodes.
+        """
         domain, degree = self.mesh.domain, self.scene.geometry.degree
         scalar = fem.functionspace(domain, ("Lagrange", degree))
         weights = fem.Function(scalar)
@@ -461,7 +489,7 @@ class Solid:
             weights.x.array[self.mesh.nodes(region, scalar)] = 1.0
         mine = weights.x.array[:local]
         total = self.comm.allreduce(float(mine.sum()))
-        return mine / total, np.asarray(self.comm.allreduce(mine @ x[:local])) / total
+        return mine / total, np.asarray(self.comm.allreduce(mine @ x[:local])) / total, float(total)
 
     # ------------------------------------------------------------------ tabulation
 
@@ -491,18 +519,3 @@ class Solid:
                 self._set(self._x, self.equilibrium if k == 0 else fields[:, k - 1])
                 gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             yield (thickness * detj * weights).reshape(-1), gradients
-
-
-def frame(normal: Array) -> Array:
-    """The local frame of a unit normal: rows normal, tangents; (d, d), right-handed.
-
-    The first tangent in 3D lies nearest to the first of the axes y, z, x that is least aligned with the normal, so that a
-    wall beyond a blade's tip along x has the tangents y and z.
-    """
-    if normal.size == 2:
-        return np.array([normal, [-normal[1], normal[0]]])
-    order = [1, 2, 0]
-    axis = order[int(np.argmin(np.round(np.abs(normal[order]), 12)))]
-    tangent = np.eye(3)[axis] - normal[axis] * normal
-    tangent /= np.linalg.norm(tangent)
-    return np.array([normal, tangent, np.cross(normal, tangent)])

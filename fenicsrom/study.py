@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis, build_basis
 from fenicsrom.beam import BeamBody, timoshenko
+from fenicsrom.contact import ContactPoints, frame, no_points
 from fenicsrom.derivatives import all_pairs, modal_derivatives
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.integrate import Motion
@@ -373,8 +374,6 @@ def beam_body(scene: Scene) -> BeamBody:
     Raises:
         SceneError: the scene's loads or contacts are not those of a planar beam along x.
     """
-    from fenicsrom.solid import frame
-
     section, d = scene.reference.beam, scene.geometry.dimension
     assert section is not None
     try:
@@ -387,6 +386,8 @@ def beam_body(scene: Scene) -> BeamBody:
         raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {count}")
     for k, item in enumerate([*scene.loads, *scene.contacts]):
         vector = item.direction if k < len(scene.loads) else item.normal
+        if vector is None or (k >= len(scene.loads) and item.place.at == "nodes"):
+            raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, before a plane")
         if d == 3 and abs(vector[2]) > 1e-12:
             raise SceneError(f"{scene.source}: reference.beam = true: the beam moves in the x-y plane, {list(vector)} leaves it")
 
@@ -399,5 +400,11 @@ def beam_body(scene: Scene) -> BeamBody:
         raise SceneError(f"{scene.source}: reference.beam = true: the beam starts at rest, undeformed; leave out static loads")
     tip = rows(beam.tip_node)
     loads = np.array([np.array(load.direction) @ rows(beam.load_node) for load in scene.loads]).reshape(-1, n).T
-    contact_rows = np.concatenate([frame(np.array(c.normal)) @ tip for c in scene.contacts] or [np.zeros((0, n))])
-    return BeamBody(scene, beam, loads, contact_rows, tip)
+    frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
+    contact_rows = np.concatenate([axes @ tip for axes in frames] or [np.zeros((0, n))])
+    points = no_points(d)
+    if frames:
+        position = np.zeros((1, d))
+        position[0, 0] = section.length
+        points = ContactPoints(np.zeros(1, dtype=np.int64), np.ones(1), position, np.array(frames))
+    return BeamBody(scene, beam, loads, points, contact_rows, tip)
