@@ -274,8 +274,10 @@ class BeamBody:
     gauss_points = 5
     comm = _Alone()
 
-    def __init__(self, scene: Scene, beam: TimoshenkoBeam, loads: Array, points: ContactPoints, contact_rows: Array, probe_rows: Array):
-        """Keep the beam and its places: unit loads (n, loads), B^T (m, n) and the rows of the probe (d, n)."""
+    def __init__(
+        self, scene: Scene, beam: TimoshenkoBeam, loads: Array, points: ContactPoints, contact_rows: Array, probe_rows: Array
+    ):
+        """Keep the beam and its places: unit loads (n, loads), contact points, B^T (m, n) and the rows of the probe (d, n)."""
         self.scene, self.beam = scene, beam
         self.mass, self.stiffness = beam.mass, beam.stiffness
         self.size = self.local = self.free = beam.mass.shape[0]
@@ -290,7 +292,8 @@ class BeamBody:
         linear = self.beam.linear
         return DenseModel(
             self.mass, self.scene.material.mass_damping, self.beam.elastic, self.beam.energy, self.load_vectors, self.signals,
-            self.points, self.contact_rows, np.zeros(self.contact_rows.shape[0]), self.probe_rows, np.zeros(self.probe_rows.shape[0]),
+            self.points, self.contact_rows, np.zeros(self.contact_rows.shape[0]), self.probe_rows,
+            np.zeros(self.probe_rows.shape[0]),
             linear=linear, gauss_points=1 if linear else self.gauss_points,
         )  # fmt: skip
 

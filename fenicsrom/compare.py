@@ -37,7 +37,6 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.contact import mean_normal_force
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, scheme

@@ -16,9 +16,9 @@ their axis; a cylinder may have waves. The normal is that of the current positio
 Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
 step, in closed form), or is the weighted mean of its ends, as the scheme asks. Friction is the law at the weighted point
 x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a),
-where the law is applied once more. So friction dissipates in every step, whatever its size:
+where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates in every step, whatever its size:
 
-    T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + k_t (1/2 - a) |d(x - w)|^2 + (what the law at the end takes) >= 0    for a <= 1/2
+    T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + (what the law at the end takes from the spring) >= 0
 
 Everything is pure: it reads the last accepted state and writes into arrays of the caller; a rejected step leaves no trace.
 """
@@ -111,7 +111,8 @@ def planes(
 ) -> Contacts:
     """Points each before a plane at rest at a distance `gap`, all (P,): what most scenes have."""
     count = len(preload)
-    n0, g0, kn, kt, mu = (np.asarray(a, dtype=np.float64) for a in (preload, gap, normal_stiffness, tangential_stiffness, friction))
+    given = preload, gap, normal_stiffness, tangential_stiffness, friction
+    n0, g0, kn, kt, mu = (np.asarray(values, dtype=np.float64) for values in given)
     return Contacts(
         preload=n0, normal_stiffness=kn, tangential_stiffness=kt, friction=mu, kind=np.full(count, PLANE),
         axes=np.tile(np.eye(dimension), (count, 1, 1)), centre=np.zeros((count, dimension)), radius=g0, side=np.ones(count),
@@ -236,8 +237,14 @@ class Touch(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room to work in, and what is found of a step: `mean` (P, d), the mean force, `rubbing` (P, d), the friction in it, `push`
-    (P,), the normal force in it, `motion` (P,), OPEN, SLIP or STICK, and `slopes` (P, d, d), the mean force by the end point.
+    """Room to work in, and what is found of a step.
+
+    Attributes:
+        mean: (P, d) mean force, N.
+        rubbing: (P, d) the friction in it, N.
+        push: (P,) the normal force in it, N.
+        motion: (P,) OPEN, SLIP or STICK.
+        slopes: (P, d, d) derivative of the mean force by the displacement at the end, N/m.
     """
 
     mean: Array
@@ -246,6 +253,8 @@ class Room(NamedTuple):
     motion: NDArray[np.int8]
     slopes: Array
     guess: Array
+    held: Array
+    held_rubbing: Array
     residual: Array
     product: Array
     touching: NDArray[np.int64]
@@ -257,8 +266,13 @@ class Room(NamedTuple):
 
 
 class Interval(NamedTuple):
-    """A time step from `begin` to `end` in s; `start_weight` is a of the module docstring, `line`: the normal force is its mean
-    along the straight way (discrete gradient) in place of the weighted ends.
+    """A time step.
+
+    Attributes:
+        begin: s.
+        end: s.
+        start_weight: a of the module docstring.
+        line: the normal force is its mean along the straight way (discrete gradient) in place of the weighted ends.
     """
 
     begin: float
@@ -280,8 +294,8 @@ def room(points: int, d: int) -> Room:
     m = points * d
     return Room(
         np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
-        np.zeros((points, d, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
-        np.zeros(points, dtype=np.int64), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
+        np.zeros((points, d, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
+        np.zeros((points, d)), np.zeros(points, dtype=np.int64), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
         np.zeros((6, d)), np.zeros((2, d, d)),
     )  # fmt: skip
 
@@ -621,18 +635,25 @@ def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: To
     end.state[p] = OPEN if pressed == 0.0 else SLIP if slips else STICK
     # energies
     carry(contacts, p, length, x0, carried)
-    dissipated, surface = 0.0, 0.0
-    for k in range(d):
-        dissipated += rubbing[k] * (x1[k] - carried[k])
-        dissipated -= 0.5 * (force[k] ** 2 - start.friction[p, k] ** 2) / kt
-        surface -= rubbing[k] * (carried[k] - x0[k])
-        if motion == SLIP or contacts.kind[p] != PLANE:
+    available, stored, surface = 0.0, 0.0, 0.0
+    for k in range(d):  # the schemes that balance forces at weighted ends do work by the trapezoidal rule
+        rub = rubbing[k] if interval.line else 0.5 * (start.friction[p, k] + force[k])
+        available += rub * (x1[k] - carried[k]) + 0.5 * start.friction[p, k] ** 2 / kt
+        stored += 0.5 * force[k] ** 2 / kt
+        surface -= rub * (carried[k] - x0[k])
+    if interval.line and contacts.kind[p] != PLANE and stored > available:  # the tangent plane has turned: the spring keeps what it was given
+        factor = np.sqrt(max(available, 0.0) / stored)
+        for k in range(d):
+            force[k] *= factor
+        stored = max(available, 0.0)
+    if motion == SLIP or contacts.kind[p] != PLANE:
+        for k in range(d):
             slider[k] = x1[k] - force[k] / kt
     if contacts.times.size > 0 or (contacts.order.size > 0 and contacts.spin[p] != 0.0):
         surface += push * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
         for k in range(d):
             surface -= (mean[k] - rubbing[k]) * (x1[k] - x0[k])
-    return dissipated, surface
+    return available - stored, surface
 
 
 @kernel
@@ -682,6 +703,8 @@ def resolve(
             end.x[p, k] = room.guess[p, k]
     for p in range(points):
         over_step(contacts, interval, p, start, end, room)
+        for k in range(d):
+            room.held[p, k], room.held_rubbing[p, k] = room.mean[p, k], room.rubbing[p, k]
     for _ in range(CONTACT_SWEEPS):
         for p in range(points):
             for k in range(d):
@@ -788,7 +811,7 @@ def sweep(
     points, d = free.shape
     a = interval.start_weight
     theta = 1.0 - a
-    x, mean, rubbing = end.x[p], room.mean[p], room.rubbing[p]
+    x, mean, rubbing = end.x[p], room.held[p], room.held_rubbing[p]
     kn, kt, preload, before = contacts.normal_stiffness[p], contacts.tangential_stiffness[p], contacts.preload[p], start.raw[p]
     n, rest, spare, stretch = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
     row = p * d
@@ -797,7 +820,7 @@ def sweep(
         for q in range(points):
             if q != p:
                 for j in range(d):
-                    rest[k] -= compliance[row + k, q * d + j] * room.mean[q, j]
+                    rest[k] -= compliance[row + k, q * d + j] * room.held[q, j]
     if interval.line:
         direction(contacts, p, start.x[p], x, 0.5 * (interval.begin + interval.end), n, room.matrices[0], spare)
     else:

@@ -9,7 +9,7 @@ average acceleration (am = af = 0) and generalised-alpha weigh the elastic and c
 the discrete gradient (am = af = 1/2, beta = 1/4, gamma = 1/2) takes the elastic force averaged along the straight line from
 q0 to q1, int_0^1 f(q0 + s dq) ds by Gauss points that are exact for the model, and the discrete gradient of the normal
 contact energy: work and energy then balance exactly, whatever the step. Friction is that of `fenicsrom.contact`: it
-dissipates in every step of all of them. Where the model turns, its gyroscopic forces Gamma v join those of damping.
+dissipates in every step. Where the model turns, its gyroscopic forces Gamma v join those of damping.
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then the contact problem
 exactly in the few contact coordinates (`fenicsrom.contact.resolve`): the iteration over the structure sees no kink. It
@@ -333,8 +333,8 @@ class State(NamedTuple):
         start: (n,) elastic force at q, where the scheme asks for it.
         load: (n,) load vector at the time.
         touch: the contact points.
-        scalars: time, next step, last step, work of the loads and of moving surfaces, energies dissipated by damping and friction, kinetic, elastic
-            and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
+        scalars: time, next step, last step, work of the loads and of moving surfaces, energies dissipated by damping and
+            friction, kinetic, elastic and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
         trial: the step that is being tried: no part of the state, but room that is needed at every step.
     """
 
@@ -385,6 +385,13 @@ def _combine(out, *terms):  # type: ignore[no-untyped-def]
             out[i] = a * x[i] + b * y[i] + c * z[i]
 
     return {4: two, 6: three}.get(len(terms))
+
+
+@register_jitable(inline="always")
+def keep(out, vector):  # type: ignore[no-untyped-def]
+    """Write a vector (n,) into out, element by element: compiled, a slice costs more than it copies."""
+    for i in range(out.size):
+        out[i] = vector[i]
 
 
 def answer(out, y, unit, mean):  # type: ignore[no-untyped-def]
@@ -460,7 +467,9 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
             combine(total, drag, dq, drag_v, v0, drag_a, a0)
             combine(residual, 1.0, residual, 1.0, gyroscopic_times(model, total))
         y, unit, compliance = responses(model, inertia, drag, slope, residual)
-        trial.before[:] = x
+        for p in range(points):
+            for k in range(d):
+                trial.before[p, k] = x[p, k]
         combine(total, 1.0, q0, 1.0, dq, 1.0, y)
         put(trial.free, contact_displacement(model, total))
         if points > 0 and not contact.resolve(contacts, interval, compliance, trial.free, state.touch, trial.touch, room):
@@ -509,8 +518,8 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     combine(state.q, 1.0, state.q, 1.0, dq)
     if not scheme.line:  # it cancels from the discrete gradient, where it would only carry rounding
         combine(state.a, 1.0 / (beta * h * h), dq, -1.0 / (beta * h), state.v, 1.0 - 0.5 / beta, state.a)
-    state.v[:] = v1
-    state.load[:] = load_ahead
+    keep(state.v, v1)
+    keep(state.load, load_ahead)
     for p in range(trial.free.shape[0]):
         state.touch.raw[p] = trial.touch.raw[p]
         state.touch.state[p] = trial.touch.state[p]
@@ -531,7 +540,7 @@ def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
     s = state.scalars
     s[KINETIC] = 0.5 * dot(model, state.v, mass_times(model, state.v))
     elastic, s[ELASTIC] = elastic_at(model, state.q)
-    state.start[:] = elastic
+    keep(state.start, elastic)
     s[CONTACT] = contact.energy(contacts, state.touch)
     s[SCALE] = max(s[SCALE], s[KINETIC] + abs(s[ELASTIC]))
     s[SIZE] = max(s[SIZE], np.sqrt(dot(model, state.q, mass_times(model, state.q))))
@@ -807,7 +816,7 @@ def integrate(
         period: of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
         start: displacement and velocity (n,), and sliders (P, d) if they are not at rest, at t = 0; at rest in the
-            equilibrium of the loads and the preload without it (`fenicsrom.statics`).
+            equilibrium under static loads and preload without it (`fenicsrom.statics`).
         resume: go on from where a run stood: what follows is what would have followed, bit for bit.
         keep_coordinates: keep the coordinates of the last period.
         compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
@@ -847,7 +856,8 @@ def integrate(
         rows = min(rows, round(horizon / step) + 1)
     record = Record(
         np.empty(rows), np.empty((rows, points, dimension)), np.empty((rows, dimension)), np.empty((rows, points, dimension)),
-        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
+        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points), dtype=np.int8),
+        np.empty((rows, 6)), np.empty((rows, width)),
     )  # fmt: skip
     write(model, contacts, state, record, 0)
     history = [_rows([record], [1])]

@@ -183,8 +183,8 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
     independent = int(np.sum(values > 1e-12 * values[-1]))
     if masters > independent:
         raise SceneError(
-            f"{solid.scene.source}: basis.masters = {masters}: must be at most {independent}, the number of independent contact "
-            "directions"
+            f"{solid.scene.source}: basis.masters = {masters}: must be at most {independent}, the number of independent "
+            "contact directions"
         )
     chosen = vectors[:, ::-1][:, :masters]
     chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(masters)] < 0.0, -1.0, 1.0)
@@ -198,8 +198,8 @@ def check_flexibility(solid: Body, flexibility: Array, independent: bool) -> Non
     diagonal = np.diag(flexibility)
     for k in np.flatnonzero(~(diagonal > 1e-14 * np.max(diagonal))):
         raise SceneError(
-            f"{solid.scene.source}: contacts[{solid.points.contact[k // d]}]: the supports forbid its motion along direction {k % d + 1} "
-            f"of [normal, tangents]; move the contact away from the supports"
+            f"{solid.scene.source}: contacts[{solid.points.contact[k // d]}]: the supports forbid its motion along direction "
+            f"{k % d + 1} of [normal, tangents]; move the contact away from the supports"
         )
     if independent and scaled_condition(flexibility) > 1e12:
         raise SceneError(

@@ -236,8 +236,9 @@ class ReducedModel(NamedTuple):
         A linear model keeps its factor while S is the same. A singular S gives NaN.
         """
         solve_responses(
-            self.mass, self.turning, self.contact_rows, self.elastic.cubic.shape[0] == 0, self.work, inertia, drag, slope, residual
-        )
+            self.mass, self.turning, self.contact_rows, self.elastic.cubic.shape[0] == 0, self.work, inertia, drag, slope,
+            residual,
+        )  # fmt: skip
         return self.work.block[:, 0], self.work.block[:, 1:], self.work.compliance
 
     def negative_directions(self, slope: Array) -> int:

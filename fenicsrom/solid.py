@@ -465,9 +465,7 @@ class Solid:
         return weights.x.array[:local] / area, position, float(area * (self.scene.geometry.thickness or 1.0))
 
     def _mean_of_nodes(self, region: Region) -> tuple[Array, Array, float]:
-        """Mean over a node group, weighted by the length of its edges, equal without any: weights and centroid as above, and
-        the length, or the number of the nodes.
-        """
+        """The same over a node group, weighted by the length of its edges, equal without any: the last is length or number."""
         domain, degree = self.mesh.domain, self.scene.geometry.degree
         scalar = fem.functionspace(domain, ("Lagrange", degree))
         weights = fem.Function(scalar)

@@ -1,10 +1,10 @@
-"""The equilibrium a motion starts in: under the loads at t = 0 and the preload of the contacts, for every model.
+"""The equilibrium a motion starts in: under the static loads and the preload of the contacts, for every model.
 
-Newton in equal parts of the load, the contact solved in full in each iteration as in a time step, but without friction: the
+Newton in parts of the preload, the contact solved in full in each iteration as in a time step, but without friction: the
 sliders come to rest where the points do. An equilibrium may be unstable, as a beam is whose contact presses it beyond its
 buckling load. Then the model is pushed along its softest direction and follows
 
-    M (q1 - q0)/tau + f(q1) + B N(q1) = p
+    M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
 downhill in its energy, tau short enough for the unstable direction to grow, to the buckled equilibrium it falls into.
 """
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
 ROUNDING = 1e-13  # a decrement below this part of it that no longer falls is rounding
 ITERATIONS = 25
-SMALLEST_PART = 1e-4  # of the load
+SMALLEST_PART = 1e-4  # of the preload
 PUSH = 1e-3  # along an unstable direction, relative to the deflection under load and preload
 DOWNHILL_STEPS = 400
 TURNS = 8  # of inverse iteration
@@ -46,8 +46,8 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
         ConvergenceError: none was found.
     """
     problem = _Statics(model, contacts, dimension)
-    q = np.zeros_like(model.load(0.0))
-    if not problem.loaded(q):
+    q = np.zeros_like(problem.push)
+    if not problem.touches(q):
         return q, 0
     reached, part = 0.0, 1.0
     while reached < 1.0:
@@ -70,26 +70,21 @@ class _Statics:
         count = contacts.preload.size
         self.model, self.contacts, self.d = model, contacts._replace(friction=np.zeros(count)), dimension
         self.room, self.start, self.end = contact.room(count, dimension), *(contact.touch(count, dimension) for _ in "12")
-        self.push = model.load(0.0).copy()
-        self.rest, _ = model.elastic_at(np.zeros_like(self.push))
-        self.rest = self.rest.copy()
+        self.push = model.elastic_at(np.zeros_like(model.load(0.0)))[0].copy()  # of the static loads
 
-    def loaded(self, q: Array) -> bool:
-        """Whether anything pulls the model out of q = 0."""
+    def touches(self, q: Array) -> bool:
+        """Whether a contact presses at q (n,)."""
         self._touch(q, self.contacts)
-        pull = np.max(np.maximum(self.start.raw, 0.0), initial=0.0)
-        off = self.rest - self.push
-        return bool(pull > 0.0 or self.model.dot(off, off) > 1e-24 * self.model.dot(self.rest, self.rest))
+        return bool(np.any(self.start.raw > 0.0))
 
     def _touch(self, q: Array, contacts: Contacts) -> None:
         x = self.model.contact_displacement(q).reshape(-1, self.d).copy()
         contact.at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
 
     def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) under a part of the preload and load, or a step downhill with inertia = 1/tau."""
+        """Equilibrium near q0 (n,) under a part of the preload, or a step downhill with inertia = 1/tau; None if there is none."""
         model, room, d = self.model, self.room, self.d
         contacts = self.contacts._replace(preload=part * self.contacts.preload)
-        push = self.rest + part * (self.push - self.rest)
         zero, one = np.zeros_like(q0), np.ones(1)
         dq, first, last = zero.copy(), 0.0, 0.0
         self._touch(q0, contacts)
@@ -97,7 +92,7 @@ class _Statics:
         interval = contact.Interval(0.0, 0.0, 0.0, False)
         for iteration in range(ITERATIONS):
             elastic, slope = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
-            residual = elastic - push + inertia * model.mass_times(dq)
+            residual = elastic - self.push + inertia * model.mass_times(dq)
             y, unit, compliance = model.responses(inertia, 0.0, slope, residual)
             before = self.end.x.copy()
             free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
@@ -108,7 +103,7 @@ class _Statics:
             change = y - unit @ room.mean.reshape(-1)
             dq += change
             decrement = abs(model.dot(residual, change) + float(np.sum(room.mean * (self.end.x - before))))
-            work = abs(model.dot(push, dq)) + float(np.sum(np.abs(room.mean * (self.end.x - self.start.x))))
+            work = abs(model.dot(self.push, dq)) + float(np.sum(np.abs(room.mean * (self.end.x - self.start.x))))
             first = first or decrement
             scale = max(first, work)
             if not np.isfinite(decrement) or decrement > 1e8 * first:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.contact import Contacts
+from fenicsrom.contact import ContactPoints, Contacts, planes
 from fenicsrom.reduced import (
     ElasticPolynomial,
     ReducedModel,
@@ -141,6 +141,14 @@ def enriched(solid: Any, method: str = "rubin", modes: int = 1, wanted: Any = No
 NO_LOADS = Signals(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
+def first(masters: int, n: int, dimension: int = 2) -> tuple[ContactPoints, Array, Array]:
+    """Contact points whose displacements are the first coordinates, with their rows and offsets."""
+    d = dimension if masters % dimension == 0 else masters
+    count = masters // d if masters else 0
+    where = ContactPoints(np.arange(count), np.ones(count), np.zeros((count, d)), np.tile(np.eye(d), (count, 1, 1)))
+    return where, np.eye(masters, n), np.zeros(masters)
+
+
 def linear_model(
     mass: Any,
     stiffness: Any,
@@ -157,7 +165,7 @@ def linear_model(
     elastic = ElasticPolynomial(np.zeros(n), stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
     loads = np.zeros((n, 0)) if loads is None else np.asarray(loads, float).reshape(n, -1)
     probe = np.eye(probes, n)
-    return reduced_model(mass, damping, elastic, loads, signals, np.zeros(masters), probe, np.zeros(probes))
+    return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n, max(probes, 2)), probe, np.zeros(probes))
 
 
 def random_polynomial(n: int, dimension: int = 2, seed: int = 0, points: int = 40) -> ElasticPolynomial:
@@ -179,14 +187,14 @@ def random_model(
     signals = Signals(np.array([force]), np.array([omega]), np.array([0.3]))
     loads = rng.uniform(0.5, 1.0, (n, 1))
     elastic = random_polynomial(n, seed=seed)
-    return reduced_model(mass, damping, elastic, loads, signals, np.zeros(masters), np.eye(2, n), np.zeros(2))
+    return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n), np.eye(2, n), np.zeros(2))
 
 
-def one_contact(**values: float) -> Contacts:
-    """Parameters of one contact point, or of several if a value is a list."""
+def one_contact(dimension: int = 2, **values: Any) -> Contacts:
+    """Parameters of one contact point before a plane, or of several if a value is a list."""
     given = {"preload": 0.0, "gap": 0.0, "normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.0} | values
-    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(given[name], float)) for name in Contacts._fields))
-    return Contacts(*(array.copy() for array in arrays))
+    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in given.values()))
+    return planes(**{name: array.copy() for name, array in zip(given, arrays, strict=True)}, dimension=dimension)
 
 
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:

@@ -1,8 +1,8 @@
-"""The contact law against its definition, and the contact problem of a step against brute force."""
+"""The contact law against its definition, surfaces against geometry, and the contact problem of a step against brute force."""
 
 from __future__ import annotations
 
-from itertools import pairwise, product
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -10,23 +10,63 @@ import pytest
 from numpy.typing import NDArray
 from support import assert_tangent, fixed_steps, linear_model, one_contact, slope
 
-from fenicsrom.contact import OPEN, SLIP, STICK, Contacts, energy, law, mean_normal_force, no_contacts, resolve
+from fenicsrom.contact import (
+    CYLINDER,
+    OPEN,
+    PLANE,
+    SLIP,
+    SPHERE,
+    STICK,
+    Contacts,
+    Interval,
+    Touch,
+    at_rest,
+    carry,
+    direction,
+    energy,
+    frame,
+    mean_normal_force,
+    no_contacts,
+    over_step,
+    penetration,
+    resolve,
+    room,
+    settle,
+    touch,
+)
 from fenicsrom.integrate import integrate
 from fenicsrom.reduced import Signals
 
 Array = NDArray[np.float64]
 
 RUB = one_contact(preload=40.0, gap=1e-3, normal_stiffness=1e4, tangential_stiffness=2e4, friction=0.5)
+RUB3 = one_contact(3, preload=40.0, gap=1e-3, normal_stiffness=1e4, tangential_stiffness=2e4, friction=0.5)
+SCHEMES = [(0.0, False), (0.4, False), (0.5, True)]
 
 
-def apply(contacts: Contacts, x: Array, slider: Array, p: int = 0) -> tuple[int, Array, Array, Array]:
-    """State, force, tangent and new slider, with rubbish where the law has to write."""
-    d = x.size
-    force, tangent, new = np.full(d, np.nan), np.full((d, d), np.nan), np.full(d - 1, np.nan)
-    before = x.copy(), slider.copy()
-    state = law(contacts, p, x, slider, force, tangent, new)
-    assert np.array_equal(x, before[0]) and np.array_equal(slider, before[1])
-    return state, force, tangent, new
+def rest(contacts: Contacts, x: Array, slider: Array) -> Touch:
+    """The law at a displacement (d,) with a slider (d - 1,) in the tangent plane."""
+    found = touch(1, x.size)
+    at_rest(contacts, x[None], np.array([[0.0, *slider]]), 0.0, found, room(1, x.size))
+    return found
+
+
+def apply(contacts: Contacts, x: Array, slider: Array) -> tuple[int, Array, Array]:
+    """State, force [N, T] and new slider before a plane."""
+    found = rest(contacts, x, slider)
+    return int(found.state[0]), (found.normal + found.friction)[0], found.slider[0, 1:]
+
+
+def step(contacts: Contacts, start: Touch, x: Array, a: float, line: bool, time: tuple[float, float] = (0.0, 1.0)) -> Any:
+    """A step of all points to x (P, d): the state at its end, what was found, dissipation and work of the surface."""
+    points, d = x.shape
+    end, found, interval = touch(points, d), room(points, d), Interval(*time, a, line)
+    end.x[:] = x
+    sums = np.zeros(2)
+    for p in range(points):
+        over_step(contacts, interval, p, start, end, found)
+        sums += settle(contacts, interval, p, start, end, found)
+    return end, found, *sums
 
 
 # ------------------------------------------------------------------ the law
@@ -47,30 +87,17 @@ def test_open_stick_slip(x: list[float], state: int, force: list[float], slider:
     found = apply(RUB, np.array(x), np.array([0.001]))
     assert found[0] == state
     np.testing.assert_allclose(found[1], force, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(found[3], [slider], rtol=1e-12)
+    np.testing.assert_allclose(found[2], [slider], rtol=1e-12)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_without_friction_nothing_pulls_and_the_slider_follows(dimension: int) -> None:
     x = np.array([0.002, 0.3, -0.2])[:dimension]
-    state, force, _, slider = apply(RUB._replace(friction=np.zeros(1)), x, np.zeros(dimension - 1))
+    contacts = (RUB if dimension == 2 else RUB3)._replace(friction=np.zeros(1))
+    state, force, slider = apply(contacts, x, np.zeros(dimension - 1))
     assert state == SLIP
     np.testing.assert_array_equal(force[1:], 0.0)
     np.testing.assert_array_equal(slider, x[1:])
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize(
-    ("normal", "across", "state"), [(-0.01, 0.002, OPEN), (0.001, 5e-4, STICK), (0.001, 4e-3, SLIP)]
-)
-def test_tangent_is_consistent(dimension: int, normal: float, across: float, state: int) -> None:
-    x = np.array([normal, across, -0.6 * across])[:dimension]
-    slider = np.array([1e-4, 2e-4])[: dimension - 1]
-    if state == OPEN:
-        np.testing.assert_array_equal(apply(RUB, x, slider)[2], 0.0)
-    else:
-        assert_tangent(lambda x: apply(RUB, x, slider)[1], lambda x: apply(RUB, x, slider)[2], x, step=1e-6)
-    assert apply(RUB, x, slider)[0] == state
 
 
 def test_along_a_line_three_dimensions_are_two() -> None:
@@ -81,14 +108,12 @@ def test_along_a_line_three_dimensions_are_two() -> None:
     for _ in range(200):
         normal, across = rng.uniform(-6e-3, 4e-3), rng.uniform(-4e-3, 4e-3)
         plane = apply(RUB, np.array([normal, across]), np.array([slider]))
-        space = apply(RUB, np.array([normal, *(across * line)]), slider * line)
+        space = apply(RUB3, np.array([normal, *(across * line)]), slider * line)
         seen.add(plane[0])
         assert space[0] == plane[0]
         np.testing.assert_allclose(space[1], [plane[1][0], *(plane[1][1] * line)], rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(space[3], plane[3][0] * line, rtol=1e-12, atol=1e-16)
-        along = np.array([[1.0, 0.0], [0.0, line[0]], [0.0, line[1]]])
-        np.testing.assert_allclose(along.T @ space[2] @ along, plane[2], rtol=1e-9, atol=1e-9)
-        slider = plane[3][0]
+        np.testing.assert_allclose(space[2], plane[2][0] * line, rtol=1e-12, atol=1e-16)
+        slider = plane[2][0]
     assert seen == {OPEN, SLIP, STICK}
 
 
@@ -99,34 +124,228 @@ def test_friction_has_no_preferred_direction() -> None:
         turn = np.eye(3)
         turn[1:, 1:] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         x, slider = rng.uniform(-4e-3, 4e-3, 3), rng.uniform(-4e-3, 4e-3, 2)
-        state, force, tangent, new = apply(RUB, x, slider)
-        turned = apply(RUB, turn @ x, turn[1:, 1:] @ slider)
+        state, force, new = apply(RUB3, x, slider)
+        turned = apply(RUB3, turn @ x, turn[1:, 1:] @ slider)
         assert turned[0] == state
         np.testing.assert_allclose(turned[1], turn @ force, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(turned[2], turn @ tangent @ turn.T, rtol=1e-9, atol=1e-8)
-        np.testing.assert_allclose(turned[3], turn[1:, 1:] @ new, rtol=1e-12, atol=1e-16)
+        np.testing.assert_allclose(turned[2], turn[1:, 1:] @ new, rtol=1e-12, atol=1e-16)
 
 
-def rubbed(path: Array) -> float:
-    """Work done against friction along a path (steps, d), its first point at rest."""
-    slider, work = path[0, 1:].copy(), 0.0
-    force = apply(RUB, path[0], slider)[1]
-    for before, x in pairwise(path):
-        _, new, _, slider = apply(RUB, x, slider)
-        work += 0.5 * (force + new)[1:] @ (x - before)[1:]
-        force = new
-    return float(work)
+# ------------------------------------------------------------------ surfaces
 
 
-def test_closed_loop_of_a_jenkins_element() -> None:
+def casing(
+    d: int = 3, *, kind: int = CYLINDER, inside: bool = True, waves: bool = False, spin: float = 0.0, **values: Any
+) -> Contacts:
+    """A point before a round surface of radius about 0.3 m, its axis askew, whose normal there is the first axis."""
+    given = {"preload": 3.0, "normal_stiffness": 2e4, "tangential_stiffness": 1e4, "friction": 0.4} | values
+    flat = one_contact(d, **given)
+    side = 1.0 if inside else -1.0
+    axes = np.zeros((1, d, d))
+    if d == 2 or kind == SPHERE:
+        axes[0] = frame(np.array([0.8, 0.6, 0.0][:d]))
+    else:
+        axes[0, :2] = np.array([[0.8, 0.6 * 0.6, 0.6 * 0.8], [-0.6, 0.8 * 0.6, 0.8 * 0.8]])
+    return flat._replace(
+        kind=np.array([kind]), axes=axes, centre=np.array([[-0.3 * side, 0.0, 0.0][:d]]), radius=np.array([0.3]),
+        side=np.array([side]), spin=np.array([spin]), order=np.array([2.0, 5.0] if waves else []),
+        height=np.array([[3e-3, -1e-3] if waves else []]), phase=np.array([[0.3, 1.0] if waves else []]),
+        times=np.array([0.0, 2.0]), approach=np.array([[0.0, 4e-3]]),
+    )  # fmt: skip
+
+
+SURFACES = [
+    pytest.param(lambda d: RUB if d == 2 else RUB3, id="plane"),
+    pytest.param(lambda d: casing(d), id="casing"),
+    pytest.param(lambda d: casing(d, inside=False), id="shaft"),
+    pytest.param(lambda d: casing(d, waves=True, spin=2e-3), id="oval casing that turns"),
+    pytest.param(lambda d: casing(d, kind=SPHERE) if d == 3 else casing(d), id="sphere"),
+]
+
+
+def test_penetration_of_round_surfaces() -> None:
+    for inside in (True, False):
+        side = 1.0 if inside else -1.0
+        for d, kind in ((2, CYLINDER), (3, CYLINDER), (3, SPHERE)):
+            contacts = casing(d, kind=kind, inside=inside)
+            assert penetration(contacts, 0, np.zeros(d), 0.0) == pytest.approx(0.0, abs=1e-16)
+            x = np.zeros(d)
+            x[0] = 5e-4  # along the normal into the surface, whichever side it is seen from
+            assert penetration(contacts, 0, x, 0.0) == pytest.approx(5e-4, rel=0.2)
+            assert penetration(contacts, 0, np.zeros(d), 1.5) == pytest.approx(3e-3)  # it has come nearer, linearly
+            assert penetration(contacts, 0, np.zeros(d), 9.0) == pytest.approx(4e-3)  # and stays
+        x = np.array([0.0, 0.2])  # in the plane: on a circle about (-0.3 side, 0)
+        exact = side * (np.hypot(0.3 * side, 0.2) - 0.3)
+        assert penetration(casing(2, inside=inside), 0, x, 0.0) == pytest.approx(exact, rel=1e-13)
+
+
+def test_waves_turn_with_the_surface() -> None:
+    still, turning = casing(2, waves=True), casing(2, waves=True, spin=0.7)
+    centre, angle = still.centre[0], 0.7 * 1.3
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    x = np.array([4e-3, 0.1])
+    there = centre + turn @ (x - centre)
+    assert penetration(turning, 0, there, 1.3) == pytest.approx(penetration(still, 0, x, 1.3), rel=1e-12)
+    carried = np.empty(2)
+    carry(turning, 0, 1.3, x, carried)
+    np.testing.assert_allclose(carried, there, rtol=1e-14)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_direction_is_the_discrete_gradient_of_the_penetration(surface: Any, d: int) -> None:
+    contacts, rng = surface(d), np.random.default_rng(6)
+    wavy = contacts.order.size > 0
+    n, slope_, spare = np.empty(d), np.empty((d, d)), np.empty(d)
+
+    def mean(x0: Array, x1: Array) -> Array:
+        direction(contacts, 0, x0, x1, 0.4, n, slope_, spare)
+        return n.copy()
+
+    for _ in range(20):
+        x0, x1 = rng.uniform(-0.05, 0.05, (2, d))
+        change = penetration(contacts, 0, x1, 0.4) - penetration(contacts, 0, x0, 0.4)
+        assert mean(x0, x1) @ (x1 - x0) == pytest.approx(change, rel=1e-11 if not wavy else 2e-2, abs=1e-16 if not wavy else 2e-4)
+        if contacts.kind[0] != PLANE:
+            assert_tangent(lambda x: mean(x0, x), lambda x: (mean(x0, x), slope_.copy())[1], x1, step=1e-5)  # noqa: B023
+        gradient = [
+            (penetration(contacts, 0, x0 + h, 0.4) - penetration(contacts, 0, x0 - h, 0.4)) / 2e-6 for h in 1e-6 * np.eye(d)
+        ]
+        np.testing.assert_allclose(mean(x0, x0), gradient, rtol=1e-7, atol=1e-8)
+    if wavy:  # to third order in the distance
+        x0, way = rng.uniform(-0.05, 0.05, (2, d))
+        before = penetration(contacts, 0, x0, 0.4)
+        errors = [
+            abs(mean(x0, x0 + s * way) @ way * s - penetration(contacts, 0, x0 + s * way, 0.4) + before) for s in (0.2, 0.1)
+        ]
+        assert slope([2, 1], errors) == pytest.approx(3.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_slope_of_the_mean_force_is_consistent(surface: Any, d: int, a: float, line: bool) -> None:
+    contacts, rng = surface(d), np.random.default_rng(7)
+    seen = set()
+    for _ in range(40):
+        start = touch(1, d)
+        way = np.array([6e-3, *([1e-3] * (d - 1))])
+        at_rest(contacts, rng.uniform(-way, way, (1, d)), rng.uniform(-way, way, (1, d)), 0.1, start, room(1, d))
+        x = rng.uniform(-way, way)
+
+        def found(x: Array) -> Any:
+            return step(contacts, start, x[None], a, line, (0.1, 0.5))[1]  # noqa: B023
+
+        near = [step(contacts, start, (x + s * e)[None], a, line, (0.1, 0.5))[:2] for e in np.eye(d) for s in (-1e-6, 1e-6)]
+        sides = {(int(found.motion[0]), bool(end.raw[0] > 0.0)) for end, found in near}
+        if len(sides) > 1:
+            continue  # a kink
+        seen |= {motion for motion, _ in sides}
+        if not found(x).slopes.any():  # open, or only at its start not
+            np.testing.assert_array_equal(found(x + 1e-7).mean.copy(), found(x).mean)
+            continue
+        assert_tangent(lambda x: found(x).mean[0].copy(), lambda x: found(x).slopes[0].copy(), x, step=1e-7)  # noqa: B023
+    assert seen == {OPEN, SLIP, STICK}
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_every_step_dissipates_and_balances_its_energy(surface: Any, d: int, a: float, line: bool) -> None:
+    contacts, rng = surface(d), np.random.default_rng(8)
+    here, lost = touch(1, d), []
+    at_rest(contacts, np.zeros((1, d)), np.zeros((1, d)), 0.0, here, room(1, d))
+    states = set()
+    for k in range(400):
+        way = np.array([2e-3, *([6e-4] * (d - 1))]) if contacts.kind[0] == PLANE else np.array([2e-3, *([2e-4] * (d - 1))])
+        x = here.x + rng.uniform(-way, way, (1, d)) - 0.1 * here.x
+        end, found, dissipated, surface_work = step(contacts, here, x, a, line, (0.01 * k, 0.01 * (k + 1)))
+        gain = energy(contacts, end) - energy(contacts, here)
+        work = float(np.sum(found.mean * (x - here.x)))
+        if line and contacts.order.size == 0:  # what goes in is stored, dissipated, or came from the surface
+            assert work + surface_work == pytest.approx(gain + dissipated, rel=1e-9, abs=1e-12)
+        lost.append(dissipated / (1.0 + energy(contacts, here)))
+        limit = contacts.friction[0] * max(end.raw[0], 0.0)
+        assert np.linalg.norm(end.friction[0]) <= limit * (1 + 1e-12)
+        states.add(int(end.state[0]))
+        here = end
+    assert min(lost) >= -1e-15
+    assert max(lost) > 1e-6
+    assert states == {OPEN, SLIP, STICK}
+
+
+def test_node_dragged_around_a_casing_does_the_work_of_friction() -> None:
+    radius, turn, depth = 0.3, 5.0, 1e-4
+    errors = []
+    for dragged in (True, False):  # or the casing is turned about a node at rest
+        contacts = casing(2, spin=0.0 if dragged else -turn, preload=0.0)._replace(approach=np.zeros((1, 2)))
+        normal = 2e4 * depth
+        stretch = 0.4 * normal / 1e4
+        for steps in (500, 1000):
+            here = touch(1, 2)
+            at_rest(contacts, np.array([[depth, 0.0]]), np.array([[depth, -stretch]]), 0.0, here, room(1, 2))
+            total = np.zeros(3)
+            for k in range(steps):
+                angle = turn * (k + 1) / steps if dragged else 0.0
+                x = (radius + depth) * np.array([[np.cos(angle), np.sin(angle)]]) - [[radius, 0.0]]
+                end, found, dissipated, surface = step(contacts, here, x, 0.5, True, (k / steps, (k + 1) / steps))
+                total += np.sum(found.mean * (x - here.x)), dissipated, surface
+                assert end.state[0] == SLIP
+                here = end
+            exact = 0.4 * normal * (radius + depth) * turn
+            assert total[1] == pytest.approx(exact, rel=1e-3)
+            assert total[0 if dragged else 2] == pytest.approx(exact, rel=1e-3)
+            errors.append(abs(total[1] / exact - 1.0))
+    assert errors[1] < 0.6 * errors[0] or errors[1] < 1e-5
+
+
+def test_two_points_of_half_weight_equal_one() -> None:
+    rng = np.random.default_rng(9)
+    for a, line in SCHEMES:
+        whole = casing(3, waves=True, spin=0.7)
+        half = Contacts(*(np.repeat(v, 2, axis=0) if k not in ("times", "order") else v for k, v in whole._asdict().items()))
+        half = half._replace(**{k: 0.5 * getattr(half, k) for k in ("preload", "normal_stiffness", "tangential_stiffness")})
+        start, double = touch(1, 3), touch(2, 3)
+        x, w = rng.uniform(-2e-3, 2e-3, (2, 1, 3))
+        at_rest(whole, x, w, 0.0, start, room(1, 3))
+        at_rest(half, np.repeat(x, 2, axis=0), np.repeat(w, 2, axis=0), 0.0, double, room(2, 3))
+        root = rng.standard_normal((3, 3))
+        compliance, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
+        ends = touch(1, 3), touch(2, 3)
+        rooms = room(1, 3), room(2, 3)
+        assert resolve(whole, Interval(0.0, 0.3, a, line), compliance, free, start, ends[0], rooms[0])
+        both = np.tile(compliance, (2, 2))
+        assert resolve(half, Interval(0.0, 0.3, a, line), both, np.repeat(free, 2, axis=0), double, ends[1], rooms[1])
+        np.testing.assert_allclose(ends[1].x, np.repeat(ends[0].x, 2, axis=0), rtol=1e-9, atol=1e-14)
+        np.testing.assert_allclose(rooms[1].mean.sum(axis=0), rooms[0].mean[0], rtol=1e-9)
+
+
+# ------------------------------------------------------------------ energies
+
+
+def rubbed(contacts: Contacts, path: Array, a: float, line: bool) -> float:
+    """Energy dissipated along a path (steps, d), its first point at rest."""
+    here, lost = rest(contacts, path[0], path[0, 1:]), 0.0
+    for x in path[1:]:
+        here, _, dissipated, _ = step(contacts, here, x[None], a, line)
+        lost += dissipated
+    return lost
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+def test_closed_loop_of_a_jenkins_element(a: float, line: bool) -> None:
     preload, amplitude = 30.0, 6e-3
     limit = RUB.friction[0] * preload
-    up = np.linspace(-amplitude, amplitude, 1 + 8 * 6)  # every turning and yielding point lies on the path
-    loop = np.concatenate([up[24:], up[-2::-1], up[1:]])
-    path = np.stack([np.zeros_like(loop), loop], axis=1)  # N0 - k_n g0 = 30 N
-    first = len(up) - 24 - 1  # from the crest to the next
-    closed = rubbed(path) - rubbed(path[: first + 1])
-    assert closed == pytest.approx(4 * limit * (amplitude - limit / RUB.tangential_stiffness[0]), rel=1e-12)
+    exact = 4 * limit * (amplitude - limit / RUB.tangential_stiffness[0])
+    errors = []
+    for steps in (48, 96):
+        up = np.linspace(-amplitude, amplitude, 1 + steps)
+        loop = np.concatenate([up[steps // 2 :], up[-2::-1], up[1:]])
+        path = np.stack([np.zeros_like(loop), loop], axis=1)  # N0 - k_n g0 = 30 N
+        turn = len(up) - steps // 2 - 1  # from the crest to the next
+        errors.append(abs(rubbed(RUB, path, a, line) - rubbed(RUB, path[: turn + 1], a, line) - exact) / exact)
+    assert errors[1] < 0.02
+    assert errors[1] <= 0.6 * errors[0] + 1e-12
 
 
 def test_a_point_led_in_a_circle_drags_its_slider_on_a_smaller_one() -> None:
@@ -137,16 +356,18 @@ def test_a_point_led_in_a_circle_drags_its_slider_on_a_smaller_one() -> None:
     for steps in (200, 400):
         angle = 2 * np.pi * np.arange(5 * steps + 1) / steps
         path = np.stack([np.zeros_like(angle), radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-        last = rubbed(path) - rubbed(path[: -steps])
+        last = rubbed(RUB3, path, 0.5, True) - rubbed(RUB3, path[: -steps], 0.5, True)
         errors.append(abs(last / (2 * np.pi * inner * limit) - 1))
     assert errors[1] < 2e-3
-    assert slope([2, 1], errors) == pytest.approx(1.0, abs=0.1)
+    assert slope([2, 1], errors) == pytest.approx(2.0, abs=0.2)
 
 
 def test_energy_of_the_springs() -> None:
-    two = one_contact(normal_stiffness=[1e4, 2e4], tangential_stiffness=[3e3, 4e3])
-    force = np.array([[10.0, 3.0, 4.0], [0.0, 6.0, 0.0]])
-    assert energy(two, np.zeros((2, 3)), force) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
+    two = one_contact(3, normal_stiffness=[1e4, 2e4], tangential_stiffness=[3e3, 4e3])
+    here = touch(2, 3)
+    here.raw[:] = [10.0, -5.0]
+    here.friction[:] = [[0.0, 3.0, 4.0], [0.0, 6.0, 0.0]]
+    assert energy(two, here) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
 
 
 def test_mean_normal_force_is_the_discrete_gradient_of_the_energy() -> None:
@@ -174,83 +395,58 @@ def random_problem(rng: np.random.Generator, points: int, d: int, stiffness: flo
     m = points * d
     root = rng.standard_normal((m, m))
     k = stiffness or 10.0 ** rng.uniform(-2, 3)
-    contacts = Contacts(
-        rng.uniform(0.0, 2.0, points), rng.uniform(0.0, 0.5, points), np.full(points, k),
-        k * rng.uniform(0.5, 1.0, points), rng.uniform(0.0, 0.5, points),
+    contacts = one_contact(
+        d, preload=rng.uniform(0.0, 2.0, points), gap=rng.uniform(0.0, 0.5, points), normal_stiffness=np.full(points, k),
+        tangential_stiffness=k * rng.uniform(0.5, 1.0, points), friction=rng.uniform(0.0, 0.5, points),
     )  # fmt: skip
-    force, slider = rng.uniform(-0.5, 1.0, (points, d)), rng.uniform(-0.5, 0.5, (points, d - 1))
-    force[:, 1:] *= (contacts.friction * np.maximum(force[:, 0], 0.0))[:, None] / np.sqrt(d - 1)
-    x = np.empty((points, d))
-    x[:, 0] = contacts.gap + (force[:, 0] - contacts.preload) / np.where(force[:, 0] > 0, k, 1.0)
-    x[:, 1:] = slider + force[:, 1:] / contacts.tangential_stiffness[:, None]
-    force[:, 0] = np.maximum(force[:, 0], 0.0)
+    raw = rng.uniform(-0.5, 1.0, points)
+    x = rng.uniform(-0.5, 0.5, (points, d))
+    x[:, 0] = contacts.radius + (raw - contacts.preload) / np.where(raw > 0, k, 1.0)
+    start = touch(points, d)
+    at_rest(contacts, x, x + rng.uniform(-1.0, 1.0, (points, d)) / k, 0.0, start, room(points, d))
     return {
         "contacts": contacts,
         "compliance": np.eye(m) + 0.3 * root @ root.T / m,
         "free": rng.uniform(-2.0, 2.0, (points, d)),
-        "x0": x,
-        "force0": force,
-        "slider0": slider,
+        "start": start,
     }
 
 
-def solve(problem: dict[str, Any], start_weight: float, line: bool) -> tuple[bool, Array, Array, Array, Array, Array]:
+def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, Touch, Any]:
+    """Whether it was solved, the end of the step and what was found."""
     points, d = problem["free"].shape
-    x = problem["x0"].copy()
-    force, slider = np.full((points, d), np.nan), np.full((points, d - 1), np.nan)
-    state, mean = np.zeros(points, dtype=np.int8), np.full((points, d), np.nan)
-    copies = {name: np.copy(problem[name]) for name in ("compliance", "free", "x0", "force0", "slider0")}
-    solved = resolve(
-        *(problem[name] for name in ("contacts", "compliance", "free", "x0", "force0", "slider0")),
-        start_weight, line, x, force, slider, state, mean,
-    )  # fmt: skip
+    start = problem["start"]
+    end, found = touch(points, d), room(points, d)
+    end.x[:] = start.x
+    copies = {"compliance": problem["compliance"].copy(), "free": problem["free"].copy()} | {
+        name: array.copy() for name, array in start._asdict().items()
+    }
+    solved = resolve(problem["contacts"], Interval(0.0, 1.0, a, line), problem["compliance"], problem["free"], start, end, found)
     for name, copy in copies.items():
-        assert np.array_equal(problem[name], copy), f"{name} was written to"
-    return solved, x, force, slider, state, mean
+        here = problem[name] if name in problem else getattr(start, name)
+        assert np.array_equal(here, copy), f"{name} was written to"
+    return solved, end, found
 
 
-def mean_force(problem: dict[str, Any], x: Array, start_weight: float, line: bool) -> Array:
-    """The mean force over the step, from the law point by point."""
-    contacts = problem["contacts"]
-    mean = np.empty_like(x)
-    for p in range(x.shape[0]):
-        force = apply(contacts, x[p], problem["slider0"][p], p)[1]
-        mean[p] = start_weight * problem["force0"][p] + (1 - start_weight) * force
-        if line:
-            ends = [
-                contacts.preload[p] + contacts.normal_stiffness[p] * (end[p, 0] - contacts.gap[p])
-                for end in (problem["x0"], x)
-            ]
-            mean[p, 0] = mean_normal_force(*ends)[0]
-    return mean
-
-
-@pytest.mark.parametrize(("start_weight", "line"), [(0.0, False), (0.4, False), (0.5, True)])
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
 @pytest.mark.parametrize(("points", "d"), [(1, 2), (1, 3), (2, 2), (3, 3)])
 @pytest.mark.parametrize("stiffness", [None, 1e6, 1e12])
-def test_contact_problem_is_solved_at_any_stiffness(
-    points: int, d: int, stiffness: float | None, start_weight: float, line: bool
-) -> None:
+def test_contact_problem_is_solved_at_any_stiffness(points: int, d: int, stiffness: float | None, a: float, line: bool) -> None:
     rng = np.random.default_rng(4)
     seen, unsolved = set(), 0
     for _ in range(150):
         problem = random_problem(rng, points, d, stiffness)
-        solved, x, force, slider, state, mean = solve(problem, start_weight, line)
+        solved, end, found = solve(problem, a, line)
         if not solved:
             unsolved += 1
             continue
-        for p in range(points):
-            found = apply(problem["contacts"], x[p], problem["slider0"][p], p)
-            seen.add(found[0])
-            assert state[p] == found[0]
-            np.testing.assert_array_equal(force[p], found[1])
-            np.testing.assert_array_equal(slider[p], found[3])
-        expected = mean_force(problem, x, start_weight, line)
-        np.testing.assert_allclose(mean, expected, rtol=1e-12)
-        residual = x - problem["free"] + (problem["compliance"] @ mean.ravel()).reshape(points, d)
+        seen |= set(found.motion.tolist())
+        expected = step(problem["contacts"], problem["start"], end.x, a, line)[1].mean
+        np.testing.assert_allclose(found.mean, expected, rtol=1e-12)
+        residual = end.x - problem["free"] + (problem["compliance"] @ found.mean.ravel()).reshape(points, d)
         # x is right to rounding, which a stiff contact multiplies
         stiffest = problem["contacts"].normal_stiffness.max() * np.abs(problem["compliance"]).max()
-        assert np.abs(residual).max() <= 1e-13 * (1.0 + stiffest) + 1e-10
+        assert np.abs(residual).max() <= 2e-13 * (1.0 + stiffest) + 1e-10
     # a mean along the step that starts far off is hard on friction: now and then the step has to be halved
     assert unsolved <= (3 if line else 0), "the iteration cycles"
     assert seen == {OPEN, SLIP, STICK}
@@ -267,9 +463,9 @@ def brute_force(problem: dict[str, Any]) -> list[Array]:
             k, kn, kt, mu = d * p, contacts.normal_stiffness[p], contacts.tangential_stiffness[p], contacts.friction[p]
             if state == "open":
                 continue
-            matrix[k, k], rhs[k] = kn, contacts.preload[p] - kn * contacts.gap[p]
+            matrix[k, k], rhs[k] = kn, contacts.preload[p] - kn * contacts.radius[p]
             if state == "stick":
-                matrix[k + 1, k + 1], rhs[k + 1] = kt, -kt * problem["slider0"][p, 0]
+                matrix[k + 1, k + 1], rhs[k + 1] = kt, -kt * problem["start"].slider[p, 1]
             else:
                 sign = 1.0 if state == "up" else -1.0
                 matrix[k + 1, k], rhs[k + 1] = sign * mu * kn, sign * mu * rhs[k]
@@ -277,8 +473,8 @@ def brute_force(problem: dict[str, Any]) -> list[Array]:
         x = np.linalg.solve(system, free.ravel() - problem["compliance"] @ rhs).reshape(points, d)
         fits = True
         for p, state in enumerate(combination):
-            normal = contacts.preload[p] + contacts.normal_stiffness[p] * (x[p, 0] - contacts.gap[p])
-            trial = contacts.tangential_stiffness[p] * (x[p, 1] - problem["slider0"][p, 0])
+            normal = contacts.preload[p] + contacts.normal_stiffness[p] * (x[p, 0] - contacts.radius[p])
+            trial = contacts.tangential_stiffness[p] * (x[p, 1] - problem["start"].slider[p, 1])
             limit = contacts.friction[p] * normal
             fits &= {
                 "open": normal <= 0.0,
@@ -297,7 +493,8 @@ def test_contact_problem_against_brute_force(points: int) -> None:
     unique = 0
     for _ in range(200):
         problem = random_problem(rng, points, 2, None)
-        solved, x, *_ = solve(problem, 0.0, False)
+        solved, end, _ = solve(problem, 0.0, False)
+        x = end.x
         candidates = brute_force(problem)
         assert solved and candidates
         assert min(np.abs(x - candidate).max() for candidate in candidates) < 1e-9
@@ -332,7 +529,8 @@ def test_block_slides_to_rest(scheme: str) -> None:
         farthest, lost = slide(stiffness, scheme)
         slid = distance - pull / (2 * stiffness)
         assert farthest == pytest.approx(slid + pull / stiffness, rel=1e-5)
-        assert lost == pytest.approx(pull * slid, rel=1e-5)
+        # the others damp the spring
+        assert lost == pytest.approx(pull * slid, rel=1e-5 if scheme == "discrete-gradient" else 1e-3)
     # and in the limit v^2 / (2 mu g)
     stiff = np.array([1e2, 1e3, 1e4])
     errors = [abs(slide(k, scheme)[0] - distance) for k in stiff]
@@ -341,5 +539,5 @@ def test_block_slides_to_rest(scheme: str) -> None:
 
 
 def test_no_contacts_are_none() -> None:
-    assert all(values.shape == (0,) for values in no_contacts())
-    assert energy(no_contacts(), np.zeros((0, 2)), np.zeros((0, 2))) == 0.0
+    assert all(values.shape[0] == 0 for values in no_contacts())
+    assert energy(no_contacts(), touch(0, 2)) == 0.0

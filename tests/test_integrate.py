@@ -34,7 +34,7 @@ def total(motion: Motion) -> Array:
 
 def dense_twin(model: ReducedModel) -> DenseModel:
     """The same model as a `DenseModel`: everything in plain numpy."""
-    n, m = model.size, model.contact_offset.size
+    n = model.size
 
     def elastic(q: Array) -> tuple[Array, Array]:
         force, tangent = np.empty(n), np.empty((n, n))
@@ -45,7 +45,8 @@ def dense_twin(model: ReducedModel) -> DenseModel:
         return float(elastic_force(model.elastic, q, np.empty(n), np.empty((n, n))))
 
     return DenseModel(
-        model.mass, model.damping, elastic, energy, model.loads, model.signals, np.eye(m, n), model.contact_offset,
+        model.mass, model.damping, elastic, energy, model.loads, model.signals, model.points, model.contact_rows,
+        model.contact_offset,
         model.probe, model.probe_offset, linear=model.linear, gauss_points=model.gauss_points,
     )  # fmt: skip
 
@@ -221,7 +222,7 @@ def reference(model: ReducedModel, contacts: Contacts, start: tuple[Array, Array
         elastic_force(model.elastic, y[:n], force, tangent)
         right = model.load(t) - force - model.damping * model.mass @ y[n:]
         for p in range(m // 2):
-            right[2 * p] -= max(0.0, contacts.preload[p] + contacts.normal_stiffness[p] * (y[2 * p] - contacts.gap[p]))
+            right[2 * p] -= max(0.0, contacts.preload[p] + contacts.normal_stiffness[p] * (y[2 * p] - contacts.radius[p]))
         return np.concatenate([y[n:], inverse @ right])
 
     found = solve_ivp(
@@ -230,6 +231,7 @@ def reference(model: ReducedModel, contacts: Contacts, start: tuple[Array, Array
     return found.y[:2, -1]
 
 
+AT_REST = np.zeros(3), np.zeros(3)
 START = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
 
 
@@ -293,7 +295,7 @@ def test_compiled_loop_is_the_plain_one(scheme: str, settings: dict[str, Any]) -
     ):
         assert (slow.steps, slow.rejected, slow.periods) == (fast.steps, fast.rejected, fast.periods)
         np.testing.assert_array_equal(slow.state, fast.state)
-        for name in ("time", "displacement", "force", "kinetic", "elastic", "work", "rubbed", "coordinates"):
+        for name in ("time", "displacement", "force", "kinetic", "elastic", "work", "rubbed", "gap", "mean_force", "coordinates"):
             one, two = getattr(fast, name), getattr(slow, name)
             np.testing.assert_allclose(two, one, rtol=0, atol=1e-8 * np.abs(one).max(), err_msg=name)
 
@@ -399,11 +401,11 @@ def brittle(broken: float) -> DenseModel:
 def test_failure_says_when_and_where_and_keeps_the_motion(settings: dict[str, Any]) -> None:
     _, contacts = rubbing()
     time = Time(periods=3, steady_tolerance=0.0, **settings)
-    whole = integrate(brittle(np.inf), contacts, time, PERIOD, dimension=2, keep_coordinates=True)
+    whole = integrate(brittle(np.inf), contacts, time, PERIOD, dimension=2, keep_coordinates=True, start=AT_REST)
     reach = np.abs(whole.coordinates).max()
     sentence = r"stopped at t = \d.*\(point 1 (open|slip|stick); scheme discrete-gradient\)"
     with pytest.raises(ConvergenceError, match=sentence) as failure:
-        integrate(brittle(0.7 * reach), contacts, time, PERIOD, dimension=2)
+        integrate(brittle(0.7 * reach), contacts, time, PERIOD, dimension=2, start=AT_REST)
     partial = failure.value.partial
     assert isinstance(partial, Motion) and not partial.steady
     assert partial.steps == partial.time.size - 1 > 5 and partial.rejected > 10
@@ -432,11 +434,11 @@ def test_a_rejected_step_leaves_no_trace() -> None:
 
     twin.elastic_over_step = elastic_over_step  # type: ignore[method-assign]
     settings = fixed_steps("discrete-gradient", 100, 8.0)
-    motion = integrate(twin, contacts, settings, None, dimension=2)
+    motion = integrate(twin, contacts, settings, None, dimension=2, start=AT_REST)
     assert motion.rejected == 2
     cut = int(np.flatnonzero(np.diff(motion.time) < 0.99 * 0.08)[0])
     assert motion.state[cut, 0] != OPEN  # where there is a history to lose
-    smooth = integrate(brittle(np.inf), contacts, settings, None, dimension=2)
+    smooth = integrate(brittle(np.inf), contacts, settings, None, dimension=2, start=AT_REST)
     np.testing.assert_array_equal(motion.displacement[: cut + 1], smooth.displacement[: cut + 1])
     # with the friction history intact the ledger still closes, and both motions agree to the error of a step
     assert motion.relative_imbalance < 1e-10

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from support import STOCKY, assert_tangent, beam_scene, enriched, free_unknowns, make_solid, random_polynomial
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.integrate import integrate
-from fenicsrom.online import contacts
+from fenicsrom.online import simulate
 from fenicsrom.reduced import ElasticPolynomial, elastic_force, elastic_polynomial, pairs, strain_products
 
 Array = NDArray[np.float64]
@@ -139,9 +138,8 @@ def test_all_unknowns_as_a_basis_give_the_full_model(nonlinear: bool) -> None:
     identity = np.zeros((solid.local, len(order)))
     identity[order, range(len(order))] = 1.0
     basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
-    scene = solid.scene
     one, other = (
-        integrate(model, contacts(scene), scene.time, scene.period, dimension=2)
+        simulate(model, solid.scene)
         for model in (project(solid, basis, nonlinear), FullModel(solid))
     )
     assert one.steps == other.steps == 120

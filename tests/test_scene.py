@@ -313,7 +313,7 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
         ('basis.method="macneal"', 'basis.method = "macneal": must be "rubin" or "craig-bampton"'),
         ('time.scheme="euler"', 'time.scheme = "euler": must be "average-acceleration" or "generalised-alpha" or '
                                 '"discrete-gradient"'),
-        ('loads.0.at="edge"', 'loads[0].at = "edge": must be "mean" or "centre"'),
+        ('loads.0.at="edge"', 'loads[0].at = "edge": must be "mean" or "centre" or "nodes"'),
         # vectors
         ("contacts.0.normal=[0.0, 0]", "contacts[0].normal = [0.0, 0]: must have a length above zero"),
         ("loads.0.direction=[0, 0, 0]", "loads[0].direction = [0, 0, 0]: must have a length above zero"),
@@ -394,8 +394,8 @@ def test_a_mistake_in_a_decay_gets_its_sentence(override: str, sentence: str) ->
 
 REQUIRED = [
     *("geometry", "geometry.mesh", "geometry.dimension", "geometry.thickness", "material", "supports"),
-    *("material.young", "supports.0.group", "loads.0.group", "loads.0.direction", "loads.0.force", "contacts.0.normal"),
-    *("contacts.0.preload", "contacts.0.normal_stiffness", "contacts.0.tangential_stiffness", "contacts.0.friction"),
+    *("material.young", "supports.0.group", "loads.0.group", "loads.0.direction", "loads.0.force"),
+    *("contacts.0.normal_stiffness", "contacts.0.tangential_stiffness", "contacts.0.friction"),
 ]
 
 
