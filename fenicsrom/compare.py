@@ -45,6 +45,7 @@ from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_mode
 from fenicsrom.online import provenance, simulate
 from fenicsrom.report import amplitudes, dissipated_per_period, peak_normal_force
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.signals import largest
 from fenicsrom.study import Derivatives, Snapshots, choose, differentiate, enrich, full_model, reduce
 
 if TYPE_CHECKING:
@@ -288,7 +289,8 @@ def mean_force(scene: Scene, motion: Motion, row: int, start_weight: float, line
 def indicators(body: Body, vectors: Array, motion: Motion, scene: Scene) -> tuple[float, float]:
     """The residual's root mean square in the energy and in the plain norm, relative to the amplitude of the loads."""
     found = residuals(body, vectors, motion, scene)
-    loads = np.abs(body.load_vectors) @ np.abs(np.where(body.signals.omega > 0.0, body.signals.amplitude, 0.0))[:, None]
+    varying = [not load.static for load in body.scene.loads]
+    loads = np.abs(body.load_vectors) @ np.where(varying, largest(body.signals), 0.0)[:, None]
 
     def sizes(block: Array) -> tuple[Array, Array]:
         total = body.comm.allreduce

@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.signals import factors
 from fenicsrom.solid import Solid
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ class FullModel:
         self.linear = not solid.scene.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
         self.damping = solid.scene.material.mass_damping
-        self.signals = solid.signals
+        self.loads, self.signals = solid.load_vectors, solid.signals
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
         self._columns = self._rows.T.copy()
@@ -110,5 +111,4 @@ class FullModel:
 
     def load(self, time: float) -> Array:
         """Load vector at a time."""
-        signals = self.signals
-        return self._solid.load_vectors @ (signals.amplitude * np.sin(signals.omega * time + signals.phase))
+        return self.loads @ factors(self.signals, time)

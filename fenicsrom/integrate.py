@@ -38,6 +38,7 @@ from fenicsrom.contact import Contacts
 from fenicsrom.dense import compiled
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.reduced import ReducedModel
+from fenicsrom.signals import Signals, instants, largest, quarter_period
 
 Array = NDArray[np.float64]
 
@@ -59,6 +60,8 @@ class Model(Protocol):
 
     linear: bool
     gauss_points: int
+    loads: Array  # (n, loads) unit loads
+    signals: Signals  # their time factors
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -703,13 +706,10 @@ def initial_state(
     return state
 
 
-def static_size(model: Any, contacts: Contacts, dimension: int, q: Array, amplitudes: Array, omega: Array) -> float:
-    """Size in the mass norm of the linear static response to the load amplitudes and the preload: a scale for errors."""
+def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> float:
+    """Size in the mass norm of the linear static response to the largest loads and the preload: a scale for errors."""
     _, slope = elastic_over_step(model, np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1))
-    push = np.zeros_like(q)
-    for k in range(omega.size):  # each load at its crest
-        crest = (0.5 * np.pi - model.signals.phase[k]) / omega[k] if omega[k] > 0.0 else 0.0
-        push = push + np.abs(load(model, crest))
+    push = np.abs(model.loads) @ largest(model.signals)
     y, unit, _ = responses(model, 0.0, slope, -push)
     preload = np.zeros((contacts.preload.size, dimension))
     preload[:, 0] = contacts.preload
@@ -762,10 +762,12 @@ def integrate(
     s = state.scalars
     horizon = float(period if period is not None else settings.duration)
     tolerance = settings.tolerance or 0.0
+    stops, grid = np.array([horizon]), horizon
     if tolerance:
-        size = static_size(model, contacts, dimension, q, model.signals.amplitude, model.signals.omega)
-        control = Control(horizon, tolerance, max(size, s[SIZE]))
-        s[STEP] = 1e-4 * horizon
+        if period is None:  # steps that cannot miss a load
+            stops, grid = instants(model.signals, horizon), min(horizon, quarter_period(model.signals))
+        control = Control(grid, tolerance, max(static_size(model, contacts, dimension, q), s[SIZE]))
+        s[STEP] = 1e-4 * min(grid, stops[0])
     else:
         s[STEP] = period / settings.steps_per_period if period is not None else settings.step
         control = Control(s[STEP], 0.0, s[SIZE])
@@ -785,11 +787,14 @@ def integrate(
     steady, status = False, DONE
     for span in range(1, spans + 1):
         q0, pieces, counts = state.q.copy(), [], []
-        while status != FAILED:
-            status, count = advance(model, contacts, plan, control, state, (span - 1) * horizon, span * horizon, record)
-            pieces.append(_copy(record, count))
-            counts.append(count)
-            if status == DONE:
+        for stop in stops:
+            status = FULL
+            while status == FULL:
+                origin, end = (span - 1) * horizon, (span - 1 + stop / horizon) * horizon
+                status, count = advance(model, contacts, plan, control, state, origin, end, record)
+                pieces.append(_copy(record, count))
+                counts.append(count)
+            if status == FAILED:
                 break
         history[-1] = history[-1]._replace(coordinates=history[-1].coordinates[-1:])  # one row: where this period starts
         history.append(_rows(pieces, counts))

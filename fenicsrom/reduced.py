@@ -26,16 +26,9 @@ from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
 from fenicsrom.dense import add_combined_rows, compiled, inner, kernel, lu_factor, lu_solve, times
+from fenicsrom.signals import Signals, factors
 
 Array = NDArray[np.float64]
-
-
-class Signals(NamedTuple):
-    """The time factors of the loads, amplitude sin(omega t + phase), arrays (loads,): N, rad/s, rad."""
-
-    amplitude: Array
-    omega: Array
-    phase: Array
 
 
 class ElasticPolynomial(NamedTuple):
@@ -235,8 +228,7 @@ class ReducedModel(NamedTuple):
 
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
-        signals = self.signals
-        return times(self.loads, signals.amplitude * np.sin(signals.omega * time + signals.phase))
+        return times(self.loads, factors(self.signals, time))
 
 
 def reduced_model(
@@ -253,9 +245,8 @@ def reduced_model(
     n = mass.shape[0]
     tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in (mass, loads, contact_offset, probe, probe_offset)]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
-    times = Signals(*(np.ascontiguousarray(a, dtype=np.float64) for a in signals))
     return ReducedModel(
-        tidy[0], float(damping), coefficients, tidy[1], times, tidy[2], tidy[3], tidy[4],
+        tidy[0], float(damping), coefficients, tidy[1], signals, tidy[2], tidy[3], tidy[4],
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T), points=np.zeros((2, n)),
             products=np.zeros((3, 2, coefficients.cubic.shape[0])), force=np.zeros(n), slope=np.zeros((n, n)),
@@ -447,10 +438,10 @@ class DenseModel:
             linear: the tangent is constant.
             gauss_points: points that integrate the force along a step exactly, or to rounding.
         """
-        self.mass, self.damping, self.signals = mass, damping, signals
+        self.mass, self.damping, self.loads, self.signals = mass, damping, loads, signals
         self.linear, self.gauss_points = linear, gauss_points
         self._elastic, self._energy = elastic, energy
-        self._loads, self._rows, self._offset = loads, contact_rows, contact_offset
+        self._rows, self._offset = contact_rows, contact_offset
         self._probe, self._probe_offset = probe, probe_offset
         self._factor: tuple[Array, NDArray[np.int32]] | None = None
         self._key: tuple[float, float] | None = None
@@ -502,7 +493,7 @@ class DenseModel:
 
     def load(self, time: float) -> Array:
         """Load vector at a time."""
-        return self._loads @ (self.signals.amplitude * np.sin(self.signals.omega * time + self.signals.phase))
+        return self.loads @ factors(self.signals, time)
 
 
 def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:

@@ -12,7 +12,7 @@ from support import assert_tangent, fixed_steps, linear_model, one_contact, slop
 
 from fenicsrom.contact import OPEN, SLIP, STICK, Contacts, energy, law, mean_normal_force, no_contacts, resolve
 from fenicsrom.integrate import integrate
-from fenicsrom.reduced import Signals
+from fenicsrom.signals import harmonic
 
 Array = NDArray[np.float64]
 
@@ -313,7 +313,7 @@ GRAVITY, MASS, FRICTION, SPEED = 9.81, 2.0, 0.3, 1.5
 
 def slide(stiffness: float, scheme: str = "discrete-gradient", steps: int = 4000) -> tuple[float, float]:
     """Farthest displacement of a block on a rigid floor, and the energy rubbed, until just after it has stopped."""
-    weight = Signals(np.array([MASS * GRAVITY]), np.zeros(1), np.array([np.pi / 2]))
+    weight = harmonic(np.array([MASS * GRAVITY]), np.zeros(1), np.array([np.pi / 2]))
     block = linear_model(MASS * np.eye(2), np.zeros((2, 2)), loads=[1.0, 0.0], signals=weight, masters=2)
     floor = one_contact(preload=MASS * GRAVITY, normal_stiffness=1e5, tangential_stiffness=stiffness, friction=FRICTION)
     stop = SPEED / (FRICTION * GRAVITY)
