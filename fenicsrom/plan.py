@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from fenicsrom.scene import Scene
 
-
 STILL = "nothing moves: the equilibrium is all"
 MOVING = (
     "normal modes", "static modes", "linear transient", "nonlinear statics", "modal derivatives", "elastic polynomial",
-    "intrusive projection", "time integration", "full model", "beam model", "ParaView modes", "ParaView motion",
+    "intrusive projection", "time integration", "full model", "beam model", "pictures", "ParaView modes",
+    "ParaView motion",
 )  # fmt: skip
 
 
@@ -30,6 +30,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     basis, nonlinear, touching = scene.basis, scene.geometrically_nonlinear, bool(scene.contacts)
     by_motion = basis.derivatives in ("mmi", "mmi-nls")
     selecting = nonlinear and by_motion and not scene.still
+    listed = nonlinear and not by_motion and basis.derivatives != "none"
     static = [load for load in scene.loads if load.static]
     d = scene.geometry.dimension
     linear = "the scene is geometrically linear"
@@ -55,7 +56,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
         ),
         Stage("linear transient", selecting, derivative_reason()),
         Stage("nonlinear statics", selecting and basis.derivatives == "mmi-nls", derivative_reason()),
-        Stage("modal derivatives", nonlinear and (selecting or not by_motion and basis.derivatives != "none"), derivative_reason()),
+        Stage("modal derivatives", selecting or listed, derivative_reason()),
         Stage(
             "elastic polynomial",
             nonlinear and not projected,

@@ -288,7 +288,8 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
 
 def equilibrium_sentence(deflection: Array) -> str:
     """Where the static loads leave the probe, in a sentence."""
-    return f"Displacement of the probe in the static equilibrium: {', '.join(f'{1e3 * u:.6g}' for u in deflection)} mm along the axes."
+    components = ", ".join(f"{1e3 * u:.6g}" for u in deflection)
+    return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
 def estimate_sentence(errors: Mapping[str, float]) -> str:

@@ -177,7 +177,7 @@ def _harmonics(value: Any, where: _Where) -> tuple[tuple[int, float, float], ...
     """Harmonics of one frequency, each with an order of its own."""
     if not isinstance(value, list | tuple) or not value:
         raise where.refuse(value, "must be a list of harmonics, each [order, amplitude, phase]")
-    found = []
+    found: list[tuple[int, float, float]] = []
     for index, entry in enumerate(value):
         if not isinstance(entry, list | tuple) or len(entry) != 3:
             raise where.at(index).refuse(entry, "must be [order, amplitude, phase]")
@@ -775,7 +775,8 @@ def _load_contradictions(load: Load) -> Iterator[tuple[str, object, str]]:
     if kind != "pressure" and load.direction is None:
         yield "direction", MISSING, "must be a vector"
     unwanted = {"force": (), "acceleration": ("group", "node", "nearest", "box", "plane")}.get(kind, ("node", "nearest"))
-    why = "with an acceleration, which acts on the whole body" if kind == "acceleration" else f"with a {kind}, which acts on facets"
+    where = {"acceleration": "the whole body"}.get(kind, "facets")
+    why = f"with {'an' if kind == 'acceleration' else 'a'} {kind}, which acts on {where}"
     for name in unwanted:
         if (value := getattr(load.place, name)) is not None:
             yield name, _plain(value), f"must not be given {why}"
@@ -784,8 +785,9 @@ def _load_contradictions(load: Load) -> Iterator[tuple[str, object, str]]:
     for name in ("phase", "harmonics", "sweep"):
         if load.frequency is None and getattr(load, name):
             yield name, _plain(getattr(load, name)), "must not be given without frequency"
-    exclusive = (("pulse", "frequency"), ("table", "frequency"), ("table", "pulse"), ("sweep", "harmonics"), ("phase", "harmonics"))
-    for name, other in exclusive:
+    for name, other in (
+        ("pulse", "frequency"), ("table", "frequency"), ("table", "pulse"), ("sweep", "harmonics"), ("phase", "harmonics"),
+    ):  # fmt: skip
         if getattr(load, name) and getattr(load, other) is not None:
             yield name, _plain(getattr(load, name)), f"must not be given together with {other}"
 

@@ -403,7 +403,8 @@ def beam_body(scene: Scene) -> BeamBody:
         raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {count}")
     for k, load in enumerate(scene.loads):
         if load.kind != "force":
-            raise SceneError(f"{scene.source}: reference.beam = true: the beam takes point forces only, loads[{k}] is a {load.kind}")
+            what = f"the beam takes point forces only, no {load.kind} as in loads[{k}]"
+            raise SceneError(f"{scene.source}: reference.beam = true: {what}")
     for k, item in enumerate([*scene.loads, *scene.contacts]):
         vector = item.direction if k < len(scene.loads) else item.normal
         if d == 3 and abs(vector[2]) > 1e-12:
