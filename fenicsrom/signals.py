@@ -91,6 +91,10 @@ def _joined(parts: Sequence[tuple[Sequence[Sequence[float]], Sequence[tuple[floa
     return Signals(sines, np.array([row for _, rows in parts for row in rows], dtype=np.float64).reshape(-1, 2), spans)
 
 
+def _spans(signals: Signals) -> list[tuple[int, ...]]:
+    return [tuple(int(entry) for entry in row) for row in signals.spans]
+
+
 @kernel
 def write_factors(signals: Signals, time: float, out: Array) -> None:
     """Write the factors of the loads at a time in s into out (loads,)."""
@@ -133,7 +137,7 @@ def factors(signals: Signals, time: float) -> Array:
 def largest(signals: Signals) -> Array:
     """A bound (loads,) of the absolute factors for all times, attained by a load of one sine and by a table."""
     found = np.zeros(signals.spans.shape[0])
-    for k, (first, last, low, high) in enumerate(signals.spans):
+    for k, (first, last, low, high) in enumerate(_spans(signals)):
         found[k] = np.sum(np.abs(signals.sines[first:last, AMPLITUDE]))
         found[k] += np.max(np.abs(signals.table[low:high, 1]), initial=0.0)
     return found
@@ -158,7 +162,7 @@ def instants(signals: Signals, end: float) -> Array:
     found = [np.array([end])]
     for sine in signals.sines[np.isfinite(signals.sines[:, END])]:
         found.append(np.linspace(sine[START], sine[END], 5))
-    for low, high in signals.spans[:, 2:]:
+    for _, _, low, high in _spans(signals):
         time, value = signals.table[low:high].T
         way = np.sign(np.diff(value))
         found.append(time[1:-1][way[1:] != way[:-1]])
