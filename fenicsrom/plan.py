@@ -32,6 +32,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     selecting = nonlinear and by_motion and not scene.still
     listed = nonlinear and not by_motion and basis.derivatives != "none"
     static = [load for load in scene.loads if load.static]
+    statics = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
     d = scene.geometry.dimension
     linear = "the scene is geometrically linear"
 
@@ -47,7 +48,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     projected = basis.elastic_force == "projection"
     return [
         Stage("mesh", True, f"{scene.geometry.mesh.name}, {d}D"),
-        Stage("static equilibrium", bool(static), f"{len(static)} static loads" if static else "no static load"),
+        Stage("static equilibrium", bool(static), statics),
         Stage("normal modes", basis.modes > 0, f"{basis.modes} {'free' if basis.method == 'rubin' else 'fixed'}-interface modes"),
         Stage(
             "static modes",

@@ -195,22 +195,22 @@ def _series(value: Any, where: _Where) -> Path | tuple[tuple[float, float], ...]
         return _path(value, where)
     if not isinstance(value, list | tuple):
         raise where.refuse(value, "must be the name of a file, or rows [time, factor]")
-    return _rows(value, where, [where.at(index).key.removeprefix(where.key) for index in range(len(value))])
+    return _rows(value, where, where.at)
 
 
-def _rows(rows: Sequence[Any], where: _Where, names: Sequence[str]) -> tuple[tuple[float, float], ...]:
-    """The rows of a function of time, checked; their names are for messages."""
+def _rows(rows: Sequence[Any], where: _Where, place: Callable[[int], _Where]) -> tuple[tuple[float, float], ...]:
+    """The rows of a function of time, checked; `place` says where a row stands."""
     if not 2 <= len(rows) <= MOST_ROWS:
         raise where.refuse(len(rows), f"the number of rows must be from 2 to {MOST_ROWS}")
-    for name, row in zip(names, rows, strict=True):
+    found: list[tuple[float, float]] = []
+    for index, row in enumerate(rows):
         if not isinstance(row, list | tuple) or len(row) != 2 or not all(map(_is_number, row)):
-            raise replace(where, key=f"{where.key}{name}").refuse(row, "must be two finite numbers, time in s and factor")
-    found = tuple((float(time), float(factor)) for time, factor in rows)
-    for name, before, after in zip(names[1:], found, found[1:], strict=False):
-        if not after[0] > before[0]:
-            allowed = f"times must increase from row to row, and the one before is {before[0]:g}"
-            raise replace(where, key=f"{where.key}{name}").refuse(after[0], allowed)
-    return found
+            raise place(index).refuse(row, "must be two finite numbers, time in s and factor")
+        found.append((float(row[0]), float(row[1])))
+        if index and not found[-1][0] > found[-2][0]:
+            allowed = f"times must increase from row to row, and the one before is {found[-2][0]:g}"
+            raise place(index).refuse(found[-1][0], allowed)
+    return tuple(found)
 
 
 def _label(value: Any, where: _Where) -> str:
@@ -563,7 +563,7 @@ _SCHEMES = ("average-acceleration", "generalised-alpha", "discrete-gradient")
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """The time integration; with a harmonic load to a steady state, without one for a duration.
+    """The time integration; to a steady state with loads that repeat, else for a duration.
 
     Attributes:
         scheme: "average-acceleration", "generalised-alpha" or "discrete-gradient".
@@ -573,7 +573,7 @@ class Time:
             motion; None for a fixed step.
         periods: the most periods to run; None with `duration`.
         steady_tolerance: relative change over a period taken as steady, 0 for never; None with `duration`.
-        duration: time to run in s; None with a harmonic load.
+        duration: time to run in s; None with loads that repeat, or where nothing moves.
         step: time step in s; None unless the step is fixed and there is a `duration`.
     """
 
@@ -905,7 +905,7 @@ def _read_table(path: Path, folder: Path | None, where: _Where) -> tuple[tuple[f
     except (OSError, UnicodeError):
         raise where.refuse(str(path), "must be a text file that can be read") from None
     rows: list[Any] = []
-    names: list[str] = []
+    numbers: list[int] = []
     headed = False
     for number, line in enumerate(lines, 1):
         words = re.split(r"\s*[,;]\s*|\s+", line.strip())
@@ -918,8 +918,8 @@ def _read_table(path: Path, folder: Path | None, where: _Where) -> tuple[tuple[f
                 headed = True
                 continue
             rows.append(line)
-        names.append(f" = {_show(str(path))}: line {number}")
-    return _rows(rows, where, names)
+        numbers.append(number)
+    return _rows(rows, where, lambda index: replace(where, key=f"{where.key} = {_show(str(path))}: line {numbers[index]}"))
 
 
 def _find(mesh: Path, folder: Path, where: _Where) -> Path:

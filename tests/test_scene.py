@@ -463,7 +463,8 @@ WORDS = st.text(max_size=8) | st.sampled_from(
     ["root", "mean", "centre", "all", "1V1V", "1V2S", "9S9S", "simplex", "strain", "a.geo", "generalised-alpha", "\0\n"]
 )
 KEYS = st.text(max_size=6) | st.sampled_from(
-    ["group", "node", "at", "frequency", "phase", "tolerance", "duration", "periods", "probe", "beam", "cells", "plane"]
+    ["group", "node", "at", "frequency", "phase", "tolerance", "duration", "periods", "probe", "beam", "cells", "plane",
+     "traction", "pressure", "acceleration", "harmonics", "sweep", "pulse", "table"]
 )
 VALUES = st.recursive(
     NUMBERS | WORDS | st.booleans() | st.none() | st.dates(),
