@@ -17,6 +17,7 @@ from fenicsrom import signals
 from fenicsrom.contact import no_contacts
 from fenicsrom.errors import SceneError
 from fenicsrom.integrate import Motion, integrate
+from fenicsrom.online import changed_key
 from fenicsrom.scene import Load, Place, Pulse, Scene, Sweep, Time, override_table, parse_scene, scene_table
 from fenicsrom.signals import Signals, factors, harmonic, instants, largest, of_loads, quarter_period
 
@@ -317,6 +318,17 @@ SWEEP = [HARMONIC, "loads.0.sweep={to=8.0, duration=1}"]
 )  # fmt: skip
 def test_a_mistake_in_the_times_gets_its_sentence(overrides: list[str], sentence: str) -> None:
     assert refused(*overrides) == f"s: {sentence}"
+
+
+def test_what_a_stored_model_may_change_of_a_load() -> None:
+    made = parse(HARMONIC)
+    for change in ("loads.0.frequency=5.0", "loads.0.phase=0.1", "loads.0.force=1.0", "loads.0.harmonics=[[1, 1, 0], [2, 1, 0]]"):
+        assert changed_key(made, parse(HARMONIC, change)) is None
+    assert changed_key(made, parse(*SWEEP, TIME)) is changed_key(made, parse("loads.0.pulse={duration=0.1}", TIME)) is None
+    traction = "loads.0={group='load', direction=[0, 1], traction=100.0, frequency=2.0}"
+    assert changed_key(made, parse(traction)) == "loads[0].traction"
+    assert changed_key(made, parse()) == "loads[0]: a static load"
+    assert changed_key(made, parse(HARMONIC, "loads.0.direction=[1, 0]")) == "loads[0].direction"
 
 
 def test_what_repeats_and_what_is_still() -> None:
