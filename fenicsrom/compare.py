@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
 from fenicsrom.contact import mean_normal_force
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, scheme
 from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_modes
@@ -446,6 +446,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     from fenicsrom.mesh import build_mesh
     from fenicsrom.solid import Solid
 
+    if scene.still:
+        raise SceneError(f"{scene.source}: nothing moves in this scene: compare needs a load that varies, or a time.duration")
     scenes = [with_combination(scene, combination) for combination in combinations(scene)]
     largest = max(scene.compare.modes)
     seconds: dict[str, float] = {}

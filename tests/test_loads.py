@@ -287,6 +287,8 @@ def test_a_scene_in_which_nothing_moves_ends_with_its_equilibrium(tmp_path: Path
     # its modes can be asked for all the same, about the equilibrium
     assert main(["modes", str(scene), "--output", str(tmp_path / "modes"), "--set", "output.pictures=false"]) == 0
     assert "1V  3.2" in capsys.readouterr().out
+    assert main(["compare", str(scene), "--output", str(tmp_path / "compare")]) == 2
+    assert "nothing moves in this scene" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
