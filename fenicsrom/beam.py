@@ -33,8 +33,9 @@ from numpy.typing import NDArray
 
 from fenicsrom.contact import ContactPoints
 from fenicsrom.errors import ConvergenceError, SceneError
-from fenicsrom.reduced import DenseModel, Signals
+from fenicsrom.reduced import DenseModel
 from fenicsrom.scene import BeamSection, Material, Scene
+from fenicsrom.signals import of_loads
 
 Array = NDArray[np.float64]
 
@@ -282,7 +283,7 @@ class BeamBody:
         self.mass, self.stiffness = beam.mass, beam.stiffness
         self.size = self.local = self.free = beam.mass.shape[0]
         self.load_vectors, self.points, self.contact_rows, self.probe_rows = loads, points, contact_rows, probe_rows
-        self.signals = Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
+        self.signals = of_loads(scene.loads)
         self.equilibrium = self.rest_force = np.zeros(self.size)
         self.factor = _Cholesky(beam.stiffness)
         self.warnings: list[str] = []

@@ -149,12 +149,14 @@ def _run(options: argparse.Namespace) -> int:
     say("files ..")
     files = results.write_study(found, folder)
     if comm.rank == 0:
-        _found(scene, results.terminal_table(found.motions, results.sizes(found)), found.solid.warnings)
-        basis = found.basis
-        assert basis is not None
-        print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
-        condition = found.modes.flexibility_condition
-        print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
+        table = results.terminal_table(found.motions, results.sizes(found)) if found.motions else ""
+        _found(scene, table, found.solid.warnings)
+        if found.deflection is not None:
+            print(results.equilibrium_sentence(found.deflection))
+        if (basis := found.basis) is not None:
+            print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
+            condition = found.modes.flexibility_condition
+            print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
         if found.errors:
             print(results.estimate_sentence(found.errors))
         errors = results.motions_summary(found.motions).get("error_percent")
@@ -284,7 +286,8 @@ def _found(scene: Scene, table: str, warnings: Sequence[str]) -> None:
     print()
     if scene.title:
         print(scene.title)
-    print(table)
+    if table:
+        print(table)
     for warning in warnings:
         print(f"warning: {warning}")
 

@@ -37,13 +37,14 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from fenicsrom.basis import ReducedBasis
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, scheme
 from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_modes
 from fenicsrom.online import provenance, simulate
 from fenicsrom.report import amplitudes, dissipated_per_period, peak_normal_force
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.signals import largest
 from fenicsrom.study import Derivatives, Snapshots, choose, differentiate, enrich, full_model, reduce
 
 if TYPE_CHECKING:
@@ -276,7 +277,8 @@ def residuals(body: Body, vectors: Array, motion: Motion, scene: Scene) -> Array
 def indicators(body: Body, vectors: Array, motion: Motion, scene: Scene) -> tuple[float, float]:
     """The residual's root mean square in the energy and in the plain norm, relative to the amplitude of the loads."""
     found = residuals(body, vectors, motion, scene)
-    loads = np.abs(body.load_vectors) @ np.abs(np.where(body.signals.omega > 0.0, body.signals.amplitude, 0.0))[:, None]
+    varying = [not load.static for load in body.scene.loads]
+    loads = np.abs(body.load_vectors) @ np.where(varying, largest(body.signals), 0.0)[:, None]
 
     def sizes(block: Array) -> tuple[Array, Array]:
         total = body.comm.allreduce
@@ -432,6 +434,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     from fenicsrom.mesh import build_mesh
     from fenicsrom.solid import Solid
 
+    if scene.still:
+        raise SceneError(f"{scene.source}: nothing moves in this scene: compare needs a load that varies, or a time.duration")
     scenes = [with_combination(scene, combination) for combination in combinations(scene)]
     largest = max(scene.compare.modes)
     seconds: dict[str, float] = {}

@@ -641,7 +641,8 @@ def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: To
         available += rub * (x1[k] - carried[k]) + 0.5 * start.friction[p, k] ** 2 / kt
         stored += 0.5 * force[k] ** 2 / kt
         surface -= rub * (carried[k] - x0[k])
-    if interval.line and contacts.kind[p] != PLANE and stored > available:  # the tangent plane has turned: the spring keeps what it was given
+    if interval.line and contacts.kind[p] != PLANE and stored > available:
+        # the tangent plane has turned: the spring keeps what it was given
         factor = np.sqrt(max(available, 0.0) / stored)
         for k in range(d):
             force[k] *= factor

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 def _sources() -> str:
     """A digest of the modules whose compiled functions call each other."""
     digest = hashlib.sha256()
-    for name in ("dense", "contact", "reduced", "integrate"):
+    for name in ("dense", "contact", "signals", "reduced", "integrate"):
         digest.update(Path(__file__).with_name(f"{name}.py").read_bytes())
     return digest.hexdigest()
 

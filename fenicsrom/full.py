@@ -8,6 +8,7 @@ from petsc4py import PETSc
 
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.signals import factors
 from fenicsrom.solid import Solid
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ class FullModel:
         self.linear = not solid.scene.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
         self.damping = solid.scene.material.mass_damping
-        self.signals, self.points = solid.signals, solid.points
+        self.loads, self.signals, self.points = solid.load_vectors, solid.signals, solid.points
         self.gyroscopic = False
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
@@ -117,5 +118,4 @@ class FullModel:
 
     def load(self, time: float) -> Array:
         """Load vector at a time."""
-        signals = self.signals
-        return self._solid.load_vectors @ (signals.amplitude * np.sin(signals.omega * time + signals.phase))
+        return self.loads @ factors(self.signals, time)

@@ -40,6 +40,7 @@ from fenicsrom.contact import Contacts
 from fenicsrom.dense import compiled
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.reduced import ReducedModel
+from fenicsrom.signals import Signals, instants, largest, quarter_period
 from fenicsrom.statics import equilibrium
 
 Array = NDArray[np.float64]
@@ -63,6 +64,8 @@ class Model(Protocol):
     linear: bool
     gyroscopic: bool
     gauss_points: int
+    loads: Array  # (n, loads) unit loads
+    signals: Signals  # their time factors
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -334,7 +337,8 @@ class State(NamedTuple):
         load: (n,) load vector at the time.
         touch: the contact points.
         scalars: time, next step, last step, work of the loads and of moving surfaces, energies dissipated by damping and
-            friction, kinetic, elastic and contact energy, energy and displacement scales of the run, counts of steps, rejected steps and iterations.
+            friction, kinetic, elastic and contact energy, energy and displacement scales of the run, counts of steps,
+            rejected steps and iterations.
         trial: the step that is being tried: no part of the state, but room that is needed at every step.
     """
 
@@ -779,13 +783,10 @@ def initial_state(
     return state
 
 
-def static_size(model: Any, contacts: Contacts, dimension: int, q: Array, amplitudes: Array, omega: Array) -> float:
-    """Size in the mass norm of the linear static response to the load amplitudes and the preload: a scale for errors."""
+def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> float:
+    """Size in the mass norm of the linear static response to the largest loads and the preload: a scale for errors."""
     _, slope = elastic_over_step(model, np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1))
-    push = np.zeros_like(q)
-    for k in range(omega.size):  # each load at its crest
-        crest = (0.5 * np.pi - model.signals.phase[k]) / omega[k] if omega[k] > 0.0 else 0.0
-        push = push + np.abs(load(model, crest))
+    push = np.abs(model.loads) @ largest(model.signals)
     y, unit, _ = responses(model, 0.0, 0.0, slope, -push)
     preload = np.zeros((contacts.preload.size, dimension))
     preload[:, 0] = contacts.preload
@@ -836,20 +837,23 @@ def integrate(
     horizon = float(period if period is not None else settings.duration)
     tolerance = settings.tolerance or 0.0
     step = period / settings.steps_per_period if period is not None and not tolerance else settings.step
+    stops, grid = np.array([horizon]), horizon if tolerance else step
+    if tolerance and period is None:  # steps that cannot miss a load
+        stops, grid = instants(model.signals, horizon), min(horizon, quarter_period(model.signals))
     nothing, buckled = np.zeros_like(load(model, 0.0)), 0
     if resume is not None:
         state, done, buckled = copy.deepcopy(resume.state), resume.spans if period is not None else 0, resume.buckled
-        control = Control(horizon if tolerance else step, tolerance, resume.size)
+        control = Control(grid, tolerance, resume.size)
     else:
         if start is None:
             q, buckled = equilibrium(model, contacts, dimension)
             start = (q, nothing)
         state, done = initial_state(model, contacts, plan, dimension, *start), 0
-        state.scalars[STEP] = 1e-4 * horizon if tolerance else step
+        state.scalars[STEP] = 1e-4 * min(grid, stops[0]) if tolerance else step
         size = state.scalars[SIZE]
         if tolerance:
-            size = max(size, static_size(model, contacts, dimension, start[0], model.signals.amplitude, model.signals.omega))
-        control = Control(horizon if tolerance else step, tolerance, size)
+            size = max(size, static_size(model, contacts, dimension, start[0]))
+        control = Control(grid, tolerance, size)
     s = state.scalars
     points, width, rows = state.touch.x.shape[0], 3 * state.q.size if keep_coordinates else 0, 4096
     if keep_coordinates and not tolerance:
@@ -875,12 +879,14 @@ def integrate(
     span = done
     for span in range(done + 1, spans + 1):
         q0, pieces, counts = state.q.copy(), [], []
-        while status != FAILED:
-            origin = (span - 1) * horizon
-            status, count = advance(model, contacts, plan, control, state, origin, origin + horizon, record)
-            pieces.append(_copy(record, count))
-            counts.append(count)
-            if status == DONE:
+        for stop in stops:
+            status = FULL
+            while status == FULL:
+                origin, end = (span - 1) * horizon, (span - 1 + stop / horizon) * horizon
+                status, count = advance(model, contacts, plan, control, state, origin, end, record)
+                pieces.append(_copy(record, count))
+                counts.append(count)
+            if status == FAILED:
                 break
         history[-1] = history[-1]._replace(coordinates=history[-1].coordinates[-1:])  # one row: where this period starts
         history.append(_rows(pieces, counts))

@@ -1,8 +1,8 @@
 """The online stage: from a scene and a reduced model to a motion, without mesh and without dolfinx.
 
 A reduced model is stored in one `.npz` file with its labels, units, provenance and the scene it was made from. What the
-online stage may change is the size, frequency and phase of the harmonic loads, the damping, everything about the contacts
-but where they are, and the time integration.
+online stage may change is the size of the loads that are not static and how they vary in time, the damping, everything
+about the contacts but where they are, and the time integration.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from fenicsrom.contact import ContactPoints, contacts_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, end_of, integrate
-from fenicsrom.reduced import ElasticPolynomial, ReducedModel, Signals, reduced_model
+from fenicsrom.reduced import ElasticPolynomial, ReducedModel, reduced_model
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
+from fenicsrom.signals import Signals, of_loads
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ UNITS = {"mass": "kg", "stiffness": "N/m", "quadratic": "N/m^2", "cubic": "N/m^3
 
 def signals(scene: Scene) -> Signals:
     """The time factors of a scene's loads."""
-    return Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
+    return of_loads(scene.loads)
 
 
 def simulate(
@@ -416,6 +417,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
                 return f"contacts[{k}].normal"
             if kind == "loads" and a.direction != b.direction:
                 return f"loads[{k}].direction"
-            if kind == "loads" and (a.frequency is None or b.frequency is None) and a != b:
+            if kind == "loads" and a.kind != b.kind:
+                return f"loads[{k}].{b.kind}"
+            if kind == "loads" and (a.static or b.static) and a != b:
                 return f"loads[{k}]: a static load"
     return None

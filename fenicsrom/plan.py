@@ -6,6 +6,13 @@ from dataclasses import dataclass
 
 from fenicsrom.scene import Scene
 
+STILL = "nothing moves: the equilibrium is all"
+MOVING = (
+    "normal modes", "static modes", "linear transient", "nonlinear statics", "modal derivatives", "elastic polynomial",
+    "intrusive projection", "time integration", "full model", "beam model", "pictures", "ParaView modes",
+    "ParaView motion",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -16,17 +23,24 @@ class Stage:
     why: str
 
 
-def plan(scene: Scene) -> list[Stage]:
-    """The stages of a scene in their order."""
+def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
+    """The stages of a scene in their order; those of its modes are run for their own sake if they are all that is wanted."""
+    if scene.still and not modes_only:
+        return [Stage(stage.name, False, STILL) if stage.name in MOVING else stage for stage in plan(scene, True)]
     basis, nonlinear, touching = scene.basis, scene.geometrically_nonlinear, bool(scene.contacts)
-    selecting = nonlinear and basis.derivatives in ("mmi", "mmi-nls")
-    static = [load for load in scene.loads if load.frequency is None]
+    by_motion = basis.derivatives in ("mmi", "mmi-nls")
+    selecting = nonlinear and by_motion and not scene.still
+    listed = nonlinear and not by_motion and basis.derivatives != "none"
+    static = [load for load in scene.loads if load.static]
+    statics = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
     d = scene.geometry.dimension
     linear = "the scene is geometrically linear"
 
     def derivative_reason() -> str:
         if not nonlinear:
             return linear
+        if by_motion and scene.still:
+            return STILL
         if basis.derivatives == "none":
             return "basis.derivatives is none"
         return "basis.derivatives is " + (basis.derivatives if isinstance(basis.derivatives, str) else "a list of labels")
@@ -34,7 +48,7 @@ def plan(scene: Scene) -> list[Stage]:
     projected = basis.elastic_force == "projection"
     return [
         Stage("mesh", True, f"{scene.geometry.mesh.name}, {d}D"),
-        Stage("static equilibrium", bool(static), f"{len(static)} static loads" if static else "no static load"),
+        Stage("static equilibrium", bool(static), statics),
         Stage("normal modes", basis.modes > 0, f"{basis.modes} {'free' if basis.method == 'rubin' else 'fixed'}-interface modes"),
         Stage(
             "static modes",
@@ -43,7 +57,7 @@ def plan(scene: Scene) -> list[Stage]:
         ),
         Stage("linear transient", selecting, derivative_reason()),
         Stage("nonlinear statics", selecting and basis.derivatives == "mmi-nls", derivative_reason()),
-        Stage("modal derivatives", nonlinear and basis.derivatives != "none", derivative_reason()),
+        Stage("modal derivatives", selecting or listed, derivative_reason()),
         Stage(
             "elastic polynomial",
             nonlinear and not projected,
@@ -56,6 +70,7 @@ def plan(scene: Scene) -> list[Stage]:
         ),
         Stage("contact forces", touching, f"{len(scene.contacts)} points" if touching else "no contact"),
         Stage("second tangent direction", touching and d == 3, "no contact" if not touching else f"{d} dimensions"),
+        Stage("time integration", not scene.still, STILL if scene.still else f"{scene.time.scheme}"),
         Stage("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear + ": one solve a step"),
         Stage("full model", scene.reference.full, "reference.full" if scene.reference.full else "not asked for"),
         Stage("beam model", scene.reference.beam is not None, "reference.beam" if scene.reference.beam else "not asked for"),

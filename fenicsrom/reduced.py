@@ -27,16 +27,9 @@ from numpy.typing import NDArray
 from fenicsrom.basis import ReducedBasis
 from fenicsrom.contact import ContactPoints
 from fenicsrom.dense import add_combined_rows, add_times, compiled, inner, kernel, lu_factor, lu_solve, times, write_times
+from fenicsrom.signals import Signals, factors, write_factors
 
 Array = NDArray[np.float64]
-
-
-class Signals(NamedTuple):
-    """The time factors of the loads, amplitude sin(omega t + phase), arrays (loads,): N, rad/s, rad."""
-
-    amplitude: Array
-    omega: Array
-    phase: Array
 
 
 class ElasticPolynomial(NamedTuple):
@@ -145,6 +138,7 @@ class Workspace(NamedTuple):
         contact: (m,) contact displacement.
         inertia: (n,) M v.
         gyroscopic: (n,) Gamma v.
+        factors: (loads,) time factors of the loads.
         load: (n,) load vector.
     """
 
@@ -161,6 +155,7 @@ class Workspace(NamedTuple):
     contact: Array
     inertia: Array
     gyroscopic: Array
+    factors: Array
     load: Array
 
 
@@ -270,7 +265,8 @@ class ReducedModel(NamedTuple):
 
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
-        write_load(self.loads, self.signals, time, self.work.load)
+        write_factors(self.signals, time, self.work.factors)
+        write_times(self.loads, self.work.factors, self.work.load)
         return self.work.load
 
 
@@ -293,29 +289,17 @@ def reduced_model(
     arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, turning
     tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
-    times = Signals(*(np.ascontiguousarray(a, dtype=np.float64) for a in signals))
     where = ContactPoints(np.ascontiguousarray(points.contact, dtype=np.int64), *map(np.ascontiguousarray, points[1:]))
     return ReducedModel(
-        tidy[0], float(damping), coefficients, tidy[1], times, where, tidy[2], tidy[3], tidy[4], tidy[5], tidy[6],
+        tidy[0], float(damping), coefficients, tidy[1], signals, where, tidy[2], tidy[3], tidy[4], tidy[5], tidy[6],
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T), points=np.zeros((2, n)),
             products=np.zeros((3, 2, coefficients.cubic.shape[0])), force=np.zeros(n), slope=np.zeros((n, n)),
             factor=np.zeros((n, n)), pivots=np.zeros(n, dtype=np.int64), key=np.zeros(2),
             block=np.zeros((n, 1 + m)), compliance=np.zeros((m, m)), contact=np.zeros(m), inertia=np.zeros(n),
-            gyroscopic=np.zeros(n), load=np.zeros(n),
+            gyroscopic=np.zeros(n), factors=np.zeros(loads.shape[1]), load=np.zeros(n),
         ),
     )  # fmt: skip
-
-
-@kernel
-def write_load(loads: Array, signals: Signals, time: float, out: Array) -> None:
-    """Write the load vector (n,) at a time."""
-    for i in range(out.size):
-        out[i] = 0.0
-    for k in range(loads.shape[1]):
-        factor = signals.amplitude[k] * np.sin(signals.omega[k] * time + signals.phase[k])
-        for i in range(out.size):
-            out[i] += factor * loads[i, k]
 
 
 @kernel
@@ -525,12 +509,12 @@ class DenseModel:
             linear: the tangent is constant.
             gauss_points: points that integrate the force along a step exactly, or to rounding.
         """
-        self.mass, self.damping, self.signals = mass, damping, signals
+        self.mass, self.damping, self.loads, self.signals = mass, damping, loads, signals
         self.linear, self.gauss_points, self.points = linear, gauss_points, points
         self.gyroscopic = turning is not None
         self._turning = np.zeros_like(mass) if turning is None else turning
         self._elastic, self._energy = elastic, energy
-        self._loads, self._rows, self._offset = loads, contact_rows, contact_offset
+        self._rows, self._offset = contact_rows, contact_offset
         self._probe, self._probe_offset = probe, probe_offset
         self._factor: tuple[Array, NDArray[np.int32]] | None = None
         self._key: tuple[float, float] | None = None
@@ -592,7 +576,7 @@ class DenseModel:
 
     def load(self, time: float) -> Array:
         """Load vector at a time."""
-        return self._loads @ (self.signals.amplitude * np.sin(self.signals.omega * time + self.signals.phase))
+        return self.loads @ factors(self.signals, time)
 
 
 def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:

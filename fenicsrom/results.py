@@ -55,6 +55,8 @@ def summary(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": study.left_out,
     }
+    if study.deflection is not None:
+        found["equilibrium"] = {"displacement_m": study.deflection}
     found |= motions_summary(study.motions)
     found["estimated_error"] = {name: value if np.isfinite(value) else None for name, value in study.errors.items()}
     if study.unfinished:
@@ -242,6 +244,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
         found.append(response_rows(study.motions, sizes(study)))
         found.append("Amplitudes are half of peak-to-peak over the last period; imbalance is the largest error of the energy "
                      "ledger relative to the largest energy of the motion.")  # fmt: skip
+    if study.deflection is not None:
+        found.append(equilibrium_sentence(study.deflection))
     errors = motions_summary(study.motions).get("error_percent")
     if errors:
         found.append(error_sentence(errors))
@@ -265,7 +269,8 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
         order = sorted(study.selection.weights.items(), key=lambda item: -item[1])
         kept = set(study.selection.derivatives)
         basis.append([["derivative", "weight", "kept"], *[[k, f"{w:.2e}", "yes" if k in kept else "no"] for k, w in order]])
-    sections.append(("Basis", basis))
+    if study.modes.labels:
+        sections.append(("Basis", basis))
     stages = [["stage", "s"], *[[stage, f"{seconds:.3g}"] for stage, seconds in study.seconds.items()]]
     sections.append(("Run time", [stages]))
     if study.left_out:
@@ -279,6 +284,12 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
     """The errors against the full model in a sentence."""
     parts = [f"{name.removeprefix('amplitude_')} {value:.3g} %" for name, value in errors.items() if value is not None]
     return "Error of the reduced model's amplitudes against the full model's: " + (", ".join(parts) or "none to compare") + "."
+
+
+def equilibrium_sentence(deflection: Array) -> str:
+    """Where the static loads leave the probe, in a sentence."""
+    components = ", ".join(f"{1e3 * u:.6g}" for u in deflection)
+    return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
 def estimate_sentence(errors: Mapping[str, float]) -> str:

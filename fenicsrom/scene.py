@@ -24,6 +24,8 @@ from typing import Annotated, Any, get_type_hints
 from fenicsrom.errors import SceneError
 from fenicsrom.paths import shared_meshes
 
+MOST_ROWS = 1_000_000  # of a table of a load
+
 
 @dataclass(frozen=True)
 class _Where:
@@ -172,6 +174,46 @@ def _parameters(value: Any, where: _Where) -> dict[str, float]:
     return {str(name): _number()(entry, where.at(name)) for name, entry in value.items()}
 
 
+def _harmonics(value: Any, where: _Where) -> tuple[tuple[int, float, float], ...]:
+    """Harmonics of one frequency, each with an order of its own."""
+    if not isinstance(value, list | tuple) or not value:
+        raise where.refuse(value, "must be a list of harmonics, each [order, amplitude, phase]")
+    found: list[tuple[int, float, float]] = []
+    for index, entry in enumerate(value):
+        if not isinstance(entry, list | tuple) or len(entry) != 3:
+            raise where.at(index).refuse(entry, "must be [order, amplitude, phase]")
+        order = _integer(1, 1000)(entry[0], where.at(index).at(0))
+        if order in (other for other, *_ in found):
+            raise where.at(index).at(0).refuse(order, "must not stand in the list twice")
+        amplitude, phase = (_number()(entry[k], where.at(index).at(k)) for k in (1, 2))
+        found.append((order, amplitude, phase))
+    return tuple(found)
+
+
+def _series(value: Any, where: _Where) -> Path | tuple[tuple[float, float], ...]:
+    """A function of time: the path of a file, read later, or its rows."""
+    if isinstance(value, str):
+        return _path(value, where)
+    if not isinstance(value, list | tuple):
+        raise where.refuse(value, "must be the name of a file, or rows [time, factor]")
+    return _rows(value, where, where.at)
+
+
+def _rows(rows: Sequence[Any], where: _Where, place: Callable[[int], _Where]) -> tuple[tuple[float, float], ...]:
+    """The rows of a function of time, checked; `place` says where a row stands."""
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise where.refuse(len(rows), f"the number of rows must be from 2 to {MOST_ROWS}")
+    found: list[tuple[float, float]] = []
+    for index, row in enumerate(rows):
+        if not isinstance(row, list | tuple) or len(row) != 2 or not all(map(_is_number, row)):
+            raise place(index).refuse(row, "must be two finite numbers, time in s and factor")
+        found.append((float(row[0]), float(row[1])))
+        if index and not found[-1][0] > found[-2][0]:
+            allowed = f"times must increase from row to row, and the one before is {found[-2][0]:g}"
+            raise place(index).refuse(found[-1][0], allowed)
+    return tuple(found)
+
+
 def _label(value: Any, where: _Where) -> str:
     """The label of a modal derivative in its one spelling: V before S, lower numbers first (1S2V becomes 2V1S)."""
     match = re.fullmatch(r"([0-9]{1,6})([VS])([0-9]{1,6})([VS])", value) if isinstance(value, str) else None
@@ -235,7 +277,7 @@ def _list(rule: Rule) -> Rule:
     return listed
 
 
-def _rows(*names: str) -> Rule:
+def _numbers(*names: str) -> Rule:
     """A list of rows of so many numbers each."""
     allowed = f"must be a list of [{', '.join(names)}], finite numbers"
 
@@ -402,22 +444,100 @@ class Support(Region):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Load:
-    """A point force of constant direction, force · sin(2π frequency t + phase), or static.
+class Sweep:
+    """A change of frequency, from that of the load at t = 0; afterwards the frequency stays.
 
     Attributes:
-        place: where it acts.
-        direction: unit vector.
-        force: force in N.
-        frequency: frequency in Hz; None for a static load, which is part of the equilibrium.
+        to: the last frequency in Hz.
+        duration: of the change in s.
+        kind: "linear" (so many Hz a second) or "logarithmic" (so many octaves a second).
+    """
+
+    to: Annotated[float, _number(above=0.0)]
+    duration: Annotated[float, _number(above=0.0)]
+    kind: Annotated[str, _choice("linear", "logarithmic")] = "linear"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse:
+    """An impact: half a sine, nothing before and after it.
+
+    Attributes:
+        duration: in s.
+        start: in s.
+    """
+
+    duration: Annotated[float, _number(above=0.0)]
+    start: Annotated[float, _number(least=0.0)] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """A load of constant direction, its size times a function of time; static, a part of the equilibrium, without one.
+
+    Attributes:
+        place: where it acts; a region of facets for a traction or a pressure, nothing for an acceleration.
+        direction: unit vector; None for a pressure.
+        force: size of a point force in N; on a region its work is done on the mean displacement.
+        traction: size of a force per area in Pa.
+        pressure: size of a pressure in Pa, positive into the body. It acts along the normal and on the area of the undeformed
+            body, and does not follow the deformation.
+        acceleration: size of an acceleration in m/s²: a force per volume, the density times it (gravity; minus the
+            acceleration of the supports, displacements then being relative to them). Of these four one is given.
+        frequency: frequency in Hz: sin(2π frequency t + phase).
         phase: phase in rad.
+        harmonics: (order, amplitude, phase) each: Σ amplitude · sin(2π order frequency t + phase).
+        sweep: how the frequency changes.
+        pulse: an impact.
+        table: (time in s, factor) each, interpolated linearly, the first and the last factor kept before and after; in the file
+            also the name of a text file with two columns.
     """
 
     place: Annotated[Place, Place]
-    direction: Annotated[tuple[float, ...], _direction]
-    force: Annotated[float, _number()]
+    direction: Annotated[tuple[float, ...] | None, _direction] = None
+    force: Annotated[float | None, _number()] = None
+    traction: Annotated[float | None, _number()] = None
+    pressure: Annotated[float | None, _number()] = None
+    acceleration: Annotated[float | None, _number()] = None
     frequency: Annotated[float | None, _number(above=0.0)] = None
     phase: Annotated[float, _number()] = 0.0
+    harmonics: Annotated[tuple[tuple[int, float, float], ...] | None, _harmonics] = None
+    sweep: Annotated[Sweep | None, _table(Sweep)] = None
+    pulse: Annotated[Pulse | None, _table(Pulse)] = None
+    table: Annotated[tuple[tuple[float, float], ...] | None, _series] = None
+
+    @property
+    def kind(self) -> str:
+        """What is given of `LOADS`."""
+        return next(name for name in LOADS if getattr(self, name) is not None)
+
+    @property
+    def size(self) -> float:
+        """How large it is, in N, Pa or m/s²."""
+        return float(getattr(self, self.kind))
+
+    @property
+    def static(self) -> bool:
+        """Whether it is constant in time."""
+        return self.frequency is None and self.pulse is None and self.table is None
+
+    @property
+    def transient(self) -> bool:
+        """Whether it varies in time and does not repeat."""
+        return self.sweep is not None or self.pulse is not None or self.table is not None
+
+    @property
+    def quarter(self) -> float:
+        """A quarter of its shortest period, or of its impact, in s: longer steps do not see it; infinite for others."""
+        if self.pulse is not None:
+            return self.pulse.duration / 4.0
+        if self.frequency is None:
+            return math.inf
+        highest = max(self.frequency, self.sweep.to if self.sweep else 0.0)
+        return 0.25 / (highest * max((order for order, *_ in self.harmonics or ()), default=1))
+
+
+LOADS = ("force", "traction", "pressure", "acceleration")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -442,7 +562,7 @@ class Surface:
     inside: Annotated[bool, _flag] = True
     radius: Annotated[float | None, _number(above=0.0)] = None
     spin: Annotated[float, _number()] = 0.0
-    waves: Annotated[tuple[tuple[float, ...], ...], _rows("order", "height", "phase")] = ()
+    waves: Annotated[tuple[tuple[float, ...], ...], _numbers("order", "height", "phase")] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -468,7 +588,7 @@ class Contact:
     surface: Annotated[Surface | None, _table(Surface)] = None
     preload: Annotated[float, _number(least=0.0)] = 0.0
     gap: Annotated[float, _number(least=0.0)] = 0.0
-    approach: Annotated[tuple[tuple[float, ...], ...], _rows("time", "distance")] = ()
+    approach: Annotated[tuple[tuple[float, ...], ...], _numbers("time", "distance")] = ()
     normal_stiffness: Annotated[float, _number(above=0.0)]
     tangential_stiffness: Annotated[float, _number(above=0.0)]
     friction: Annotated[float, _number(least=0.0)]
@@ -503,7 +623,7 @@ _SCHEMES = ("average-acceleration", "generalised-alpha", "discrete-gradient")
 
 @dataclass(frozen=True, kw_only=True)
 class Time:
-    """The time integration; with a harmonic load to a steady state, without one for a duration.
+    """The time integration; to a steady state with loads that repeat, else for a duration.
 
     Attributes:
         scheme: "average-acceleration", "generalised-alpha" or "discrete-gradient".
@@ -513,7 +633,7 @@ class Time:
             motion; None for a fixed step.
         periods: the most periods to run; None with `duration`.
         steady_tolerance: relative change over a period taken as steady, 0 for never; None with `duration`.
-        duration: time to run in s; None with a harmonic load.
+        duration: time to run in s; None with loads that repeat, or where nothing moves.
         step: time step in s; None unless the step is fixed and there is a `duration`.
     """
 
@@ -624,7 +744,7 @@ class Scene:
         geometry: the mesh.
         material: the material.
         supports: the clamped groups, at least one.
-        loads: the forces.
+        loads: the loads.
         contacts: the points that may rub.
         probe: where the amplitude is read in a scene without contact (the first load's place unless given).
         basis: the reduction basis.
@@ -652,27 +772,20 @@ class Scene:
 
     @property
     def period(self) -> float | None:
-        """Period of the excitation in s, that of the smallest frequency; None without a harmonic load."""
+        """Period of the excitation in s, that of the smallest frequency; None without a harmonic load or with a transient."""
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
-        return 1.0 / min(frequencies) if frequencies else None
+        return 1.0 / min(frequencies) if frequencies and not any(load.transient for load in self.loads) else None
 
     @property
-    def signals(self) -> tuple[list[float], list[float], list[float]]:
-        """Time factors of the loads, amplitude · sin(ω t + phase): amplitudes in N, ω in rad/s, phases in rad.
-
-        A static load is a sine of frequency zero at its crest.
-        """
-        return (
-            [load.force for load in self.loads],
-            [2.0 * math.pi * (load.frequency or 0.0) for load in self.loads],
-            [load.phase if load.frequency is not None else 0.5 * math.pi for load in self.loads],
-        )
+    def still(self) -> bool:
+        """Whether its equilibrium is all that is asked for: nothing moves the body, and no time is given to run."""
+        return not self.contacts and all(load.static for load in self.loads) and self.time.duration is None
 
 
 def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     """Key, value and what is allowed, for each key that does not agree with the others."""
     yield from _geometry_contradictions(scene.geometry)
-    places = [(f"loads[{index}]", load.place) for index, load in enumerate(scene.loads)]
+    places = [(f"loads[{index}]", load.place) for index, load in enumerate(scene.loads) if load.acceleration is None]
     places += [(f"contacts[{index}]", contact.place) for index, contact in enumerate(scene.contacts)]
     places += [("probe", scene.probe)] if scene.probe else []
     regions: list[tuple[str, Region]] = [(f"supports[{index}]", region) for index, region in enumerate(scene.supports)]
@@ -682,7 +795,7 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         vectors += [(f"{key}.box[{index}]", corner) for index, corner in enumerate(region.box or ())]
         if region.plane:
             vectors += [(f"{key}.plane.{name}", getattr(region.plane, name)) for name in ("point", "normal")]
-    vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads)]
+    vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads) if load.direction]
     for index, contact in enumerate(scene.contacts):
         vectors += [(f"contacts[{index}].normal", contact.normal)] if contact.normal else []
         if contact.surface is not None:
@@ -708,10 +821,10 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         if place.at != "mean" and (place.node or place.nearest):
             yield f"{key}.at", place.at, f"must not be given together with {'node' if place.node else 'nearest'}"
     for index, load in enumerate(scene.loads):
-        if load.frequency is None and load.phase:
-            yield f"loads[{index}].phase", load.phase, "must not be given without frequency"
-    if not (scene.contacts or scene.probe or scene.loads):
-        yield "probe", MISSING, "must be a table in a scene with neither contact nor load"
+        for name, value, allowed in _load_contradictions(load):
+            yield f"loads[{index}].{name}", value, allowed
+    if not (scene.contacts or scene.probe or any(load.acceleration is None for load in scene.loads)):
+        yield "probe", MISSING, "must be a table in a scene with neither contact nor load" + " at a place" * bool(scene.loads)
     yield from _basis_contradictions(scene)
     yield from _time_contradictions(scene)
 
@@ -743,6 +856,37 @@ def _contact_contradictions(contact: Contact, key: str, dimension: int) -> Itera
     for index, (order, _, _) in enumerate(surface.waves):
         if order != round(order) or order < 1:
             yield f"{key}.surface.waves[{index}]", order, "must be of an integer order of at least 1"
+
+
+def _load_contradictions(load: Load) -> Iterator[tuple[str, object, str]]:
+    """The same within a load."""
+    given = [name for name in LOADS if getattr(load, name) is not None]
+    if not given:
+        yield LOADS[0], MISSING, f"must be given, or {', '.join(LOADS[1:-1])} or {LOADS[-1]}"
+        return
+    if len(given) > 1:
+        yield given[1], getattr(load, given[1]), f"must not be given together with {given[0]}"
+    kind = given[0]
+    if kind == "pressure" and load.direction is not None:
+        yield "direction", list(load.direction), "must not be given with a pressure, which acts along the normal"
+    if kind != "pressure" and load.direction is None:
+        yield "direction", MISSING, "must be a vector"
+    unwanted = {"force": (), "acceleration": ("group", "node", "nearest", "box", "plane")}.get(kind, ("node", "nearest"))
+    where = {"acceleration": "the whole body"}.get(kind, "facets")
+    why = f"with {'an' if kind == 'acceleration' else 'a'} {kind}, which acts on {where}"
+    for name in unwanted:
+        if (value := getattr(load.place, name)) is not None:
+            yield name, _plain(value), f"must not be given {why}"
+    if kind != "force" and load.place.at != "mean":
+        yield "at", load.place.at, f"must not be given {why}"
+    for name in ("phase", "harmonics", "sweep"):
+        if load.frequency is None and getattr(load, name):
+            yield name, _plain(getattr(load, name)), "must not be given without frequency"
+    for name, other in (
+        ("pulse", "frequency"), ("table", "frequency"), ("table", "pulse"), ("sweep", "harmonics"), ("phase", "harmonics"),
+    ):  # fmt: skip
+        if getattr(load, name) and getattr(load, other) is not None:
+            yield name, _plain(getattr(load, name)), f"must not be given together with {other}"
 
 
 def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, str]]:
@@ -791,17 +935,26 @@ def _time_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     if time.spectral_radius is not None and time.scheme != "generalised-alpha":
         yield "time.spectral_radius", time.spectral_radius, 'must not be given unless scheme is "generalised-alpha"'
     if scene.period is None:
+        transient = next((index for index, load in enumerate(scene.loads) if load.transient), None)
+        why = "no load has a frequency" if transient is None else f"loads[{transient}] does not repeat"
         for name in ("steps_per_period", "periods", "steady_tolerance"):
             if getattr(time, name) is not None:
-                yield f"time.{name}", getattr(time, name), "must not be given unless a load has a frequency"
+                unless = "unless a load has a frequency" if transient is None else f"as {why}"
+                yield f"time.{name}", getattr(time, name), f"must not be given {unless}"
         if time.duration is None:
-            yield "time.duration", MISSING, "must be a number above 0, as no load has a frequency"
-        elif time.step is None and time.tolerance is None:
-            yield "time.step", MISSING, "must be a number above 0, or tolerance be given, as no load has a frequency"
+            if not scene.still or time.step is not None or time.tolerance is not None:
+                yield "time.duration", MISSING, f"must be a number above 0, as {why}"
+            return
+        if time.step is None and time.tolerance is None:
+            yield "time.step", MISSING, f"must be a number above 0, or tolerance be given, as {why}"
         elif time.step is not None and time.tolerance is not None:
             yield "time.tolerance", time.tolerance, "must not be given together with step"
         elif time.step is not None and time.step > time.duration:
             yield "time.step", time.step, f"must be at most the duration of {time.duration:g}"
+        quarter, index = min(((load.quarter, index) for index, load in enumerate(scene.loads)), default=(math.inf, 0))
+        if time.step is not None and time.step > quarter:
+            what = "impact" if scene.loads[index].pulse else "shortest period"
+            yield "time.step", time.step, f"must be at most {quarter:.6g}, a quarter of the {what} of loads[{index}]"
         return
     for name, instead in (("duration", "periods"), ("step", "steps_per_period")):
         if getattr(time, name) is not None:
@@ -834,8 +987,41 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
         time = replace(time, periods=periods, steady_tolerance=steady)
     probe = scene.probe
     if probe is None and not scene.contacts:
-        probe = scene.loads[0].place
-    return replace(scene, geometry=geometry, time=time, probe=probe)
+        probe = next(load.place for load in scene.loads if load.acceleration is None)
+    loads = tuple(
+        replace(load, table=_read_table(load.table, folder, _Where(scene.source, f"loads[{index}].table")))
+        if isinstance(load.table, Path) else load
+        for index, load in enumerate(scene.loads)
+    )  # fmt: skip
+    return replace(scene, geometry=geometry, time=time, probe=probe, loads=loads)
+
+
+def _read_table(path: Path, folder: Path | None, where: _Where) -> tuple[tuple[float, float], ...]:
+    """The rows of a text file: time in s and factor, apart by a comma, a semicolon or space, after a head at most."""
+    found = (folder or Path()) / path
+    if not os.path.isfile(found):
+        searched = "an existing file" if path.is_absolute() else f"a file in {(folder or Path()).absolute()}"
+        raise where.refuse(str(path), f"must be {searched}")
+    try:
+        lines = found.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeError):
+        raise where.refuse(str(path), "must be a text file that can be read") from None
+    rows: list[Any] = []
+    numbers: list[int] = []
+    headed = False
+    for number, line in enumerate(lines, 1):
+        words = re.split(r"\s*[,;]\s*|\s+", line.strip())
+        if words == [""] or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError:
+            if not rows and not headed:
+                headed = True
+                continue
+            rows.append(line)
+        numbers.append(number)
+    return _rows(rows, where, lambda index: replace(where, key=f"{where.key} = {_show(str(path))}: line {numbers[index]}"))
 
 
 def _find(mesh: Path, folder: Path, where: _Where) -> Path:

@@ -24,8 +24,8 @@ from fenicsrom.contact import ContactPoints, frame, no_points, surface_normal
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.linalg import Factorisation, Inverse, eigenmodes, multiply
 from fenicsrom.mesh import Mesh, unclamped_pieces
-from fenicsrom.reduced import Signals
-from fenicsrom.scene import Place, Region, Scene
+from fenicsrom.scene import Load, Place, Region, Scene
+from fenicsrom.signals import of_loads
 
 Array = NDArray[np.float64]
 
@@ -35,6 +35,9 @@ QUADRATURE_DEGREE = 4
 STATIC_TOLERANCE = 1e-9  # of Newton's decrement, relative to the work of the load, squared
 STATIC_ITERATIONS = 25
 SMALLEST_LOAD_STEP = 1e-4
+# exact for tractions and pressures on quadratic cells of straight edges, and for the pressure on curved ones: the normal times
+# the area of a curved quadratic quadrilateral is a cubic in each direction
+LOAD_DEGREE = 6
 CHUNK_BYTES = 200e6  # memory of one chunk of tabulated strains
 
 
@@ -112,7 +115,7 @@ class Solid:
 
         self._frames()
         self.equilibrium = np.zeros(self.local)
-        static = self.load_vectors @ np.where(self.signals.omega == 0.0, self.signals.amplitude, 0.0)
+        static = self.load_vectors @ np.array([load.size if load.static else 0.0 for load in scene.loads])
         self.mass = self.matrix(self.mass_form, 0.0)
         self.stiffness = self.matrix(self._tangent_form, 1.0)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
@@ -169,12 +172,16 @@ class Solid:
         function.x.scatter_forward()
 
     def _vector(self, form: fem.Form) -> Array:
+        values = self._assembled(form)
+        values[self._clamped] = 0.0
+        return values
+
+    def _assembled(self, form: fem.Form) -> Array:
+        """A vector (local,), the clamped unknowns included."""
         self._out.x.array[:] = 0.0
         fem.assemble_vector(self._out.x.array, form)
         self._out.x.scatter_reverse(dolfinx.la.InsertMode.add)
-        values = self._out.x.array[: self.local].copy()
-        values[self._clamped] = 0.0
-        return values
+        return self._out.x.array[: self.local].copy()
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (local,) at a displacement (local,), N."""
@@ -358,13 +365,11 @@ class Solid:
                 found.append((k, share, position[:d], axes))
         self.contact_rows = np.concatenate(rows) if rows else np.zeros((0, self.local))
         self.points = ContactPoints(*map(np.array, zip(*found, strict=True))) if found else no_points(d)
-        loads, self.load_positions = [], []
+        self.load_vectors = np.zeros((self.local, len(scene.loads)))
         for k, load in enumerate(scene.loads):
-            at, position = self.place(load.place, f"loads[{k}]")
-            loads.append(np.array(load.direction) @ at)
-            self.load_positions.append(position)
-        self.load_vectors = np.array(loads).T.copy() if loads else np.zeros((self.local, 0))
-        self.signals = Signals(*(np.array(values, dtype=np.float64) for values in scene.signals))
+            self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
+        self.load_vectors[self._clamped] = 0.0
+        self.signals = of_loads(scene.loads)
         probe = scene.probe or (scene.contacts[0].place if scene.contacts else None) or scene.loads[0].place
         self.probe_rows, self.probe_position = self.place(probe, "probe")
         assert self.probe_rows.shape[0] == d
@@ -392,6 +397,42 @@ class Solid:
                 rows[np.arange(d), int(node) * d + np.arange(d)] = 1.0
             found.append((rows, np.array(position), float(weight * measure)))
         return found
+
+    def load_vector(self, load: Load, key: str) -> Array:
+        """The load vector (local,) of a load of size 1, what acts on the clamped unknowns included but for a point force.
+
+        The work of a traction is int t . v dA, of a pressure -int p n . v dA, of an acceleration int rho a . v dV, on the
+        undeformed body; in two dimensions each times the thickness.
+
+        Args:
+            load: the load.
+            key: of the scene, for the error.
+
+        Raises:
+            SceneError: as `place`; a pressure on facets within the body.
+        """
+        if load.kind == "force":
+            return np.array(load.direction) @ self.place(load.place, key)[0]
+        domain, thickness = self.mesh.domain, self.scene.geometry.thickness or 1.0
+        test = ufl.TestFunction(self.space)
+        if load.kind == "acceleration":
+            density = self.scene.material.density * thickness
+            direction = fem.Constant(domain, np.array(load.direction))
+            return self._assembled(fem.form(density * ufl.dot(direction, test) * self._dx))
+        surface = self.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
+        if load.kind == "traction":
+            direction = fem.Constant(domain, np.array(load.direction))
+            return self._assembled(fem.form(thickness * ufl.dot(direction, test) * surface))
+        d = domain.topology.dim
+        domain.topology.create_connectivity(d - 1, d)
+        boundary = dolfinx.mesh.exterior_facet_indices(domain.topology)
+        count = domain.topology.index_map(d - 1).size_local
+        facets = self.mesh.facets(load.place)
+        within = ~np.isin(facets[facets < count], boundary)
+        if self.comm.allreduce(bool(np.any(within)), op=MPI.LOR):
+            raise SceneError(f"{self.scene.source}: {key}.pressure = {load.pressure:g}: must act on the boundary, and some of "
+                             "these facets lie within the body")  # fmt: skip
+        return self._assembled(fem.form(-thickness * ufl.dot(ufl.FacetNormal(domain), test) * surface))
 
     def place(self, place: Place, key: str) -> tuple[Array, Array]:
         """Rows that give the displacement of a place.

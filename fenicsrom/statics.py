@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fenicsrom import contact
 from fenicsrom.contact import Contacts
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.signals import largest
 
 Array = NDArray[np.float64]
 
@@ -82,7 +83,7 @@ class _Statics:
         contact.at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
 
     def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) under a part of the preload, or a step downhill with inertia = 1/tau; None if there is none."""
+        """Equilibrium near q0 (n,) under a part of the preload, or a step downhill with inertia = 1/tau; None without."""
         model, room, d = self.model, self.room, self.d
         contacts = self.contacts._replace(preload=part * self.contacts.preload)
         zero, one = np.zeros_like(q0), np.ones(1)
@@ -179,12 +180,9 @@ class _Statics:
         raise ConvergenceError("the equilibrium under the preload is unstable, and no other was found downhill of it", here)
 
     def _seed(self, q: Array) -> Array:
-        """A shape with something of every mode that the loads move: the loads at their crests, in turn."""
+        """A shape with something of every mode that the loads move: the response to all of them at their largest."""
         model, zero, one = self.model, np.zeros_like(q), np.ones(1)
-        push = np.zeros_like(q)
-        for k, (omega, phase) in enumerate(zip(model.signals.omega, model.signals.phase, strict=True)):
-            crest = model.load((0.5 * np.pi - phase) / omega if omega > 0.0 else 0.0)
-            push = push + (1.0 + 0.1 * k) * crest
+        push = model.loads @ largest(model.signals)
         _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
         y, unit, _ = model.responses(0.0, 0.0, slope, -push)
         if model.dot(y, model.mass_times(y)) > 0.0:

@@ -62,7 +62,7 @@ def choose(solid: Body, modes: ComponentModes, snapshots: Snapshots | None = Non
     """
     scene = solid.scene
     wanted = scene.basis.derivatives
-    if not scene.geometrically_nonlinear or wanted == "none":
+    if not scene.geometrically_nonlinear or wanted == "none" or (wanted in ("mmi", "mmi-nls") and scene.still):
         return Selection(modes.labels, (), {}, {})
     if wanted == "all":
         return Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
@@ -202,6 +202,7 @@ class Study:
         seconds: stage -> run time in s.
         left_out: what the scene did not need, and why.
         errors: estimated relative errors of the reduced model's amplitudes by the "time step" and the "basis".
+        deflection: (d,) displacement of the probe in the equilibrium, m; None without static load.
         unfinished: the name of the model whose integration or whose check failed, with its error; None if all went well.
     """
 
@@ -217,26 +218,30 @@ class Study:
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     errors: dict[str, float] = field(default_factory=dict)
+    deflection: Array | None = None
     unfinished: tuple[str, Exception] | None = None
 
 
-def offline(scene: Scene, comm: Any, watch: Stopwatch) -> Study:
-    """Mesh, solid, modes, selection and derivatives of a scene."""
+def offline(scene: Scene, comm: Any, watch: Stopwatch, statics_only: bool = False) -> Study:
+    """Mesh, solid and, unless its statics are all that is wanted, modes, selection and derivatives of a scene."""
     from fenicsrom.mesh import build_mesh
 
-    stages = plan(scene)
+    stages = plan(scene, modes_only=not statics_only)
     with watch("mesh"):
         mesh = build_mesh(scene.geometry, comm)
     with watch("solid"):
         solid = Solid(mesh, scene)
+    if statics_only:
+        none = component_modes(solid, scene.basis.method, 0)
+        study = Study(scene, stages, solid, none, Selection((), (), {}, {}), Derivatives((), none.normal), seconds=watch.seconds)
+        return _reported(study)
     with watch("modes"):
         modes = component_modes(solid, scene.basis.method, scene.basis.modes)
     with watch("selection"):
         selection = choose(solid, modes)
     with watch("derivatives"):
         derivatives = differentiate(solid, modes, selection.derivatives)
-    study = Study(scene, stages, solid, modes, selection, derivatives, seconds=watch.seconds)
-    study.left_out = [f"{stage.name}: {stage.why}" for stage in stages if not stage.runs]
+    study = _reported(Study(scene, stages, solid, modes, selection, derivatives, seconds=watch.seconds))
     dropped = [label for label in modes.labels if label not in selection.modes]
     light = [label for label, weight in selection.weights.items() if label not in selection.derivatives]
     threshold = scene.basis.threshold
@@ -244,6 +249,15 @@ def offline(scene: Scene, comm: Any, watch: Stopwatch) -> Study:
         study.left_out.append(f"modes {', '.join(dropped)}: take part with less than {threshold:g} of the largest")
     if light:
         study.left_out.append(f"derivatives {', '.join(light)}: weigh at most {threshold:g} of the largest")
+    return study
+
+
+def _reported(study: Study) -> Study:
+    """The study with what it left out, and where the static loads leave the probe; collective."""
+    solid = study.solid
+    study.left_out = [f"{stage.name}: {stage.why}" for stage in study.stages if not stage.runs]
+    if solid.loaded:
+        study.deflection = np.asarray(solid.comm.allreduce(solid.probe_rows @ solid.equilibrium))
     return study
 
 
@@ -263,7 +277,9 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         ConvergenceError, AccuracyError: an offline stage failed.
     """
     watch = Stopwatch(say)
-    study = offline(scene, comm, watch)
+    study = offline(scene, comm, watch, statics_only=scene.still)
+    if scene.still:
+        return study
     with watch("basis"):
         study.basis = enrich(study.solid, study.modes, study.selection, study.derivatives)
     with watch("reduction"):
@@ -384,6 +400,10 @@ def beam_body(scene: Scene) -> BeamBody:
     if len(scene.contacts) > 1:
         count = len(scene.contacts)
         raise SceneError(f"{scene.source}: reference.beam = true: the beam has one contact point, the scene {count}")
+    for k, load in enumerate(scene.loads):
+        if load.kind != "force":
+            what = f"the beam takes point forces only, no {load.kind} as in loads[{k}]"
+            raise SceneError(f"{scene.source}: reference.beam = true: {what}")
     for k, item in enumerate([*scene.loads, *scene.contacts]):
         vector = item.direction if k < len(scene.loads) else item.normal
         if vector is None or (k >= len(scene.loads) and item.place.at == "nodes"):
@@ -396,7 +416,7 @@ def beam_body(scene: Scene) -> BeamBody:
         found[0, beam.unknown(node, 0)] = found[1, beam.unknown(node, 1)] = 1.0
         return found
 
-    if any(load.frequency is None and load.force for load in scene.loads):
+    if any(load.static and load.size for load in scene.loads):
         raise SceneError(f"{scene.source}: reference.beam = true: the beam starts at rest, undeformed; leave out static loads")
     tip = rows(beam.tip_node)
     loads = np.array([np.array(load.direction) @ rows(beam.load_node) for load in scene.loads]).reshape(-1, n).T

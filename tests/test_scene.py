@@ -267,7 +267,7 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
         ("material.yung=1.0", "material.yung = 1.0: unknown key, did you mean young?"),
         ("contacts.0.frction=0.3", "contacts[0].frction = 0.3: unknown key, did you mean friction?"),
         ("loads.0.qq=1", "loads[0].qq = 1: unknown key, known here are group, box, plane, node, nearest, at, direction, "
-                         "force, frequency, phase"),
+                         "force, traction, pressure, acceleration, frequency, phase, harmonics, sweep, pulse, table"),
         ('source="x"', 'source = "x": unknown key, known here are title, geometrically_nonlinear, geometry, material, '
                        "supports, loads, contacts, probe, basis, time, reference, output, compare"),
         # types
@@ -378,7 +378,7 @@ def test_a_mistake_gets_its_sentence(override: str, sentence: str) -> None:
         ("basis.modes=0", "basis.modes = 0: must be at least 1 in a scene without contact"),
         ('basis.derivatives=["1S1V"]', 'basis.derivatives[0] = "1V1S": must be of the 3 normal (V) and 0 '
                                        "static (S) modes"),
-        ("time={}", "time.duration is missing: must be a number above 0, as no load has a frequency"),
+        ("time={step=1.0}", "time.duration is missing: must be a number above 0, as no load has a frequency"),
         ("time={duration=1.0}", "time.step is missing: must be a number above 0, or tolerance be given, as no load has "
                                 "a frequency"),
         ("time.tolerance=0.1", "time.tolerance = 0.1: must not be given together with step"),
@@ -463,7 +463,8 @@ WORDS = st.text(max_size=8) | st.sampled_from(
     ["root", "mean", "centre", "all", "1V1V", "1V2S", "9S9S", "simplex", "strain", "a.geo", "generalised-alpha", "\0\n"]
 )
 KEYS = st.text(max_size=6) | st.sampled_from(
-    ["group", "node", "at", "frequency", "phase", "tolerance", "duration", "periods", "probe", "beam", "cells", "plane"]
+    ["group", "node", "at", "frequency", "phase", "tolerance", "duration", "periods", "probe", "beam", "cells", "plane",
+     "traction", "pressure", "acceleration", "harmonics", "sweep", "pulse", "table"]
 )
 VALUES = st.recursive(
     NUMBERS | WORDS | st.booleans() | st.none() | st.dates(),

@@ -161,8 +161,8 @@ def test_large_load_bends_the_beam_into_the_elastica() -> None:
 @pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
 def test_equilibrium_under_a_static_load(bent: str, request: pytest.FixtureRequest) -> None:
     solid = request.getfixturevalue(bent)
-    static = solid.signals.amplitude[1] * solid.load_vectors[:, 1]
-    assert solid.signals.omega[1] == 0.0 and solid.loaded
+    static = solid.scene.loads[1].size * solid.load_vectors[:, 1]
+    assert solid.scene.loads[1].static and solid.loaded
     force = solid.internal_force(solid.equilibrium)
     assert np.abs(force - static).max() < 1e-8 * np.abs(static).max()
     tip = solid.contact_rows @ solid.equilibrium
@@ -188,7 +188,7 @@ def beam_scene_of(scene: Any, **changes: Any) -> Any:
 
 def test_geometrically_linear_equilibrium_is_one_solve(bent2d: Any) -> None:
     linear = make_solid(beam_scene_of(bent2d.scene, geometrically_nonlinear=False))
-    static = linear.signals.amplitude[1] * linear.load_vectors[:, 1]
+    static = linear.scene.loads[1].size * linear.load_vectors[:, 1]
     np.testing.assert_allclose(linear.stiffness_times(linear.equilibrium[:, None])[:, 0], static, rtol=0, atol=1e-6)
     keep = free_unknowns(linear)  # its stiffness is that of the undeformed body
     np.testing.assert_array_equal(dense(linear.stiffness, keep), dense(linear.tangent(np.zeros(linear.local)), keep))

@@ -12,7 +12,7 @@ from support import beam_scene, linear_model
 from fenicsrom import online, stability
 from fenicsrom.errors import AccuracyError, SceneError
 from fenicsrom.integrate import Motion
-from fenicsrom.reduced import Signals
+from fenicsrom.signals import harmonic
 from fenicsrom.stability import AXES, CONVERGED, REFUSED, UNSTEADY, WRONG, Case, Finding, Matrix
 
 DEMOS = Path(__file__).parent.parent / "demos"
@@ -112,7 +112,7 @@ def oscillator(steps: int = 40, force: float = 1.0, damping: float = 0.5) -> tup
         2, ("loads.0.frequency=1.0", f"time.steps_per_period={steps}", f"material.mass_damping={damping}"),
         contacts=None, probe={"group": "tip"}, geometrically_nonlinear=False,
     )  # fmt: skip
-    signals = Signals(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
+    signals = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
     model = linear_model(np.eye(2), np.diag([60.0, 30.0]), damping=damping, loads=[[1.0], [0.3]], signals=signals)
     return model, scene, online.simulate(model, scene)
 
