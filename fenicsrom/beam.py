@@ -271,6 +271,7 @@ class BeamBody:
     """
 
     gauss_points = 5
+    gyroscopic = None
     comm = _Alone()
 
     def __init__(self, scene: Scene, beam: TimoshenkoBeam, loads: Array, contact_rows: Array, probe_rows: Array):

@@ -32,7 +32,7 @@ class FullModel:
         self._columns = self._rows.T.copy()
         self._probe_offset = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
         self._energy = 0.0 if self.linear else solid.energy(solid.equilibrium)
-        self._start = multiply(solid.stiffness, solid.equilibrium) if self.linear else np.zeros(0)
+        self._start = solid.rest_force if self.linear else np.zeros(0)
         # M with ones on the clamped rows, where every vector is zero, so that it can be factorised
         self._mass = solid.matrix(solid.mass_form, 1.0)
         self._effective = solid.stiffness.copy()

@@ -58,8 +58,11 @@ def simulate(
     """Integrate a model of a scene (reduced, full or beam) as its [time] table says, from rest or on from a motion.
 
     Raises:
+        SceneError: the scene asks for the Coriolis force, which the time integration does not know.
         ConvergenceError: see `fenicsrom.integrate.integrate`.
     """
+    if scene.rotation is not None and scene.rotation.coriolis:
+        raise SceneError(f"{scene.source}: rotation.coriolis = true: must be false but for campbell: motions leave it out")
     return integrate(
         model,
         contacts(scene),
@@ -388,7 +391,7 @@ def with_scene(stored: StoredModel, scene: Scene) -> tuple[ReducedModel, Scene]:
 
 def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, None if they agree."""
-    for name in ("geometrically_nonlinear", "geometry", "supports", "probe", "basis"):
+    for name in ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis"):
         if getattr(made, name) != getattr(wanted, name):
             return name
     if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):

@@ -517,6 +517,10 @@ def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedM
     if nonlinear:
         products = strain_products(solid.tabulate(r), solid.first_lame, solid.shear_modulus, n)
         elastic = elastic_polynomial(solid.comm.allreduce(products), n)
+        if solid.rotation is not None:  # its potential is quadratic
+            centrifugal = solid.gram(r, solid.rotation.force(solid.equilibrium)[:, None])[:, 0]
+            softening = solid.rotation.square * solid.gram(r, solid.rotation.mass_times(r))
+            elastic = elastic._replace(force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening)
     else:
         force = solid.gram(r, solid.rest_force[:, None])[:, 0]
         elastic = ElasticPolynomial(force, solid.gram(r, solid.stiffness_times(r)), np.zeros((0, 0)), np.zeros((0, 0)))
@@ -541,6 +545,13 @@ def project_intrusively(solid: Any, basis: ReducedBasis) -> DenseModel:
         elastic=elastic, energy=energy, contact_rows=rows, linear=False, gauss_points=solid.gauss_points,
         **parts,
     )  # fmt: skip
+
+
+def projected_gyroscopic(solid: Any, r: Array) -> Array:
+    """R^T G R (n, n) of vectors R (local, n), skew, N s/m; (0, 0) where the scene leaves the Coriolis force out."""
+    if solid.gyroscopic is None:
+        return np.zeros((0, 0))
+    return np.asarray(solid.gram(r, solid.gyroscopic_times(r)))
 
 
 def _projections(solid: Any, r: Array) -> dict[str, Any]:

@@ -210,6 +210,23 @@ def _table(kind: type) -> Rule:
     return rule
 
 
+def _speeds(value: Any, where: _Where) -> tuple[float, ...]:
+    """Ascending speeds: a list, or the first, the last and how many, at equal distances."""
+    if isinstance(value, Mapping):
+        span: _Span = _table(_Span)(value, where)
+        if span.last <= span.first:
+            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
+        step = (span.last - span.first) / (span.number - 1)
+        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
+    if not isinstance(value, list | tuple) or len(value) < 2:
+        raise where.refuse(value, "must be a list of at least two speeds, or a table of first, last and number")
+    speeds = tuple(_number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
+    for index in range(1, len(speeds)):
+        if speeds[index] <= speeds[index - 1]:
+            raise where.at(index).refuse(value[index], f"must be above the speed before it, {speeds[index - 1]:g}")
+    return speeds
+
+
 def _list(rule: Rule) -> Rule:
     """A list of different values, at least one."""
 
@@ -418,6 +435,28 @@ class Contact:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Rotation:
+    """A steady rotation about a fixed axis: the scene, its loads and surfaces are seen from the frame that turns with the body.
+
+    Attributes:
+        speed_rpm: speed in revolutions a minute, positive about the axis.
+        axis: unit vector of the axis; None in 2D, where it stands on the plane.
+        point: coordinates in m of a point of the axis; None for the origin.
+        coriolis: whether to take the Coriolis force into account.
+    """
+
+    speed_rpm: Annotated[float, _number()]
+    axis: Annotated[tuple[float, ...] | None, _direction] = None
+    point: Annotated[tuple[float, ...] | None, _point] = None
+    coriolis: Annotated[bool, _flag] = False
+
+    @property
+    def omega(self) -> float:
+        """Angular velocity in rad/s."""
+        return math.pi / 30.0 * self.speed_rpm
+
+
+@dataclass(frozen=True, kw_only=True)
 class Basis:
     """The reduction basis.
 
@@ -555,6 +594,30 @@ class Compare:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Span:
+    """Equally spaced values as the file has them: first, last and how many."""
+
+    first: Annotated[float, _number(least=0.0)]
+    last: Annotated[float, _number(above=0.0)]
+    number: Annotated[int, _integer(2, 10_000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campbell:
+    """What `fenicsrom campbell` draws.
+
+    Attributes:
+        speeds_rpm: ascending speeds in revolutions a minute; None for 13 from rest to that of [rotation].
+        modes: number of modes, the first ones at the first speed.
+        engine_orders: excitations a revolution.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, _speeds] = None
+    modes: Annotated[int, _integer(1, 1000)] = 6
+    engine_orders: Annotated[tuple[int, ...], _list(_integer(1, 1000))] = (1, 2, 3, 4)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """Everything a run needs to know; made, checked and completed by `read_scene` or `parse_scene`.
 
@@ -566,12 +629,14 @@ class Scene:
         supports: the clamped groups, at least one.
         loads: the forces.
         contacts: the points that may rub.
+        rotation: the rotation of the frame of the scene; None at rest.
         probe: where the amplitude is read in a scene without contact (the first load's place unless given).
         basis: the reduction basis.
         time: the time integration.
         reference: the models to compare with.
         output: what to write.
         compare: what to compare.
+        campbell: what to draw against the speed.
         source: the file it came from.
     """
 
@@ -582,12 +647,14 @@ class Scene:
     supports: Annotated[tuple[Support, ...], _tables(Support, least=1)]
     loads: Annotated[tuple[Load, ...], _tables(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], _tables(Contact)] = ()
+    rotation: Annotated[Rotation | None, _table(Rotation)] = None
     probe: Annotated[Place | None, _table(Place)] = None
     basis: Annotated[Basis, _table(Basis)] = Basis()
     time: Annotated[Time, _table(Time)] = Time()
     reference: Annotated[Reference, _reference] = Reference()
     output: Annotated[Output, _table(Output)] = Output()
     compare: Annotated[Compare, _table(Compare)] = Compare()
+    campbell: Annotated[Campbell, _table(Campbell)] = Campbell()
     source: str = ""
 
     @property
@@ -624,6 +691,10 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
             vectors += [(f"{key}.plane.{name}", getattr(region.plane, name)) for name in ("point", "normal")]
     vectors += [(f"loads[{index}].direction", load.direction) for index, load in enumerate(scene.loads)]
     vectors += [(f"contacts[{index}].normal", contact.normal) for index, contact in enumerate(scene.contacts)]
+    yield from _rotation_contradictions(scene)
+    if scene.rotation:
+        named = {"rotation.axis": scene.rotation.axis, "rotation.point": scene.rotation.point}
+        vectors += [(key, vector) for key, vector in named.items() if vector is not None]
     for key, vector in vectors:
         if len(vector) != scene.geometry.dimension:
             yield key, vector, f"must have {scene.geometry.dimension} components, as geometry.dimension says"
@@ -669,6 +740,18 @@ def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, 
         yield "geometry.scale", geometry.scale, "must not be given unless mesh is a mesh file"
     if "structured" in geometry.parameters:
         yield "geometry.parameters.structured", geometry.parameters["structured"], "must be set by geometry.cells"
+
+
+def _rotation_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
+    """The same between the rotation and the rest."""
+    if scene.rotation is None:
+        return
+    if scene.geometry.dimension == 2 and scene.rotation.axis is not None:
+        yield "rotation.axis", scene.rotation.axis, "must not be given in two dimensions, where it stands on the plane"
+    if scene.geometry.dimension == 3 and scene.rotation.axis is None:
+        yield "rotation.axis", MISSING, "must be a vector along the axis in three dimensions"
+    if scene.reference.beam is not None:
+        yield "reference.beam", True, "must be false with [rotation]: the beam does not turn"
 
 
 def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
@@ -733,7 +816,10 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
     probe = scene.probe
     if probe is None and not scene.contacts:
         probe = scene.loads[0].place
-    return replace(scene, geometry=geometry, time=time, probe=probe)
+    rotation = scene.rotation
+    if rotation is not None and rotation.point is None:
+        rotation = replace(rotation, point=(0.0,) * geometry.dimension)
+    return replace(scene, geometry=geometry, time=time, probe=probe, rotation=rotation)
 
 
 def _find(mesh: Path, folder: Path, where: _Where) -> Path:
