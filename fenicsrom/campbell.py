@@ -1,14 +1,14 @@
 """Campbell diagram: the natural frequencies of a turning body against its speed, and where engine orders meet them.
 
-At every speed the body is brought on to its equilibrium there, and the modes are those of the tangent: K phi = omega^2 M phi. With
-the Coriolis force they are complex, with whirl of either sense, and solve
+At every speed the body is brought on to its equilibrium there, touching nothing, and the modes are those of the tangent:
+K phi = omega^2 M phi. With the Coriolis force they are complex, with whirl of either sense, and solve
 
     (K + i omega G - omega^2 M) phi = 0
 
-Phi of the real modes reduces it to a dense problem in state space, to which K^-1 times the residuals of what it finds is added until
-the frequencies stand still (`COMPLEX_TOLERANCE`). Modes are followed from speed to speed by the shapes they have in common,
-MAC = |a^H M b|^2 / (a^H M a  b^H M b). Engine order k excites k times a revolution; the speeds at which a mode answers are the roots
-of f(Omega)^2 = (k Omega / 2 pi)^2, with f^2 a cubic spline of the speed (f^2 of a beam is nearly linear in Omega^2: Southwell).
+The real modes reduce it to a dense problem in state space; K^-1 times the residuals of what it finds is added to them until the
+frequencies stand still (`COMPLEX_TOLERANCE`). Modes are followed from speed to speed by the shapes they have in common,
+MAC = |a^H M b|^2 / (a^H M a  b^H M b). Engine order k excites k times a revolution; the speeds at which a mode answers are the
+roots of f(Omega)^2 = (k Omega / 2 pi)^2, with f^2 a cubic spline of the speed (it is nearly linear in Omega^2: Southwell).
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from fenicsrom.files import whole
 from fenicsrom.online import provenance
 from fenicsrom.reduced import projected_gyroscopic
 from fenicsrom.report import COLOURS, html_report, new_figure, styled, text_table, write_summary
+from fenicsrom.results import write_figure
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
@@ -138,7 +139,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         try:
             if k:
                 solid.spin(np.pi / 30.0 * float(speed))
-            values, vectors, change = modes_at_speed(solid, wanted, count)
+            values, vectors, change = modes_at_speed(solid, wanted)
         except (ConvergenceError, AccuracyError) as error:
             if not k:
                 raise
@@ -202,13 +203,12 @@ def _doubts(found: Campbell) -> list[str]:
 # ---------------------------------------------------------------------- modes
 
 
-def modes_at_speed(solid: Solid, count: int, sure: int) -> tuple[Array, Shapes, float]:
+def modes_at_speed(solid: Solid, count: int) -> tuple[Array, Shapes, float]:
     """The lowest modes about the present equilibrium, complex if the scene asks for the Coriolis force.
 
     Args:
         solid: the body at speed.
         count: number of modes.
-        sure: how many of them have to converge with the Coriolis force.
 
     Returns:
         omega^2 (count,), ascending, shapes (local, count) of unit modal mass, and the last relative change of the
@@ -225,15 +225,14 @@ def modes_at_speed(solid: Solid, count: int, sure: int) -> tuple[Array, Shapes, 
     for _ in range(COMPLEX_ROUNDS):
         omega, z = _state_space_modes(solid, space, count)
         shapes = space @ z
-        change = float(np.max(np.abs(omega - previous)[:sure] / omega[:sure]))
+        change = float(np.max(np.abs(omega - previous) / omega))
         if change <= COMPLEX_TOLERANCE or space.shape[1] >= solid.free:
             mass = _hermitian(solid, shapes, shapes)
             return omega**2, shapes / np.sqrt(np.diag(mass).real), change
         previous = omega
-        real, imaginary = shapes.real[:, :sure], shapes.imag[:, :sure]
-        new = [
-            solid.stiffness_times(a) - s * omega[:sure] * solid.gyroscopic_times(b) - omega[:sure] ** 2 * solid.mass_times(a)
-            for s, a, b in ((1.0, real, imaginary), (-1.0, imaginary, real))
+        new = [  # real and imaginary part of the residuals
+            solid.stiffness_times(a) - omega**2 * solid.mass_times(a) - omega * solid.gyroscopic_times(b)
+            for a, b in ((shapes.real, shapes.imag), (shapes.imag, -shapes.real))
         ]
         space = _extended(solid, space, solid.factor.solve(np.concatenate(new, axis=1)))
     raise ConvergenceError(
@@ -243,7 +242,7 @@ def modes_at_speed(solid: Solid, count: int, sure: int) -> tuple[Array, Shapes, 
 
 
 def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, Shapes]:
-    """omega (count,) and coordinates (k, count) of the complex modes within a space (local, k), M-orthonormal.
+    """Frequencies (count,), rad/s, and coordinates (k, count) of the complex modes within a space (local, k), M-orthonormal.
 
     With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix: times i it is Hermitian, its eigenvalues come in pairs +-omega.
     """
@@ -427,7 +426,8 @@ def figure(found: Campbell) -> Figure:
     for mode in range(frequencies.shape[1]):
         colour = COLOURS[mode % len(COLOURS)]
         style = ("-", "--", ":")[mode // len(COLOURS) % 3]
-        axis.plot(speeds, frequencies[:, mode], style, color=colour, marker="o", markersize=2.5, label=f"mode {mode + 1}", zorder=2)
+        look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5, "zorder": 2}
+        axis.plot(speeds, frequencies[:, mode], style, label=f"mode {mode + 1}", **look)
     for item in found.critical:
         axis.plot(item.speed_rpm, item.frequency_hz, "o", color="black", markerfacecolor="white", markersize=6, zorder=3)
     axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
@@ -454,9 +454,7 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     write_summary(folder / "campbell.json", summary(found))
     pictures = []
     if found.scene.output.pictures:
-        with whole(folder / "campbell.png") as temporary:
-            figure(found).savefig(temporary, format="png", dpi=130)
-        pictures = [folder / "campbell.png"]
+        pictures = [write_figure(folder / "campbell.png", figure(found))]
     sections: list[tuple[str, list[Any]]] = [("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)])]
     sections += [("Campbell diagram", [path]) for path in pictures]
     if found.critical:
