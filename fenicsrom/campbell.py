@@ -9,6 +9,7 @@ The real modes reduce it to a dense problem in state space; K^-1 times the resid
 frequencies stand still (`COMPLEX_TOLERANCE`). Modes are followed from speed to speed by the shapes they have in common,
 MAC = |a^H M b|^2 / (a^H M a  b^H M b). Engine order k excites k times a revolution; the speeds at which a mode answers are the
 roots of f(Omega)^2 = (k Omega / 2 pi)^2, with f^2 a cubic spline of the speed (it is nearly linear in Omega^2: Southwell).
+Modes that veer away from one another exchange their shapes: speeds close together keep to the lines, wide ones to the shapes.
 """
 
 from __future__ import annotations
