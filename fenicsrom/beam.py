@@ -273,6 +273,7 @@ class BeamBody:
     """
 
     gauss_points = 5
+    gyroscopic = None
     comm = _Alone()
 
     def __init__(

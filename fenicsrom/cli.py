@@ -1,4 +1,4 @@
-"""The commands: run, plan, modes, compare and stability.
+"""The commands: run, plan, modes, compare, campbell and stability.
 
 Exit codes: 0 done, 1 a numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 """
@@ -117,16 +117,20 @@ def _parser() -> argparse.ArgumentParser:
     compare.add_argument("scene", help="scene file (TOML); its [compare] table says what to compare")
     compare.set_defaults(command=_compare)
 
+    campbell = commands.add_parser("campbell", help="frequencies against speed, with engine orders and critical speeds")
+    campbell.add_argument("scene", help="scene file (TOML) with a [rotation] table; its [campbell] table says what to draw")
+    campbell.set_defaults(command=_campbell)
+
     stability = commands.add_parser("stability", help="a hundred extreme variants of a scene, and a verdict on each")
     stability.add_argument("scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)")
     stability.set_defaults(command=_stability)
 
-    for command in (run, plan, modes, compare, stability):
+    for command in (run, plan, modes, compare, campbell, stability):
         command.add_argument(
             "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
             help="change a value of the scene, such as loads.0.force=200 (text in quotes); may be repeated",
         )  # fmt: skip
-    for command in (run, modes, compare, stability):
+    for command in (run, modes, compare, campbell, stability):
         command.add_argument("--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)")
     return parser
 
@@ -235,6 +239,22 @@ def _compare(options: argparse.Namespace) -> int:
         files = compare_report.write_comparison(found, folder)
         _found(scene, compare_report.terminal(found), found.warnings)
         _files(files)
+    return 0
+
+
+def _campbell(options: argparse.Namespace) -> int:
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
+    comm, say = _start(folder)
+    from fenicsrom import campbell
+
+    found = campbell.campbell(scene, comm, say)
+    if comm.rank == 0:
+        files = campbell.write(found, folder)
+        _found(scene, campbell.terminal(found), found.warnings)
+        _files(files)
+    if found.unfinished:
+        raise found.unfinished
     return 0
 
 

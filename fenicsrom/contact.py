@@ -162,6 +162,14 @@ def axes_of(surface: Any, d: int) -> Array:
     return frame(np.array(surface.axis))[1:] if surface.axis is not None else np.eye(d)
 
 
+def spin_of(scene: Any, surface: Any) -> float:
+    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
+    if surface.spin is not None or scene.rotation is None or surface.kind == "sphere":
+        return float(surface.spin or 0.0)
+    about = np.dot(surface.axis, scene.rotation.axis) if surface.axis is not None else 1.0
+    return -about * 2.0 * np.pi * scene.rotation.speed_rpm / 60.0 if abs(about) > 1.0 - 1e-9 else 0.0
+
+
 def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
     """The parameters of a scene's contacts at their points.
 
@@ -195,7 +203,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         found.axes[p, : len(axes)] = axes @ local.T
         found.centre[p] = local @ (np.array(surface.point) - points.position[p])
         found.side[p] = 1.0 if surface.inside else -1.0
-        found.spin[p] = surface.spin
+        found.spin[p] = spin_of(scene, surface)
         for order, height, phase in surface.waves:
             found.height[p, orders.index(order)] += height
             found.phase[p, orders.index(order)] = phase

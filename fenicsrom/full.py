@@ -28,13 +28,13 @@ class FullModel:
         self.gauss_points = 1 if self.linear else 2
         self.damping = solid.scene.material.mass_damping
         self.loads, self.signals, self.points = solid.load_vectors, solid.signals, solid.points
-        self.gyroscopic = False
+        self.gyroscopic = solid.gyroscopic is not None
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
         self._columns = self._rows.T.copy()
         self._probe_offset = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
         self._energy = 0.0 if self.linear else solid.energy(solid.equilibrium)
-        self._start = multiply(solid.stiffness, solid.equilibrium) if self.linear else np.zeros(0)
+        self._start = solid.rest_force if self.linear else np.zeros(0)
         # M with ones on the clamped rows, where every vector is zero, so that it can be factorised
         self._mass = solid.matrix(solid.mass_form, 1.0)
         self._effective = solid.stiffness.copy()
@@ -70,18 +70,10 @@ class FullModel:
         """Solve (inertia M + sum of weighted tangents) [y, Z] = [-residual, B]."""
         key = (inertia, sum(weight for weight, _ in slope))
         if not (self.linear and key == self._key):
-            self._effective.zeroEntries()
-            for weight, q in slope:
-                if weight == 0.0:
-                    continue
-                if self.linear:
-                    self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
-                else:
-                    self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
-            self._effective.axpy(inertia, self._mass, structure=_SAME)
+            self._assemble(inertia, drag, slope)
             try:
                 if self._factor is None:
-                    self._factor = Factorisation(self._effective, "fenicsrom_step")
+                    self._factor = Factorisation(self._effective, "fenicsrom_step", symmetric=not self.gyroscopic)
                 else:
                     self._factor.update()
             except ConvergenceError:  # the step is refused, as for the compiled model
@@ -96,9 +88,22 @@ class FullModel:
 
     def negative_directions(self, slope: Slope) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        self.responses(0.0, 0.0, slope, np.zeros(self._columns.shape[0]))
-        assert self._factor is not None
-        return self._factor.negative_pivots
+        self._assemble(0.0, 0.0, slope)
+        self._key = None
+        return Factorisation(self._effective.copy(), "fenicsrom_inertia").negative_pivots
+
+    def _assemble(self, inertia: float, drag: float, slope: Slope) -> None:
+        self._effective.zeroEntries()
+        for weight, q in slope:
+            if weight == 0.0:
+                continue
+            if self.linear:
+                self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
+            else:
+                self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
+        self._effective.axpy(inertia, self._mass, structure=_SAME)
+        if self.gyroscopic and drag != 0.0:
+            self._effective.axpy(drag, self._solid.gyroscopic, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""
@@ -111,6 +116,10 @@ class FullModel:
     def mass_times(self, v: Array) -> Array:
         """M v."""
         return multiply(self._solid.mass, v)
+
+    def gyroscopic_times(self, v: Array) -> Array:
+        """Gamma v."""
+        return self._solid.gyroscopic_times(v)
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product over all ranks."""

@@ -27,11 +27,11 @@ class Inverse(Protocol):
 
 
 class Factorisation:
-    """A symmetric matrix, factorised once (MUMPS LDL^T; PETSc's own when it is small), for many right-hand sides."""
+    """A matrix, factorised once (LDL^T, or LU unless it is symmetric; MUMPS, or PETSc's own when it is small), for many solves."""
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
 
-    def __init__(self, matrix: PETSc.Mat, prefix: str):
+    def __init__(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True):
         """Factorise; `prefix` names its PETSc options, such as -prefix_mat_mumps_icntl_14.
 
         Raises:
@@ -45,8 +45,8 @@ class Factorisation:
         pc = self._ksp.getPC()
         self._small = matrix.getSize()[0] < self.SMALL and self.comm.size == 1
         # LDL^T in both: with an inverse that is symmetric to the last digit the modes are right to 1e-12, with LU to 1e-6
-        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        pc.setType(PETSc.PC.Type.CHOLESKY)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+        pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
         if not self._small:
             pc.setFactorSolverType("mumps")
         self._ksp.setFromOptions()

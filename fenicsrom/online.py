@@ -401,7 +401,7 @@ def with_scene(stored: StoredModel, scene: Scene) -> tuple[ReducedModel, Scene]:
 
 def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, None if they agree."""
-    for name in ("geometrically_nonlinear", "geometry", "supports", "probe", "basis"):
+    for name in ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis"):
         if getattr(made, name) != getattr(wanted, name):
             return name
     if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):

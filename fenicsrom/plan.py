@@ -34,6 +34,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     static = [load for load in scene.loads if load.static]
     statics = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
     d = scene.geometry.dimension
+    rotation = scene.rotation
     linear = "the scene is geometrically linear"
 
     def derivative_reason() -> str:
@@ -45,10 +46,19 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
             return "basis.derivatives is none"
         return "basis.derivatives is " + (basis.derivatives if isinstance(basis.derivatives, str) else "a list of labels")
 
+    def equilibrium_reason() -> str:
+        loads = f"{len(static)} static loads" if static else "no static load"
+        return f"{loads}, centrifugal force" if rotation else loads
+
+    def gyroscopic_reason() -> str:
+        return f"rotation.coriolis is {str(rotation.coriolis).lower()}" if rotation else "no rotation"
+
     projected = basis.elastic_force == "projection"
     return [
         Stage("mesh", True, f"{scene.geometry.mesh.name}, {d}D"),
-        Stage("static equilibrium", bool(static), statics),
+        Stage("static equilibrium", bool(static) or rotation is not None, equilibrium_reason()),
+        Stage("rotating frame", rotation is not None, f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"),
+        Stage("gyroscopic term", rotation is not None and rotation.coriolis, gyroscopic_reason()),
         Stage("normal modes", basis.modes > 0, f"{basis.modes} {'free' if basis.method == 'rubin' else 'fixed'}-interface modes"),
         Stage(
             "static modes",

@@ -511,8 +511,8 @@ class DenseModel:
         """
         self.mass, self.damping, self.loads, self.signals = mass, damping, loads, signals
         self.linear, self.gauss_points, self.points = linear, gauss_points, points
-        self.gyroscopic = turning is not None
-        self._turning = np.zeros_like(mass) if turning is None else turning
+        self.gyroscopic = turning is not None and turning.size > 0
+        self._turning = turning if turning is not None and turning.size else np.zeros_like(mass)
         self._elastic, self._energy = elastic, energy
         self._rows, self._offset = contact_rows, contact_offset
         self._probe, self._probe_offset = probe, probe_offset
@@ -591,6 +591,10 @@ def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedM
     if nonlinear:
         products = strain_products(solid.tabulate(r), solid.first_lame, solid.shear_modulus, n)
         elastic = elastic_polynomial(solid.comm.allreduce(products), n)
+        if solid.rotation is not None:  # its potential is quadratic
+            centrifugal = solid.gram(r, solid.rotation.force(solid.equilibrium)[:, None])[:, 0]
+            softening = solid.rotation.square * solid.gram(r, solid.rotation.mass_times(r))
+            elastic = elastic._replace(force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening)
     else:
         force = solid.gram(r, solid.rest_force[:, None])[:, 0]
         elastic = ElasticPolynomial(force, solid.gram(r, solid.stiffness_times(r)), np.zeros((0, 0)), np.zeros((0, 0)))
@@ -616,6 +620,13 @@ def project_intrusively(solid: Any, basis: ReducedBasis) -> DenseModel:
     )  # fmt: skip
 
 
+def projected_gyroscopic(solid: Any, r: Array) -> Array:
+    """R^T G R (n, n) of vectors R (local, n), skew, N s/m; (0, 0) where the scene leaves the Coriolis force out."""
+    if solid.gyroscopic is None:
+        return np.zeros((0, 0))
+    return np.asarray(solid.gram(r, solid.gyroscopic_times(r)))
+
+
 def _projections(solid: Any, r: Array) -> dict[str, Any]:
     """Everything but the elastic force."""
     u0 = solid.equilibrium
@@ -629,4 +640,5 @@ def _projections(solid: Any, r: Array) -> dict[str, Any]:
         "contact_offset": solid.comm.allreduce(solid.contact_rows @ u0),
         "probe": solid.comm.allreduce(solid.probe_rows @ r),
         "probe_offset": solid.comm.allreduce(solid.probe_rows @ u0),
+        "turning": projected_gyroscopic(solid, r),
     }

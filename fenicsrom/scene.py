@@ -262,6 +262,23 @@ def _table(kind: type) -> Rule:
     return rule
 
 
+def _speeds(value: Any, where: _Where) -> tuple[float, ...]:
+    """Ascending speeds: a list, or the first, the last and how many, at equal distances."""
+    if isinstance(value, Mapping):
+        span: _Span = _table(_Span)(value, where)
+        if span.last <= span.first:
+            raise where.at("last").refuse(span.last, f"must be above first, {span.first:g}")
+        step = (span.last - span.first) / (span.number - 1)
+        return (*(span.first + k * step for k in range(span.number - 1)), span.last)
+    if not isinstance(value, list | tuple) or len(value) < 2:
+        raise where.refuse(value, "must be a list of at least two speeds, or a table of first, last and number")
+    speeds = tuple(_number(least=0.0)(entry, where.at(index)) for index, entry in enumerate(value))
+    for index in range(1, len(speeds)):
+        if speeds[index] <= speeds[index - 1]:
+            raise where.at(index).refuse(value[index], f"must be above the speed before it, {speeds[index - 1]:g}")
+    return speeds
+
+
 def _list(rule: Rule) -> Rule:
     """A list of different values, at least one."""
 
@@ -485,6 +502,7 @@ class Load:
         acceleration: size of an acceleration in m/s²: a force per volume, the density times it (gravity; minus the
             acceleration of the supports, displacements then being relative to them). Of these four one is given.
         frequency: frequency in Hz: sin(2π frequency t + phase).
+        engine_order: multiple of the speed of rotation, in place of the frequency.
         phase: phase in rad.
         harmonics: (order, amplitude, phase) each: Σ amplitude · sin(2π order frequency t + phase).
         sweep: how the frequency changes.
@@ -500,6 +518,7 @@ class Load:
     pressure: Annotated[float | None, _number()] = None
     acceleration: Annotated[float | None, _number()] = None
     frequency: Annotated[float | None, _number(above=0.0)] = None
+    engine_order: Annotated[int | None, _integer(1, 1000)] = None
     phase: Annotated[float, _number()] = 0.0
     harmonics: Annotated[tuple[tuple[int, float, float], ...] | None, _harmonics] = None
     sweep: Annotated[Sweep | None, _table(Sweep)] = None
@@ -550,7 +569,8 @@ class Surface:
         axis: unit vector along the axis of a cylinder in three dimensions; else None.
         inside: whether the body is inside, as a blade in its casing, or outside.
         radius: radius in m; None to follow from the gap.
-        spin: rate at which the surface turns about its axis, in rad/s, as the body sees it.
+        spin: rate at which a cylinder turns about its axis, in rad/s, as the body sees it; None for a casing at rest: the
+            opposite of the scene's rotation about that axis, or 0.
         waves: of a cylinder, (order, height in m, phase in rad) of each: the surface comes nearer to the body by
             height cos(order (angle - spin t) - phase), the angle from the first tangent of `fenicsrom.contact.frame` of the axis
             (in two dimensions from x).
@@ -561,7 +581,7 @@ class Surface:
     axis: Annotated[tuple[float, ...] | None, _direction] = None
     inside: Annotated[bool, _flag] = True
     radius: Annotated[float | None, _number(above=0.0)] = None
-    spin: Annotated[float, _number()] = 0.0
+    spin: Annotated[float | None, _number()] = None
     waves: Annotated[tuple[tuple[float, ...], ...], _numbers("order", "height", "phase")] = ()
 
 
@@ -592,6 +612,28 @@ class Contact:
     normal_stiffness: Annotated[float, _number(above=0.0)]
     tangential_stiffness: Annotated[float, _number(above=0.0)]
     friction: Annotated[float, _number(least=0.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rotation:
+    """A steady rotation about a fixed axis: the scene, its loads and surfaces are seen from the frame that turns with the body.
+
+    Attributes:
+        speed_rpm: speed in revolutions a minute, positive about the axis.
+        axis: unit vector of the axis; None in 2D, where it stands on the plane.
+        point: coordinates in m of a point of the axis; None for the origin.
+        coriolis: whether to take the Coriolis force into account.
+    """
+
+    speed_rpm: Annotated[float, _number()]
+    axis: Annotated[tuple[float, ...] | None, _direction] = None
+    point: Annotated[tuple[float, ...] | None, _point] = None
+    coriolis: Annotated[bool, _flag] = False
+
+    @property
+    def omega(self) -> float:
+        """Angular velocity in rad/s."""
+        return math.pi / 30.0 * self.speed_rpm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -735,6 +777,30 @@ class Compare:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Span:
+    """Equally spaced values as the file has them: first, last and how many."""
+
+    first: Annotated[float, _number(least=0.0)]
+    last: Annotated[float, _number(above=0.0)]
+    number: Annotated[int, _integer(2, 10_000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Campbell:
+    """What `fenicsrom campbell` draws.
+
+    Attributes:
+        speeds_rpm: ascending speeds in revolutions a minute; None for 13 from rest to that of [rotation].
+        modes: number of modes, the first ones at the first speed.
+        engine_orders: excitations a revolution.
+    """
+
+    speeds_rpm: Annotated[tuple[float, ...] | None, _speeds] = None
+    modes: Annotated[int, _integer(1, 1000)] = 6
+    engine_orders: Annotated[tuple[int, ...], _list(_integer(1, 1000))] = (1, 2, 3, 4)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """Everything a run needs to know; made, checked and completed by `read_scene` or `parse_scene`.
 
@@ -746,12 +812,14 @@ class Scene:
         supports: the clamped groups, at least one.
         loads: the loads.
         contacts: the points that may rub.
+        rotation: the rotation of the frame of the scene; None at rest.
         probe: where the amplitude is read in a scene without contact (the first load's place unless given).
         basis: the reduction basis.
         time: the time integration.
         reference: the models to compare with.
         output: what to write.
         compare: what to compare.
+        campbell: what to draw against the speed.
         source: the file it came from.
     """
 
@@ -762,12 +830,14 @@ class Scene:
     supports: Annotated[tuple[Support, ...], _tables(Support, least=1)]
     loads: Annotated[tuple[Load, ...], _tables(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], _tables(Contact)] = ()
+    rotation: Annotated[Rotation | None, _table(Rotation)] = None
     probe: Annotated[Place | None, _table(Place)] = None
     basis: Annotated[Basis, _table(Basis)] = Basis()
     time: Annotated[Time, _table(Time)] = Time()
     reference: Annotated[Reference, _reference] = Reference()
     output: Annotated[Output, _table(Output)] = Output()
     compare: Annotated[Compare, _table(Compare)] = Compare()
+    campbell: Annotated[Campbell, _table(Campbell)] = Campbell()
     source: str = ""
 
     @property
@@ -801,6 +871,10 @@ def _contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
         if contact.surface is not None:
             vectors += [(f"contacts[{index}].surface.point", contact.surface.point)]
             vectors += [(f"contacts[{index}].surface.axis", contact.surface.axis)] if contact.surface.axis else []
+    yield from _rotation_contradictions(scene)
+    if scene.rotation:
+        named = {"rotation.axis": scene.rotation.axis, "rotation.point": scene.rotation.point}
+        vectors += [(key, vector) for key, vector in named.items() if vector is not None]
     for key, vector in vectors:
         if len(vector) != scene.geometry.dimension:
             yield key, vector, f"must have {scene.geometry.dimension} components, as geometry.dimension says"
@@ -850,7 +924,7 @@ def _contact_contradictions(contact: Contact, key: str, dimension: int) -> Itera
         yield f"{key}.surface.kind", surface.kind, 'must be "cylinder" in two dimensions'
     if surface.radius is not None and contact.gap:
         yield f"{key}.gap", contact.gap, "must not be given together with surface.radius, from which it follows"
-    if surface.kind == "sphere" and (surface.waves or surface.spin):
+    if surface.kind == "sphere" and (surface.waves or surface.spin is not None):
         name = "waves" if surface.waves else "spin"
         yield f"{key}.surface.{name}", getattr(surface, name), "must not be given of a sphere"
     for index, (order, _, _) in enumerate(surface.waves):
@@ -910,6 +984,18 @@ def _geometry_contradictions(geometry: Geometry) -> Iterator[tuple[str, object, 
         yield "geometry.scale", geometry.scale, "must not be given unless mesh is a mesh file"
     if "structured" in geometry.parameters:
         yield "geometry.parameters.structured", geometry.parameters["structured"], "must be set by geometry.cells"
+
+
+def _rotation_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
+    """The same between the rotation and the rest."""
+    if scene.rotation is None:
+        return
+    if scene.geometry.dimension == 2 and scene.rotation.axis is not None:
+        yield "rotation.axis", scene.rotation.axis, "must not be given in two dimensions, where it stands on the plane"
+    if scene.geometry.dimension == 3 and scene.rotation.axis is None:
+        yield "rotation.axis", MISSING, "must be a vector along the axis in three dimensions"
+    if scene.reference.beam is not None:
+        yield "reference.beam", True, "must be false with [rotation]: the beam does not turn"
 
 
 def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
@@ -993,7 +1079,10 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
         if isinstance(load.table, Path) else load
         for index, load in enumerate(scene.loads)
     )  # fmt: skip
-    return replace(scene, geometry=geometry, time=time, probe=probe, loads=loads)
+    rotation = scene.rotation
+    if rotation is not None and rotation.point is None:
+        rotation = replace(rotation, point=(0.0,) * geometry.dimension)
+    return replace(scene, geometry=geometry, time=time, probe=probe, loads=loads, rotation=rotation)
 
 
 def _read_table(path: Path, folder: Path | None, where: _Where) -> tuple[tuple[float, float], ...]:
@@ -1096,10 +1185,25 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
     where = _Where(source)
     if not isinstance(table, Mapping):
         raise _error(f"{source}: must be a table")
-    scene: Scene = replace(_table(Scene)(table, where), source=source)
+    scene: Scene = _engine_orders(replace(_table(Scene)(table, where), source=source), where)
     for key, value, allowed in _contradictions(scene):
         raise where.at(key).refuse(value, allowed)
     return _complete(scene, folder)
+
+
+def _engine_orders(scene: Scene, where: _Where) -> Scene:
+    """The scene with the frequencies of loads given by their engine order."""
+    loads = list(scene.loads)
+    for index, load in enumerate(loads):
+        if load.engine_order is None:
+            continue
+        key = where.at(f"loads[{index}].engine_order")
+        if scene.rotation is None or not scene.rotation.speed_rpm:
+            raise key.refuse(load.engine_order, "must not be given in a scene that does not turn")
+        if load.frequency is not None:
+            raise key.refuse(load.engine_order, "must not be given together with frequency")
+        loads[index] = replace(load, engine_order=None, frequency=load.engine_order * abs(scene.rotation.speed_rpm) / 60.0)
+    return replace(scene, loads=tuple(loads))
 
 
 def read_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:

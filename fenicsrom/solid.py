@@ -3,6 +3,11 @@
 Strain E = sym(grad u) + grad u^T grad u / 2, stress S = lambda tr(E) I + 2 mu E, virtual work int (F S) : grad v, F = I + grad u.
 Plane stress is exact for this material with lambda* = 2 lambda mu / (lambda + 2 mu). Vectors are numpy arrays of the unknowns
 owned by this rank, zero on the clamped ones; clamped rows of the matrices are those of the identity in K, zero in M.
+
+Of a scene with [rotation] everything is seen from the frame that turns with the body (`fenicsrom.rotation`): the centrifugal
+potential is part of the energy, of the internal force and of the tangent, and the equilibrium is the one at speed. It is found
+geometrically nonlinearly even in a geometrically linear scene: without the tension in it a body would only soften. What is linear
+then are the vibrations about it.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from fenicsrom.contact import ContactPoints, frame, no_points, surface_normal
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.linalg import Factorisation, Inverse, eigenmodes, multiply
 from fenicsrom.mesh import Mesh, unclamped_pieces
+from fenicsrom.rotation import RotatingFrame
 from fenicsrom.scene import Load, Place, Region, Scene
 from fenicsrom.signals import of_loads
 
@@ -57,7 +63,11 @@ class Solid:
         mass: M.
         stiffness: K, the tangent at the equilibrium.
         factor: K, factorised once: modes, attachments, constraints and derivatives all use it.
-        equilibrium: (local,) displacement under the static loads, m.
+        rotation: the rotating frame; None at rest.
+        gyroscopic: G of the Coriolis force -G du/dt, skew, N s/m; None where it is not asked for.
+        static_load: (local,) sum of the static loads, N.
+        loaded: whether static loads or rotation deform the body.
+        equilibrium: (local,) displacement under the static loads, at speed, m.
         contact_rows: (m, local) B^T: contact displacements in the local frames [normal, tangents], point by point.
         points: the contact points.
         probe_rows: (d, local) displacement of the probe in global axes.
@@ -115,18 +125,18 @@ class Solid:
 
         self._frames()
         self.equilibrium = np.zeros(self.local)
-        static = self.load_vectors @ np.array([load.size if load.static else 0.0 for load in scene.loads])
+        self.static_load = self.load_vectors @ np.array([load.size if load.static else 0.0 for load in scene.loads])
         self.mass = self.matrix(self.mass_form, 0.0)
         self.stiffness = self.matrix(self._tangent_form, 1.0)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
-        self.loaded = bool(self.comm.allreduce(float(np.abs(static).sum())) > 0.0)
+        self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
+        spinning = self.rotation is not None and self.rotation.square > 0.0
+        self.loaded = spinning or bool(self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0)
         if self.loaded:
-            if scene.geometrically_nonlinear:
-                self.equilibrium = self.static(static)
-                self.tangent(self.equilibrium, self.stiffness)
-                self.factor.update()
+            if scene.geometrically_nonlinear or spinning:
+                self._rest_at(self.static(self.static_load))
             else:
-                self.equilibrium = self.factor.solve(static[:, None])[:, 0]
+                self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
 
     # ------------------------------------------------------------------ forms
 
@@ -159,6 +169,16 @@ class Solid:
         )
         self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self._dx)
         self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self._dx)
+        self.rotation: RotatingFrame | None = None
+        if self.scene.rotation is not None:
+            density = self.scene.material.density * thickness
+            self.rotation = RotatingFrame(
+                self.scene.rotation,
+                self.space,
+                lambda form: density * form * self._dx,
+                lambda form: self.matrix(fem.form(form), 0.0),
+                lambda form: self._vector(fem.form(form)),
+            )
 
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
         """Assemble a form, with `diagonal` on the clamped rows."""
@@ -184,14 +204,15 @@ class Solid:
         return self._out.x.array[: self.local].copy()
 
     def internal_force(self, u: Array) -> Array:
-        """Internal force (local,) at a displacement (local,), N."""
+        """Internal force (local,) at a displacement (local,), less the centrifugal force there, N."""
         self._set(self._u, u)
-        return self._vector(self._force_form)
+        force = self._vector(self._force_form)
+        return force if self.rotation is None else force - self.rotation.force(u)
 
     @property
     def rest_force(self) -> Array:
         """Internal force (local,) in the equilibrium, of the linear model in a geometrically linear scene, N."""
-        if self.scene.geometrically_nonlinear:
+        if self.scene.geometrically_nonlinear or self.rotation is not None:
             return self.internal_force(self.equilibrium)
         return multiply(self.stiffness, self.equilibrium)
 
@@ -199,10 +220,13 @@ class Solid:
         """Tangent stiffness at a displacement, N/m; into `matrix` where it is given."""
         self._set(self._u, u)
         if matrix is None:
-            return self.matrix(self._tangent_form, 1.0)
-        matrix.zeroEntries()
-        fem.petsc.assemble_matrix(matrix, self._tangent_form, self.conditions, 1.0)
-        matrix.assemble()
+            matrix = self.matrix(self._tangent_form, 1.0)
+        else:
+            matrix.zeroEntries()
+            fem.petsc.assemble_matrix(matrix, self._tangent_form, self.conditions, 1.0)
+            matrix.assemble()
+        if self.rotation is not None:
+            self.rotation.soften(matrix, 1.0)
         return matrix
 
     def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
@@ -212,11 +236,14 @@ class Solid:
         fem.petsc.assemble_matrix(matrix, self._tangent_form, self.conditions, 1.0)
         matrix.assemble()  # PETSc drops values added after the inserted diagonal of an unfinished assembly
         self._weight.value = 1.0
+        if self.rotation is not None:
+            self.rotation.soften(matrix, weight)
 
     def energy(self, u: Array) -> float:
-        """Elastic energy at a displacement, J."""
+        """Elastic energy at a displacement, and the centrifugal potential above that of the undeformed body, J."""
         self._set(self._u, u)
-        return float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+        energy = float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+        return energy if self.rotation is None else energy + self.rotation.energy(u)
 
     def tangent_derivative(self, x: Array, y: Array) -> Array:
         """K'[x] y at the equilibrium, (local,): the third derivative of the energy along x and y, from UFL, exact; N/m^2 m^2."""
@@ -254,6 +281,10 @@ class Solid:
     def mass_times(self, block: Array) -> Array:
         """M times the columns of a block (local, k)."""
         return multiply(self.mass, block)
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """G times the columns of a block (local, k); the scene must ask for the Coriolis force."""
+        return multiply(self.gyroscopic, block)
 
     def mass_inner(self, a: Array, b: Array) -> Array:
         """a^T M b over all ranks for blocks (local, k) and (local, l)."""
@@ -302,11 +333,11 @@ class Solid:
     # ------------------------------------------------------------------ statics
 
     def static(self, load: Array, guess: Array | None = None) -> Array:
-        """Nonlinear equilibrium under a load vector, by Newton with load steps.
+        """Nonlinear equilibrium under a load vector, by Newton with load steps, in Omega^2 too from the undeformed state.
 
         Args:
             load: (local,) N.
-            guess: where to start, the undeformed state without it.
+            guess: where to start, at this speed; the undeformed state at rest without it.
 
         Returns:
             (local,) displacement, m.
@@ -314,19 +345,48 @@ class Solid:
         Raises:
             ConvergenceError: the load step fell below `SMALLEST_LOAD_STEP`.
         """
-        u = np.zeros(self.local) if guess is None else guess.copy()
-        start = self.internal_force(u) if guess is not None else np.zeros(self.local)
+        if guess is None:
+            return self._follow(np.zeros(self.local), np.zeros(self.local), load, 0.0)
+        return self._follow(guess, self.internal_force(guess), load, self.rotation.square if self.rotation else 0.0)
+
+    def spin(self, omega: float) -> None:
+        """Bring the body to another angular velocity in rad/s, on from the equilibrium it is in: K, G and factor follow.
+
+        Raises:
+            ConvergenceError: no equilibrium there.
+        """
+        assert self.rotation is not None
+        square = self.rotation.square
+        self.rotation.turn(omega)
+        self._rest_at(self._follow(self.equilibrium, self.static_load, self.static_load, square))
+        self.gyroscopic = self.rotation.gyroscopic()
+
+    def _rest_at(self, equilibrium: Array) -> None:
+        self.equilibrium = equilibrium
+        self.tangent(equilibrium, self.stiffness)
+        self.factor.update()
+
+    def _follow(self, u: Array, start: Array, load: Array, square: float) -> Array:
+        """The equilibria from the one u under a load `start` at Omega^2 = `square` to that under `load` at the speed set."""
+        frame = self.rotation
+        goal = frame.square if frame else 0.0
         matrix = self.tangent(u)
         factor = Factorisation(matrix, "fenicsrom_static")
         reached, step = 0.0, 1.0
         while reached < 1.0:
             aim = min(1.0, reached + step)
+            if frame:
+                frame.square = square + aim * (goal - square)
             trial = self._newton(u, start + aim * (load - start), matrix, factor)
             if trial is None:
                 step *= 0.5
                 if step < SMALLEST_LOAD_STEP:
+                    what = "of the load"
+                    if frame:
+                        frame.square = goal
+                        what += " and of the centrifugal force"
                     raise ConvergenceError(
-                        f"static equilibrium: no convergence beyond {100.0 * reached:.4g} % of the load (smallest load step)", u
+                        f"static equilibrium: no convergence beyond {100.0 * reached:.4g} % {what} (smallest load step)", u
                     )
             else:
                 u, reached, step = trial, aim, 2.0 * step
@@ -348,7 +408,8 @@ class Solid:
             if not np.isfinite(decrement) or decrement > 1e6 * first:
                 return None
             u += change
-            if decrement <= STATIC_TOLERANCE**2 * max(first, abs(self.dot(load, u))):
+            acting = load if self.rotation is None else load + self.rotation.force(u)
+            if decrement <= STATIC_TOLERANCE**2 * max(first, abs(self.dot(acting, u))):
                 return u
             last = decrement
         return u if last <= 1e-6 * STATIC_TOLERANCE else None

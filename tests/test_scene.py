@@ -269,7 +269,7 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
         ("loads.0.qq=1", "loads[0].qq = 1: unknown key, known here are group, box, plane, node, nearest, at, direction, "
                          "force, traction, pressure, acceleration, frequency, phase, harmonics, sweep, pulse, table"),
         ('source="x"', 'source = "x": unknown key, known here are title, geometrically_nonlinear, geometry, material, '
-                       "supports, loads, contacts, probe, basis, time, reference, output, compare"),
+                       "supports, loads, contacts, rotation, probe, basis, time, reference, output, compare, campbell"),
         # types
         ('material.young="207e9"', 'material.young = "207e9": must be a finite number above 0'),
         ("material.young=true", "material.young = true: must be a finite number above 0"),
