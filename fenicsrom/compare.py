@@ -43,7 +43,7 @@ from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, scheme
 from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_modes
 from fenicsrom.online import provenance, simulate
-from fenicsrom.report import amplitudes, dissipated_per_period, peak_normal_force
+from fenicsrom.report import errors_percent
 from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.study import Derivatives, Snapshots, choose, differentiate, enrich, full_model, reduce
 
@@ -192,27 +192,14 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
     """Errors of the last period against that of a reference, percent.
 
     Returns:
-        `amplitude_tangential`, `amplitude_normal`: of half the peak-to-peak (tangential ones as a vector);
-        `history`: L2 norm of the difference of the displacements at equal phase, relative to the reference, all points
-        and directions; `peak_normal_force`, `dissipated`: relative; `state`: share of the period in another contact
-        state. None where the reference has nothing to compare with (below 1e-9 of its whole amplitude, or zero).
+        What `fenicsrom.report.errors_percent` finds; `history`: L2 norm of the difference of the displacements at equal
+        phase, relative to the reference, all points and directions; `state`: share of the period in another contact
+        state. None where the reference has nothing to compare with.
     """
-
-    def percent(difference: float, of: float, least: float = 0.0) -> float | None:
-        return float(100.0 * difference / of) if of > least else None
-
-    ours, theirs = amplitudes(motion), amplitudes(reference)
-    size = float(np.hypot(theirs["normal"], np.linalg.norm(theirs["tangential"])))
-    whole_size = float(np.linalg.norm(theirs["tangential"]))
-    tangential = float(np.linalg.norm(np.array(ours["tangential"]) - np.array(theirs["tangential"])))
     shift, other = (on_phases(m, m.displacement.reshape(m.time.size, -1)) for m in (motion, reference))
-    force, friction = peak_normal_force(reference), dissipated_per_period(reference)
-    return {
-        "amplitude_tangential": percent(tangential, whole_size, 1e-9 * size),
-        "amplitude_normal": percent(abs(ours["normal"] - theirs["normal"]), theirs["normal"], 1e-9 * size),
-        "history": percent(float(np.linalg.norm(shift - other)), float(np.linalg.norm(other))),
-        "peak_normal_force": percent(abs(peak_normal_force(motion) - force), force),
-        "dissipated": percent(abs(dissipated_per_period(motion) - friction), friction),
+    size = float(np.linalg.norm(other))
+    return errors_percent(motion, reference) | {
+        "history": 100.0 * float(np.linalg.norm(shift - other)) / size if size > 0.0 else None,
         "state": wrong_state(motion, reference) if reference.state.shape[1] else None,
     }
 

@@ -62,4 +62,5 @@ def plan(scene: Scene) -> list[Stage]:
         Stage("pictures", scene.output.pictures, f"output.pictures = {str(scene.output.pictures).lower()}"),
         Stage("ParaView modes", scene.output.paraview, f"output.paraview = {str(scene.output.paraview).lower()}"),
         Stage("ParaView motion", scene.output.motion, f"output.motion = {str(scene.output.motion).lower()}"),
+        Stage("animation", scene.output.animation, f"output.animation = {str(scene.output.animation).lower()}"),
     ]

@@ -1,9 +1,10 @@
-"""The files of a run: summary, report, history, reduced model, ParaView files and pictures."""
+"""The files of a run: summary, report, history, reduced model, ParaView files, pictures and animation."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
-from fenicsrom.online import StoredModel, provenance, save_model
+from fenicsrom.online import StoredModel, contacts, provenance, save_model
 from fenicsrom.reduced import ReducedModel
 from fenicsrom.report import (
     errors_percent,
@@ -21,6 +22,8 @@ from fenicsrom.report import (
     plot_contact,
     plot_modes,
     plot_motion,
+    plot_points,
+    point_summaries,
     response_summary,
     text_table,
     write_summary,
@@ -32,7 +35,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FRAMES = 60  # of the motion for ParaView, at most
+FRAMES = 60  # of the motion for ParaView and of the animation, at most
+FEW_POINTS = 4  # contact points with a picture of their own each, at most; more share one
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -55,8 +59,10 @@ def summary(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": study.left_out,
     }
-    found |= motions_summary(study.motions)
-    found["estimated_error"] = {name: value if np.isfinite(value) else None for name, value in study.errors.items()}
+    found |= motions_summary(study.motions, study.scene, study.solid.contact_positions)
+    found["estimated_error_percent"] = {
+        name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
+    }
     if study.unfinished:
         found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.solid.warnings
@@ -64,12 +70,39 @@ def summary(study: Study) -> dict[str, Any]:
     return found
 
 
-def motions_summary(motions: Mapping[str, Motion]) -> dict[str, Any]:
-    """The responses of the models that ran, and the errors of the reduced one against the full one."""
+def motions_summary(
+    motions: Mapping[str, Motion], scene: Scene, positions: Sequence[Array | None] | None = None
+) -> dict[str, Any]:
+    """The responses of the models that ran, and the errors of the reduced one against the full one.
+
+    Args:
+        motions: by the name of the model.
+        scene: their scene.
+        positions: of its contact points, (3,) in m, where they are known.
+    """
     found: dict[str, Any] = {"response": {name: response_summary(motion) for name, motion in motions.items()}}
-    if "reduced" in motions and "full" in motions:
-        found["error_percent"] = errors_percent(motions["reduced"], motions["full"])
+    for name, points in points_of(motions, scene).items():
+        if len(points) > 1:
+            places = positions if positions is not None else [None] * len(points)
+            found["response"][name]["points"] = [
+                {"position_m": place, **point} for place, point in zip(places, points, strict=True)
+            ]
+    if errors := errors_of(motions):
+        found["error_percent"] = errors
     return found
+
+
+def points_of(motions: Mapping[str, Motion], scene: Scene) -> dict[str, list[dict[str, Any]]]:
+    """What each contact point does, by the name of the model; see `fenicsrom.report.point_summaries`."""
+    stiffness = contacts(scene).tangential_stiffness
+    return {name: point_summaries(motion, stiffness) for name, motion in motions.items() if motion.state.shape[1]}
+
+
+def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
+    """Errors of the reduced model against the full one, percent; empty unless both ran."""
+    if "reduced" in motions and "full" in motions:
+        return errors_percent(motions["reduced"], motions["full"])
+    return {}
 
 
 def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
@@ -109,17 +142,78 @@ def write_figure(path: Path, figure: Any) -> Path:
     return path
 
 
-def motion_figures(folder: Path, motions: Mapping[str, Motion]) -> list[tuple[str, Path]]:
+def motion_figures(folder: Path, motions: Mapping[str, Motion], scene: Scene) -> list[tuple[str, Path]]:
     """Pictures of the motion, the contact and the energy ledger: (heading, file)."""
     pictures = [("Motion", write_figure(folder / "motion.png", plot_motion(motions)))]
     first = next(iter(motions.values()))
-    for point in range(first.force.shape[1]):
-        name = "contact.png" if first.force.shape[1] == 1 else f"contact_{point + 1}.png"
-        heading = "Contact" if first.force.shape[1] == 1 else f"Contact point {point + 1}"
-        touching = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
-        pictures.append((heading, write_figure(folder / name, plot_contact(touching, point))))
+    count = first.force.shape[1]
+    if count > FEW_POINTS:
+        figure = plot_points(motions, points_of(motions, scene))
+        pictures.append((f"Contact of {count} points", write_figure(folder / "contact.png", figure)))
+    else:
+        for point in range(count):
+            name = "contact.png" if count == 1 else f"contact_{point + 1}.png"
+            heading = "Contact" if count == 1 else f"Contact point {point + 1}"
+            touching = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
+            pictures.append((heading, write_figure(folder / name, plot_contact(touching, point))))
     pictures.append(("Energy", write_figure(folder / "energy.png", ledger_plot(first))))
     return pictures
+
+
+# what moves, in time
+
+
+def frame_rows(motion: Motion) -> NDArray[np.int64]:
+    """Rows of a motion near equal times over its last period (the whole motion if it has no period), `FRAMES` at most."""
+    part = motion.last_period()
+    rows = np.arange(motion.time.size)[part]
+    wanted = np.linspace(motion.time[rows[0]], motion.time[-1], FRAMES)
+    return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
+
+
+def gaps(scene: Scene, motion: Motion) -> Array:
+    """Distance of the contact points from their surfaces, (ns, P), m; negative: as far as they press into it."""
+    return contacts(scene).gap - motion.displacement[:, :, 0]
+
+
+def contact_vectors(study: Study, motion: Motion) -> tuple[Array, Array, Array]:
+    """Contact points in global axes, all (ns, P, 3): their positions, m, and the forces on the body, N.
+
+    Returns:
+        Positions, normal forces (out of the surface, into the body) and friction forces; the third component is 0 in 2D.
+    """
+    d = study.scene.geometry.dimension
+    frames = np.zeros((len(study.solid.contact_frames), d, 3))
+    frames[:, :, :d] = study.solid.contact_frames
+    moved = np.einsum("spk,pkx->spx", motion.displacement, frames)
+    normal = -motion.force[:, :, :1] * frames[:, 0]
+    friction = -np.einsum("spk,pkx->spx", motion.force[:, :, 1:], frames[:, 1:])
+    return np.array(study.solid.contact_positions) + moved, normal, friction
+
+
+def write_contact_points(study: Study, folder: Path) -> list[Path]:
+    """The contact points of the reduced model in time, for ParaView; on one rank."""
+    from fenicsrom.export import write_points
+
+    motion = study.motions["reduced"]
+    points, arrays = contact_points(study, motion)
+    return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]
+
+
+def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, Array]]:
+    """Places of the contact points in the undeformed body, (P, 3) in m, and what they do at the rows of `frame_rows`."""
+    rows = frame_rows(motion)
+    position, normal, friction = (values[rows] for values in contact_vectors(study, motion))
+    places = np.array(study.solid.contact_positions)
+    return places, {
+        "displacement": position - places,
+        "position": position,
+        "gap": gaps(study.scene, motion)[rows],
+        "normal force": motion.force[rows, :, 0],
+        "normal force vector": normal,
+        "friction force vector": friction,
+        "state": motion.state[rows],
+    }
 
 
 def shapes(study: Study) -> dict[str, dict[str, Any]]:
@@ -143,18 +237,46 @@ def write_shapes(study: Study, folder: Path) -> list[Path]:
     return [write_fields(folder, name, study.solid.space, fields) for name, fields in shapes(study).items()]
 
 
-def write_last_period(study: Study, folder: Path) -> list[Path]:
-    """ParaView files of the reduced model's last period; collective."""
-    from fenicsrom.export import write_motion
-
+def moving_field(study: Study) -> Callable[[int], Array]:
+    """The reduced model's displacement, local and ghost unknowns, at the rows of `frame_rows` by number; collective."""
     motion, basis, solid = study.motions["reduced"], study.basis, study.solid
-    if basis is None or motion.coordinates is None or motion.coordinate_time is None:
-        return []
+    assert basis is not None and motion.coordinates is not None
     vectors = np.array([solid.field(vector).x.array.copy() for vector in basis.vectors.T])
     rest = solid.field(solid.equilibrium).x.array.copy()
-    step = -(-motion.coordinates.shape[0] // FRAMES)
-    q = motion.coordinates[::step]
-    return [write_motion(folder, "motion", solid.space, motion.coordinate_time[::step], lambda k: rest + q[k] @ vectors)]
+    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    return lambda number: rest + q[number] @ vectors
+
+
+def write_last_period(study: Study, folder: Path) -> list[Path]:
+    """ParaView files of the reduced model's last period: the body, and its contact points; collective."""
+    from fenicsrom.export import write_motion
+
+    motion, solid = study.motions["reduced"], study.solid
+    times = motion.time[frame_rows(motion)]
+    files = [write_motion(folder, "motion", solid.space, times, moving_field(study))]
+    if study.scene.contacts and solid.comm.rank == 0:
+        files += write_contact_points(study, folder)
+    return files
+
+
+def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """The reduced model's last period as an animated GIF: (heading, file); collective."""
+    from fenicsrom.export import animate
+
+    motion, solid = study.motions["reduced"], study.solid
+    marks = contact_points(study, motion) if study.scene.contacts else None
+    with drawing_warnings(study):
+        film = animate(folder / "motion.gif", solid.space, motion.time[frame_rows(motion)], moving_field(study), marks)
+    return [("Animation", film)] if film is not None else []
+
+
+@contextmanager
+def drawing_warnings(study: Study) -> Iterator[None]:
+    """Keep what is warned of while something is drawn among the warnings of the study."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    study.solid.warnings += [str(warning.message) for warning in caught]
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
@@ -170,10 +292,8 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     if study.solid.comm.rank == 0:
         figure = plot_modes(list(fields), positions, values)
         pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with drawing_warnings(study):
         bodies = picture_modes(folder / "shapes.png", space, fields)
-    study.solid.warnings += [str(warning.message) for warning in caught]
     if bodies is not None:
         pictures.append(("Shapes", bodies))
     return pictures
@@ -198,8 +318,10 @@ def write_study(study: Study, folder: Path) -> list[Path]:
         files += write_last_period(study, folder)
     if output.pictures:
         if root and study.motions:
-            pictures += motion_figures(folder, study.motions)
+            pictures += motion_figures(folder, study.motions, study.scene)
         pictures += write_pictures(study, folder)
+    if output.animation and "reduced" in study.motions:
+        pictures += write_animation(study, folder)
     if not root:
         return []
     if isinstance(study.model, ReducedModel) and study.basis is not None:
@@ -242,8 +364,7 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
         found.append(response_rows(study.motions, sizes(study)))
         found.append("Amplitudes are half of peak-to-peak over the last period; imbalance is the largest error of the energy "
                      "ledger relative to the largest energy of the motion.")  # fmt: skip
-    errors = motions_summary(study.motions).get("error_percent")
-    if errors:
+    if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     if study.errors:
         found.append(estimate_sentence(study.errors))
@@ -277,8 +398,12 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
 
 def error_sentence(errors: Mapping[str, float | None]) -> str:
     """The errors against the full model in a sentence."""
-    parts = [f"{name.removeprefix('amplitude_')} {value:.3g} %" for name, value in errors.items() if value is not None]
-    return "Error of the reduced model's amplitudes against the full model's: " + (", ".join(parts) or "none to compare") + "."
+    names = {
+        "amplitude_tangential": "tangential amplitude", "amplitude_normal": "normal amplitude",
+        "peak_normal_force": "peak normal force", "dissipated_per_period": "dissipation",
+    }  # fmt: skip
+    parts = [f"{names[name]} {value:.3g} %" for name, value in errors.items() if value is not None]
+    return "Error of the reduced model against the full one: " + (", ".join(parts) or "none to compare") + "."
 
 
 def estimate_sentence(errors: Mapping[str, float]) -> str:
@@ -295,7 +420,7 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
         OSError: a file cannot be written.
     """
     motions = {"reduced": motion}
-    pictures = motion_figures(folder, motions) if scene.output.pictures else []
+    pictures = motion_figures(folder, motions, scene) if scene.output.pictures else []
     write_history(folder / "history.npz", motions)
     found = {
         "scene": scene.source,
@@ -303,8 +428,8 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
         "seconds": {"reduced motion": motion.seconds},
-        "left_out": ["offline stages: the reduced model was read from a file"],
-        **motions_summary(motions),
+        "left_out": ["offline stages, and files of the body: the reduced model was read from a file, without its mesh"],
+        **motions_summary(motions, scene),
         "provenance": stored.provenance,
     }
     write_summary(folder / "summary.json", found)

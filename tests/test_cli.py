@@ -37,12 +37,15 @@ def test_summary_has_its_keys(results):
     assert set(found["response"]) == {"reduced", "full", "beam"}
     for response in found["response"].values():
         assert list(response) == [
-            "amplitude_m", "fraction", "peak_normal_force_N", "dissipated_per_period_J", "energy_imbalance", "steady",
-            "periods", "steps", "newton_iterations",
+            "amplitude_m", "fraction", "peak_normal_force_N", "peak_total_normal_force_N", "dissipated_per_period_J",
+            "energy_imbalance", "steady", "periods", "steps", "newton_iterations",
         ]  # fmt: skip
         assert response["steady"] is False and response["periods"] == 2
         assert sum(response["fraction"].values()) == pytest.approx(1.0)
-    assert set(found["error_percent"]) == {"amplitude_tangential", "amplitude_normal"}
+    errors = found["error_percent"]
+    assert list(errors) == ["amplitude_tangential", "amplitude_normal", "peak_normal_force", "dissipated_per_period"]
+    reduced, full = (found["response"][name]["peak_normal_force_N"] for name in ("reduced", "full"))
+    assert errors["peak_normal_force"] == pytest.approx(100 * abs(reduced - full) / full)
 
 
 def test_files_open(results):
@@ -62,6 +65,49 @@ def test_files_open(results):
     with np.load(results / "history.npz") as history:
         steps = history["reduced_time"].size
         assert history["reduced_displacement"].shape == (steps, 1, 2)
+
+
+def test_contact_points_move_with_the_body(results):
+    """Point sets at the same instants as the grids: the tip node's displacement, and the law of the contact."""
+    import pyvista
+
+    grids = pyvista.get_reader(results / "motion" / "motion.pvd")
+    points = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    assert points.time_values == grids.time_values and len(points.time_values) > 50
+    tip, pressed = [2.54, 0.0, 0.0], 0
+    for instant in points.time_values[::7]:
+        for reader in (grids, points):
+            reader.set_active_time_value(instant)
+        grid, found = grids.read()[0], points.read()[0]
+        node = int(np.argmin(np.linalg.norm(grid.points - tip, axis=1)))
+        displacement = found["displacement"][0]
+        np.testing.assert_allclose(found.points[0], tip, atol=1e-9)
+        np.testing.assert_allclose(displacement, grid["displacement"][node], atol=1e-9)
+        np.testing.assert_allclose(found["position"][0], found.points[0] + displacement)
+        assert found["gap"][0] == pytest.approx(-displacement[0])  # the wall is at the tip, preloaded
+        normal = max(0.0, 40.0 + 1e4 * displacement[0])
+        assert found["normal force"][0] == pytest.approx(normal, abs=1e-6)
+        np.testing.assert_allclose(found["normal force vector"][0], [-normal, 0.0, 0.0], atol=1e-6)
+        friction, state = found["friction force vector"][0], found["state"][0]
+        assert friction[0] == friction[2] == 0.0 and (state == -1) == (normal == 0.0)
+        if state == 0:
+            assert abs(friction[1]) == pytest.approx(0.5 * normal, abs=1e-6)
+            pressed += 1
+    assert pressed > 2
+
+
+def test_friction_acts_against_the_motion(results):
+    """Over the frames of a period the friction force on the body takes energy out of it."""
+    import pyvista
+
+    reader = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    frames = []
+    for instant in reader.time_values:
+        reader.set_active_time_value(instant)
+        frames.append(reader.read()[0])
+    way, force = (np.array([frame[name][0] for frame in frames]) for name in ("displacement", "friction force vector"))
+    work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(way, axis=0))
+    assert work < -0.1
 
 
 def test_stored_model_without_dolfinx(results, tmp_path):

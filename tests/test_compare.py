@@ -45,7 +45,7 @@ def test_errors_of_motions_known_by_hand():
     assert found["amplitude_tangential"] == pytest.approx(2.0)
     assert found["amplitude_normal"] == pytest.approx(30.0)
     assert found["peak_normal_force"] == pytest.approx(10.0)
-    assert found["dissipated"] == pytest.approx(25.0)
+    assert found["dissipated_per_period"] == pytest.approx(25.0)
     assert found["state"] == pytest.approx(25.0, abs=0.6)
     assert compare.wrong_state(reference, motion(switch=0.75)) == pytest.approx(25.0, abs=0.6)  # either way
     whole = np.sqrt((0.02**2 + 0.03**2) / (1.0 + 0.1**2))
