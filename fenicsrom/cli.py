@@ -206,7 +206,7 @@ def _modes(options: argparse.Namespace) -> int:
     comm, say = _start(folder)
     from fenicsrom import results, study
 
-    found = study.offline(scene, comm, study.Stopwatch(say))
+    found = study.offline(scene, comm, study.Stopwatch(say), modes_only=True)
     say("files ..")
     files = results.write_study(found, folder)
     if comm.rank == 0:

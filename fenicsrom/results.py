@@ -59,7 +59,7 @@ def summary(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": study.left_out,
     }
-    found |= motions_summary(study.motions, study.scene, study.solid.contact_positions)
+    found |= motions_summary(study.motions, study.scene, contact_places(study))
     found["estimated_error_percent"] = {
         name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
     }
@@ -71,21 +71,21 @@ def summary(study: Study) -> dict[str, Any]:
 
 
 def motions_summary(
-    motions: Mapping[str, Motion], scene: Scene, positions: Sequence[Array | None] | None = None
+    motions: Mapping[str, Motion], scene: Scene, places: Sequence[Array] | None = None
 ) -> dict[str, Any]:
     """The responses of the models that ran, and the errors of the reduced one against the full one.
 
     Args:
         motions: by the name of the model.
         scene: their scene.
-        positions: of its contact points, (3,) in m, where they are known.
+        places: of its contact points in the undeformed body, (3,) in m, where they are known.
     """
     found: dict[str, Any] = {"response": {name: response_summary(motion) for name, motion in motions.items()}}
     for name, points in points_of(motions, scene).items():
         if len(points) > 1:
-            places = positions if positions is not None else [None] * len(points)
+            positions = [None] * len(points) if places is None else places
             found["response"][name]["points"] = [
-                {"position_m": place, **point} for place, point in zip(places, points, strict=True)
+                {"position_m": position, **point} for position, point in zip(positions, points, strict=True)
             ]
     if errors := errors_of(motions):
         found["error_percent"] = errors
@@ -171,6 +171,11 @@ def frame_rows(motion: Motion) -> NDArray[np.int64]:
     return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
 
 
+def contact_places(study: Study) -> Array:
+    """Places of the contact points in the undeformed body, (P, 3), m."""
+    return np.array(study.solid.contact_positions).reshape(-1, 3)
+
+
 def gaps(scene: Scene, motion: Motion) -> Array:
     """Distance of the contact points from their surfaces, (ns, P), m; negative: as far as they press into it."""
     return contacts(scene).gap - motion.displacement[:, :, 0]
@@ -188,7 +193,7 @@ def contact_vectors(study: Study, motion: Motion) -> tuple[Array, Array, Array]:
     moved = np.einsum("spk,pkx->spx", motion.displacement, frames)
     normal = -motion.force[:, :, :1] * frames[:, 0]
     friction = -np.einsum("spk,pkx->spx", motion.force[:, :, 1:], frames[:, 1:])
-    return np.array(study.solid.contact_positions) + moved, normal, friction
+    return contact_places(study) + moved, normal, friction
 
 
 def write_contact_points(study: Study, folder: Path) -> list[Path]:
@@ -204,7 +209,7 @@ def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, Array
     """Places of the contact points in the undeformed body, (P, 3) in m, and what they do at the rows of `frame_rows`."""
     rows = frame_rows(motion)
     position, normal, friction = (values[rows] for values in contact_vectors(study, motion))
-    places = np.array(study.solid.contact_positions)
+    places = contact_places(study)
     return places, {
         "displacement": position - places,
         "position": position,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -152,6 +152,60 @@ def reduce(solid: Body, basis: ReducedBasis) -> Any:
     return project(solid, basis, scene.geometrically_nonlinear)
 
 
+Timer = Callable[[str], AbstractContextManager[None]]
+
+
+class Reduction:
+    """From a body to its reduced model, stage by stage: each is gone through, and timed, when it is first asked for.
+
+    This is the one statement of what the stages need of one another: `run`, `fenicsrom modes` and `fenicsrom compare` ask for
+    as much as they want.
+    """
+
+    def __init__(
+        self, body: Body, timed: Timer, modes: ComponentModes | None = None, snapshots: Snapshots | None = None
+    ):
+        """Start from a body and the scene it has, with its modes (and snapshots of these) where they are known already."""
+        self._body, self._timed, self._snapshots = body, timed, snapshots
+        if modes is not None:
+            self.modes = modes
+
+    @cached_property
+    def modes(self) -> ComponentModes:
+        """The component modes."""
+        wanted = self._body.scene.basis
+        with self._timed("modes"):
+            return component_modes(self._body, wanted.method, wanted.modes)
+
+    @cached_property
+    def selection(self) -> Selection:
+        """The modes and derivatives that are kept."""
+        modes = self.modes
+        with self._timed("selection"):
+            return choose(self._body, modes, self._snapshots)
+
+    @cached_property
+    def derivatives(self) -> Derivatives:
+        """These derivatives."""
+        modes, selection = self.modes, self.selection
+        with self._timed("derivatives"):
+            return differentiate(self._body, modes, selection.derivatives)
+
+    @cached_property
+    def basis(self) -> ReducedBasis:
+        """The basis of both."""
+        modes, selection, derivatives = self.modes, self.selection, self.derivatives
+        with self._timed("basis"):
+            return enrich(self._body, modes, selection, derivatives)
+
+    @cached_property
+    def model(self) -> Any:
+        """The reduced model on it."""
+        basis = self.basis
+        with self._timed("reduction"):
+            return reduce(self._body, basis)
+
+
 class Stopwatch:
     """Times stages and says when they begin and end."""
 
@@ -219,8 +273,8 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
 
 
-def offline(scene: Scene, comm: Any, watch: Stopwatch) -> Study:
-    """Mesh, solid, modes, selection and derivatives of a scene."""
+def offline(scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False) -> Study:
+    """Mesh, solid, modes, selection and derivatives of a scene, and unless only these are asked for basis and model."""
     from fenicsrom.mesh import build_mesh
 
     stages = plan(scene)
@@ -228,13 +282,11 @@ def offline(scene: Scene, comm: Any, watch: Stopwatch) -> Study:
         mesh = build_mesh(scene.geometry, comm)
     with watch("solid"):
         solid = Solid(mesh, scene)
-    with watch("modes"):
-        modes = component_modes(solid, scene.basis.method, scene.basis.modes)
-    with watch("selection"):
-        selection = choose(solid, modes)
-    with watch("derivatives"):
-        derivatives = differentiate(solid, modes, selection.derivatives)
+    found = Reduction(solid, watch)
+    modes, selection, derivatives = found.modes, found.selection, found.derivatives
     study = Study(scene, stages, solid, modes, selection, derivatives, seconds=watch.seconds)
+    if not modes_only:
+        study.basis, study.model = found.basis, found.model
     study.left_out = [f"{stage.name}: {stage.why}" for stage in stages if not stage.runs]
     dropped = [label for label in modes.labels if label not in selection.modes]
     light = [label for label, weight in selection.weights.items() if label not in selection.derivatives]
@@ -263,10 +315,6 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
     """
     watch = Stopwatch(say)
     study = offline(scene, comm, watch)
-    with watch("basis"):
-        study.basis = enrich(study.solid, study.modes, study.selection, study.derivatives)
-    with watch("reduction"):
-        study.model = reduce(study.solid, study.basis)
     models: dict[str, Callable[[], Any]] = {"reduced": lambda: study.model}
     if scene.reference.full:
         models["full"] = lambda: full_model(study.solid)
