@@ -232,10 +232,15 @@ def test_output_folder_that_cannot_be(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("overrides", "left_out", "kept"),
     [
-        ([], ["static equilibrium", "second tangent direction", "ParaView motion"], ["modal derivatives", "static modes"]),
+        (
+            [],
+            ["static equilibrium", "second tangent direction", "ParaView motion", "animation"],
+            ["modal derivatives", "static modes"],
+        ),
         (["geometrically_nonlinear=false"], ["modal derivatives", "elastic polynomial", "Newton iterations"], ["static modes"]),
         (["contacts=[]", "probe={group='tip'}"], ["static modes", "contact forces"], ["modal derivatives"]),
         (["reference.full=false", "output.pictures=false"], ["full model", "pictures"], ["normal modes"]),
+        (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
     ],
 )
 def test_plan(capsys, overrides, left_out, kept):
@@ -265,6 +270,22 @@ def test_what_is_left_out_is_not_computed(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "history.npz", "reduced_model.npz", "report.html", "summary.json",
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_readme_shows_what_a_run_finds(tmp_path, capsys):
+    """Every column but the last, whose rounding errors differ from machine to machine."""
+    arguments = ["--output", str(tmp_path), *NO_PICTURES, "--set", "output.paraview=false"]
+    assert main(["run", str(SCENE), *arguments]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    readme = [line.split() for line in (DEMOS.parent / "README.md").read_text().splitlines() if line.startswith("    ")]
+
+    def table(lines):
+        return {line[0]: line[1:11] for line in lines if line and line[0] in ("reduced", "full", "beam") and len(line) == 12}
+
+    assert table(readme) == table(printed) and len(table(readme)) == 3
+    errors = json.loads((tmp_path / "summary.json").read_text())["estimated_error_percent"]
+    assert 1e-3 < errors["time step"] < 1.0 and errors["basis"] < 0.01
 
 
 def test_modes_command(tmp_path, capsys):
