@@ -127,10 +127,13 @@ def test_stored_model_without_dolfinx(results, tmp_path):
     same = json.loads((tmp_path / "same" / "summary.json").read_text())["response"]["reduced"]
     first = json.loads((results / "summary.json").read_text())["response"]["reduced"]
     assert same == first
-    changed = ["--set", "loads.0.force=200", "--set", "loads.0.frequency=3.0", "--set", "contacts.0.friction=0.1"]
+    changed = ["--set", "loads.0.force=0", "--set", "loads.0.frequency=3.0", "--set", "contacts.0.friction=0.0"]
     subprocess.run([*call, "--output", str(tmp_path / "other"), *changed], check=True, capture_output=True)
     other = json.loads((tmp_path / "other" / "summary.json").read_text())["response"]["reduced"]
-    assert other["amplitude_m"] != first["amplitude_m"]
+    assert other["dissipated_per_period_J"] == 0.0 < first["dissipated_per_period_J"]
+    with np.load(tmp_path / "other" / "history.npz") as history:
+        assert not history["reduced_work"].any()
+        assert history["reduced_time"][-1] == pytest.approx(2 / 3.0)
 
 
 @pytest.mark.parametrize(
