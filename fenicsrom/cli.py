@@ -163,8 +163,7 @@ def _run(options: argparse.Namespace) -> int:
             print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
         if found.errors:
             print(results.estimate_sentence(found.errors))
-        errors = results.motions_summary(found.motions).get("error_percent")
-        if errors:
+        if errors := results.errors_of(found.motions):
             print(results.error_sentence(errors))
         if "full" in found.motions and "reduced" in found.motions:
             slow, fast = (found.motions[name] for name in ("full", "reduced"))
@@ -213,7 +212,7 @@ def _modes(options: argparse.Namespace) -> int:
     comm, say = _start(folder)
     from fenicsrom import results, study
 
-    found = study.offline(scene, comm, study.Stopwatch(say))
+    found = study.offline(scene, comm, study.Stopwatch(say), modes_only=True)
     say("files ..")
     files = results.write_study(found, folder)
     if comm.rank == 0:

@@ -29,6 +29,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,16 +37,15 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from fenicsrom.basis import ReducedBasis
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion, scheme
 from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_modes
 from fenicsrom.online import provenance, simulate
-from fenicsrom.report import amplitudes, dissipated_per_period, peak_normal_force
+from fenicsrom.report import errors_percent
 from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.signals import largest
-from fenicsrom.study import Derivatives, Snapshots, choose, differentiate, enrich, full_model, reduce
+from fenicsrom.study import Reduction, Snapshots, full_model
 
 if TYPE_CHECKING:
     from fenicsrom.modes import Body
@@ -192,27 +192,14 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
     """Errors of the last period against that of a reference, percent.
 
     Returns:
-        `amplitude_tangential`, `amplitude_normal`: of half the peak-to-peak (tangential ones as a vector);
-        `history`: L2 norm of the difference of the displacements at equal phase, relative to the reference, all points
-        and directions; `peak_normal_force`, `dissipated`: relative; `state`: share of the period in another contact
-        state. None where the reference has nothing to compare with (below 1e-9 of its whole amplitude, or zero).
+        What `fenicsrom.report.errors_percent` finds; `history`: L2 norm of the difference of the displacements at equal
+        phase, relative to the reference, all points and directions; `state`: share of the period in another contact
+        state. None where the reference has nothing to compare with.
     """
-
-    def percent(difference: float, of: float, least: float = 0.0) -> float | None:
-        return float(100.0 * difference / of) if of > least else None
-
-    ours, theirs = amplitudes(motion), amplitudes(reference)
-    size = float(np.hypot(theirs["normal"], np.linalg.norm(theirs["tangential"])))
-    whole_size = float(np.linalg.norm(theirs["tangential"]))
-    tangential = float(np.linalg.norm(np.array(ours["tangential"]) - np.array(theirs["tangential"])))
     shift, other = (on_phases(m, m.displacement.reshape(m.time.size, -1)) for m in (motion, reference))
-    force, friction = peak_normal_force(reference), dissipated_per_period(reference)
-    return {
-        "amplitude_tangential": percent(tangential, whole_size, 1e-9 * size),
-        "amplitude_normal": percent(abs(ours["normal"] - theirs["normal"]), theirs["normal"], 1e-9 * size),
-        "history": percent(float(np.linalg.norm(shift - other)), float(np.linalg.norm(other))),
-        "peak_normal_force": percent(abs(peak_normal_force(motion) - force), force),
-        "dissipated": percent(abs(dissipated_per_period(motion) - friction), friction),
+    size = float(np.linalg.norm(other))
+    return errors_percent(motion, reference) | {
+        "history": 100.0 * float(np.linalg.norm(shift - other)) / size if size > 0.0 else None,
         "state": wrong_state(motion, reference) if reference.state.shape[1] else None,
     }
 
@@ -328,27 +315,14 @@ class Workshop:
         self._modes: dict[tuple[str, int], tuple[ComponentModes, Snapshots]] = {}
         self._taking: dict[tuple[str, int, str], float] = {}
 
-    def basis(self, scene: Scene) -> tuple[ReducedBasis, dict[str, float]]:
-        """The basis a scene asks for, and the seconds of its stages as if it were made alone."""
-        seconds = dict(self._seconds)
+    def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
+        """What leads to the reduced model a scene asks for, and the seconds of its stages as if it were made alone."""
         method, count = scene.basis.method, scene.basis.modes
-        modes, snapshots, seconds["modes"] = self._component_modes(method, count)
-        body = self._under(scene)
+        modes, snapshots, taken = self._component_modes(method, count)
         kinds = {"mmi": ["linear"], "mmi-nls": ["linear", "static"]}.get(str(scene.basis.derivatives), [])
         shared = sum(self._taken(snapshots, (method, count, kind)) for kind in kinds if scene.geometrically_nonlinear)
-        with timed(seconds, "selection"):
-            selection = choose(body, modes, snapshots)
-        seconds["selection"] += shared
-        with timed(seconds, "derivatives"):
-            derivatives: Derivatives = differentiate(body, modes, selection.derivatives)
-        with timed(seconds, "basis"):
-            basis = enrich(body, modes, selection, derivatives)
-        return basis, seconds
-
-    def model(self, scene: Scene, basis: ReducedBasis, seconds: dict[str, float]) -> Any:
-        """The reduced model on a basis; its seconds are added."""
-        with timed(seconds, "reduction"):
-            return reduce(self._under(scene), basis)
+        seconds = {**self._seconds, "modes": taken, "selection": shared}
+        return Reduction(self._under(scene), partial(timed, seconds), modes, snapshots), seconds
 
     def _under(self, scene: Scene) -> Any:
         """The same body with the [basis] and [time] of another scene."""
@@ -393,11 +367,11 @@ def try_out(
     outcome = Outcome(combination)
     scene = with_combination(scene, combination)
     try:
-        basis, outcome.offline = workshop.basis(scene)
-        outcome.labels = basis.labels
-        model = workshop.model(scene, basis, outcome.offline)
+        reduction, outcome.offline = workshop.reduction(scene)
+        outcome.labels = reduction.basis.labels
+        model = reduction.model
         motion = simulate(model, scene, keep_coordinates=True)
-        outcome.indicator, outcome.residual = indicators(workshop.body, basis.vectors, motion, scene)
+        outcome.indicator, outcome.residual = indicators(workshop.body, reduction.basis.vectors, motion, scene)
         outcome.motion = replace(motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None)
         if timing:
             outcome.online, outcome.timed_periods = time_runs(model, scene, motion, workshop.body.comm)
@@ -458,10 +432,9 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
 
 def warm_up(workshop: Workshop, scene: Scene) -> None:
     """Run every stage once for a few steps, so that no later time holds compilation or the filling of caches."""
-    basis, seconds = workshop.basis(scene)
-    model = workshop.model(scene, basis, seconds)
+    reduction, _ = workshop.reduction(scene)
     short = replace(scene.time, periods=1, steady_tolerance=0.0) if scene.period else scene.time
-    simulate(model, replace(scene, time=short))
+    simulate(reduction.model, replace(scene, time=short))
 
 
 def compare_bases(

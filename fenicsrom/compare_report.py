@@ -21,7 +21,7 @@ ERRORS = {
     "amplitude_normal": "axial amplitude",
     "history": "time history",
     "peak_normal_force": "peak normal force",
-    "dissipated": "energy per period",
+    "dissipated_per_period": "energy per period",
     "state": "wrong state",
 }
 MARKERS = {"rubin": "o", "craig-bampton": "s"}

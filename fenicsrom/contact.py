@@ -434,6 +434,18 @@ def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> 
         out[k] += axes[0, k] * (c * first - s * second) + axes[1, k] * (s * first + c * second)
 
 
+def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
+    """The unit normals (ns, P, d) of the surfaces at displacements x (ns, P, d) and times (ns,), in the frames of the points."""
+    found = np.zeros_like(x)
+    found[:, :, 0] = 1.0
+    d = x.shape[2]
+    slope, spare = np.empty((d, d)), np.empty(d)
+    for p in np.flatnonzero(contacts.kind != PLANE):
+        for row in range(x.shape[0]):
+            direction(contacts, p, x[row, p], x[row, p], time[row], found[row, p], slope, spare)
+    return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
+
+
 # ---------------------------------------------------------------------- the law
 
 

@@ -336,6 +336,7 @@ class State(NamedTuple):
         start: (n,) elastic force at q, where the scheme asks for it.
         load: (n,) load vector at the time.
         touch: the contact points.
+        rubbed: (P,) energy that each has dissipated by friction, J.
         scalars: time, next step, last step, work of the loads and of moving surfaces, energies dissipated by damping and
             friction, kinetic, elastic and contact energy, energy and displacement scales of the run, counts of steps,
             rejected steps and iterations.
@@ -350,6 +351,7 @@ class State(NamedTuple):
     start: Array
     load: Array
     touch: contact.Touch
+    rubbed: Array
     scalars: Array
     trial: Trial
 
@@ -363,6 +365,7 @@ class Record(NamedTuple):
     force: Array
     mean_force: Array
     gap: Array
+    rubbed: Array
     state: NDArray[np.int8]
     energies: Array
     coordinates: Array
@@ -515,6 +518,7 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     for p in range(trial.free.shape[0]):
         dissipated, surface = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
         s[RUBBED] += dissipated
+        state.rubbed[p] += dissipated
         s[WORK] += surface
     change = 2.0 / (h + s[LAST])
     combine(state.growth, change / h, dq, -change, state.rate)
@@ -561,6 +565,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.probe[row] = probe_displacement(model, state.q)
     for p in range(points):
         record.state[row, p] = touch.state[p]
+        record.rubbed[row, p] = state.rubbed[p]
         record.gap[row, p] = -contact.penetration(contacts, p, touch.x[p], s[TIME])
         # the frame of the point, turned the shortest way so that its first axis is the current normal
         size = 0.0
@@ -696,6 +701,7 @@ class Motion:
         work: (ns,) work of the loads, and of surfaces that move, since the start, J.
         damped: (ns,) energy dissipated by damping since the start, J.
         rubbed: (ns,) energy dissipated by friction since the start, J.
+        point_rubbed: (ns, P) the same of each contact point, J.
         steady: whether the motion was found to repeat.
         periods: number of periods run.
         steps: accepted steps.
@@ -723,6 +729,7 @@ class Motion:
     work: Array
     damped: Array
     rubbed: Array
+    point_rubbed: Array
     steady: bool
     periods: int
     steps: int
@@ -770,7 +777,9 @@ def initial_state(
         zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), contact.touch(points, dimension),
         x.copy(), x.copy(), room,
     )  # fmt: skip
-    state = State(q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), push, here, np.zeros(14), trial)
+    state = State(
+        q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), push, here, np.zeros(points), np.zeros(14), trial
+    )  # fmt: skip
     measure(model, contacts, scheme, state)
     if not scheme.line:
         _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
@@ -860,8 +869,8 @@ def integrate(
         rows = min(rows, round(horizon / step) + 1)
     record = Record(
         np.empty(rows), np.empty((rows, points, dimension)), np.empty((rows, dimension)), np.empty((rows, points, dimension)),
-        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points), dtype=np.int8),
-        np.empty((rows, 6)), np.empty((rows, width)),
+        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points)),
+        np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
     )  # fmt: skip
     write(model, contacts, state, record, 0)
     history = [_rows([record], [1])]
@@ -984,6 +993,7 @@ def _motion(
         work=work,
         damped=damped,
         rubbed=rubbed,
+        point_rubbed=whole.rubbed,
         steady=steady,
         periods=end.spans if period is not None else 0,
         steps=int(s[STEPS]),

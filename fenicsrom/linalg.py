@@ -27,7 +27,7 @@ class Inverse(Protocol):
 
 
 class Factorisation:
-    """A matrix, factorised once (LDL^T, or LU unless it is symmetric; MUMPS, or PETSc's own when it is small), for many solves."""
+    """A matrix, factorised once: LDL^T, or LU unless it is symmetric; by MUMPS, or PETSc's own when it is small."""
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
 

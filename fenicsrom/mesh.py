@@ -6,6 +6,7 @@ dolfinx, which distributes it. What rank 0 refuses is raised on every rank.
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -374,6 +375,7 @@ def _gmsh() -> Iterator[Any]:
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.AbortOnError", 0)  # errors go to the logger: an abort breaks gmsh's parser
+        gmsh.open(os.devnull)  # or the tolerances are those of the extent of the last model of this process
         gmsh.logger.start()
         yield gmsh
     finally:

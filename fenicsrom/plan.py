@@ -32,7 +32,6 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     selecting = nonlinear and by_motion and not scene.still
     listed = nonlinear and not by_motion and basis.derivatives != "none"
     static = [load for load in scene.loads if load.static]
-    statics = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
     d = scene.geometry.dimension
     rotation = scene.rotation
     linear = "the scene is geometrically linear"
@@ -47,7 +46,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
         return "basis.derivatives is " + (basis.derivatives if isinstance(basis.derivatives, str) else "a list of labels")
 
     def equilibrium_reason() -> str:
-        loads = f"{len(static)} static loads" if static else "no static load"
+        loads = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
         return f"{loads}, centrifugal force" if rotation else loads
 
     def gyroscopic_reason() -> str:
@@ -87,4 +86,5 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
         Stage("pictures", scene.output.pictures, f"output.pictures = {str(scene.output.pictures).lower()}"),
         Stage("ParaView modes", scene.output.paraview, f"output.paraview = {str(scene.output.paraview).lower()}"),
         Stage("ParaView motion", scene.output.motion, f"output.motion = {str(scene.output.motion).lower()}"),
+        Stage("animation", scene.output.animation, f"output.animation = {str(scene.output.animation).lower()}"),
     ]

@@ -85,16 +85,26 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     Returns:
         `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact all of it is open.
     """
-    part = motion.last_period()
-    state, weights = motion.state[part], _weights(motion.time[part])
-    if state.shape[1] == 0:
+    if not _touches(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
-    return {name: float(weights @ (state == value).mean(axis=1)) for value, (name, _) in STATES.items()}
+    return {name: float(shares.mean()) for name, shares in _shares(motion).items()}
+
+
+def _shares(motion: Motion) -> dict[str, np.ndarray]:
+    """Share of the last period that each point spends in each state, by its name: (P,)."""
+    part = motion.last_period()
+    weights = _weights(motion.time[part])
+    return {name: weights @ (motion.state[part] == value) for value, (name, _) in STATES.items()}
 
 
 def peak_normal_force(motion: Motion) -> float:
     """Largest normal contact force, N, over the last period and all points; 0 without contact."""
     return float(motion.force[motion.last_period(), :, 0].max(initial=0.0))
+
+
+def peak_total_normal_force(motion: Motion) -> float:
+    """Largest sum of the normal contact forces of all points at one instant, N, over the last period; 0 without contact."""
+    return float(motion.force[motion.last_period(), :, 0].sum(axis=1).max(initial=0.0))
 
 
 def dissipated_per_period(motion: Motion) -> float:
@@ -104,17 +114,38 @@ def dissipated_per_period(motion: Motion) -> float:
     return float(motion.rubbed[-1] - np.interp(motion.time[-1] - motion.period, motion.time, motion.rubbed))
 
 
+def point_summaries(motion: Motion) -> list[dict[str, Any]]:
+    """What each contact point does over the last period (over the whole motion if it has no period).
+
+    Returns:
+        For each point `peak_normal_force_N`, `fraction` (as `contact_fractions`) and `dissipated_per_period_J`.
+    """
+    part = motion.last_period()
+    rubbed = motion.point_rubbed[part][-1] - motion.point_rubbed[part][0]
+    peaks, shares = motion.force[part, :, 0].max(axis=0), _shares(motion)
+    return [
+        {
+            "peak_normal_force_N": float(peaks[p]),
+            "fraction": {name: float(share[p]) for name, share in shares.items()},
+            "dissipated_per_period_J": float(rubbed[p]),
+        }
+        for p in range(motion.force.shape[1])
+    ]
+
+
 def response_summary(motion: Motion) -> dict[str, Any]:
     """The entry of a motion in `summary.json`.
 
     Returns:
-        `amplitude_m`, `fraction`, `peak_normal_force_N`, `dissipated_per_period_J` (by friction), `energy_imbalance`
-        (relative), `steady`, `periods`, `steps`, `newton_iterations`.
+        `amplitude_m` (of the first contact point), `fraction`, `peak_normal_force_N` (of any point),
+        `peak_total_normal_force_N` (of all together), `dissipated_per_period_J` (by friction), `energy_imbalance` (relative),
+        `steady`, `periods`, `steps`, `newton_iterations`.
     """
     return {
         "amplitude_m": amplitudes(motion),
         "fraction": contact_fractions(motion),
         "peak_normal_force_N": peak_normal_force(motion),
+        "peak_total_normal_force_N": peak_total_normal_force(motion),
         "dissipated_per_period_J": dissipated_per_period(motion),
         "energy_imbalance": float(motion.relative_imbalance),
         "steady": bool(motion.steady),
@@ -125,26 +156,30 @@ def response_summary(motion: Motion) -> dict[str, Any]:
 
 
 def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]:
-    """Differences of the amplitudes from those of a reference, in percent of the reference.
+    """Differences over the last period from a reference, in percent of the reference.
 
     Args:
         motion: the motion to judge.
         reference: usually of the full model.
 
     Returns:
-        `{"amplitude_tangential": ..., "amplitude_normal": ...}`; tangential amplitudes are compared as a vector. None
-        where the reference does not move in that direction (less than 1e-9 of its whole amplitude).
+        `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ..., "dissipated_per_period": ...}`;
+        tangential amplitudes are compared as a vector. None where the reference does not move in that direction (less
+        than 1e-9 of its whole amplitude), or has no such force or friction.
     """
     ours, theirs = amplitudes(motion), amplitudes(reference)
     pairs = list(itertools.zip_longest(ours["tangential"], theirs["tangential"], fillvalue=0.0))
-    size = math.hypot(theirs["normal"], *theirs["tangential"])
+    least = 1e-9 * math.hypot(theirs["normal"], *theirs["tangential"])
 
-    def percent(difference: float, of: float) -> float | None:
-        return 100 * difference / of if of > 1e-9 * size else None
+    def percent(difference: float, of: float, least: float = 0.0) -> float | None:
+        return 100 * abs(difference) / of if of > least else None
 
+    force, friction = peak_normal_force(reference), dissipated_per_period(reference)
     return {
-        "amplitude_tangential": percent(math.hypot(*(a - b for a, b in pairs)), math.hypot(*theirs["tangential"])),
-        "amplitude_normal": percent(abs(ours["normal"] - theirs["normal"]), theirs["normal"]),
+        "amplitude_tangential": percent(math.hypot(*(a - b for a, b in pairs)), math.hypot(*theirs["tangential"]), least),
+        "amplitude_normal": percent(ours["normal"] - theirs["normal"], theirs["normal"], least),
+        "peak_normal_force": percent(peak_normal_force(motion) - force, force),
+        "dissipated_per_period": percent(dissipated_per_period(motion) - friction, friction),
     }
 
 
@@ -213,46 +248,98 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     return figure
 
 
+# What the loops of a contact point are drawn from, by the number of directions: displacement u or force f along the
+# normal (0) or a tangent, against another; the last one is the orbit of the point.
+_LOOPS = {
+    2: (("u1", "f1"), ("u0", "f0"), ("u1", "u0")),
+    3: (("u1", "f1"), ("u2", "f2"), ("u0", "f0"), ("u1", "u2")),
+}
+
+
 @styled
 def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """States over the last period, and contact forces against displacements (the paper's figs. 6 and 13).
 
     The loops are the tangential force against the tangential displacement, one panel per tangent direction, and the
-    normal force against the normal displacement; in 3D also the orbit of the point in the contact plane.
+    normal force against the normal displacement; the last panel is the orbit of the point: in 2D its normal against its
+    tangential displacement, in 3D its path in the contact plane.
 
     Args:
         motions: by the name of the model; those without contact are left out.
         point: number of the contact point.
     """
     motions = {name: motion for name, motion in motions.items() if _touches(motion)}
+    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    loops = len(_LOOPS[directions])
+    columns = 3 if loops == 3 else 2
+    rows = loops // columns
+    strip = 0.75 + 0.33 * len(motions)
+    figure = new_figure(4.1 * columns if columns == 2 else 10.8, 0.4 + strip + 3.3 * rows)
+    grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
+    _plot_states(figure.add_subplot(grid[0, :]), motions, point)
+    panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
+    _plot_loops(panels, motions, point)
+    _legend(figure, panels[0])
+    return figure
+
+
+@styled
+def plot_points(motions: Mapping[str, Motion], points: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """All contact points in one picture: how hard each is pressed, how long it touches, what it rubs away.
+
+    Below them the loops of the point that is pressed hardest in the first of the motions.
+
+    Args:
+        motions: by the name of the model; those without contact are left out.
+        points: by the name of the model, as `point_summaries`.
+    """
+    motions = {name: motion for name, motion in motions.items() if _touches(motion)}
+    styles = line_styles(motions)
+    first = next(iter(motions))
+    hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
+    directions = motions[first].displacement.shape[2]
+    loops = len(_LOOPS[directions])
+    figure = new_figure(10.8, 7.2)
+    above, below = figure.subfigures(2, 1)
+    axes = above.subplots(1, 3)
+    curves = {
+        "peak normal force, N": lambda point: point["peak_normal_force_N"],
+        "time in contact, %": lambda point: 100.0 * (1.0 - point["fraction"]["open"]),
+        "rubbed away, J": lambda point: point["dissipated_per_period_J"],
+    }
+    for axis, (label, value) in zip(axes, curves.items(), strict=True):
+        for name in motions:
+            found = [value(point) for point in points[name]]
+            axis.plot(range(1, len(found) + 1), found, marker="o", markersize=3.5, label=name, **styles[name])
+        axis.set(xlabel="contact point", ylabel=label)
+        axis.xaxis.get_major_locator().set_params(integer=True)
+    panels = below.subplots(1, loops)
+    _plot_loops(panels, {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest}, hardest)
+    below.suptitle(f"point {hardest + 1}, pressed hardest", x=0.01, horizontalalignment="left", fontsize=11)
+    _legend(figure, axes[0])
+    return figure
+
+
+def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: int) -> None:
+    """The loops of a contact point over the last period, a panel for each of `_LOOPS`, the orbit the last."""
     styles = line_styles(motions)
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
-    rows = 1 if directions == 2 else 2
-    strip = 0.75 + 0.33 * len(motions)
-    figure = new_figure(8.6, 0.4 + strip + 3.3 * rows)
-    grid = figure.add_gridspec(1 + rows, 2, height_ratios=[strip] + [3.3] * rows)
-    states = figure.add_subplot(grid[0, :])
-    _plot_states(states, motions, point)
-    loops = [(k, figure.add_subplot(grid[1, k - 1])) for k in range(1, directions)]
-    normal = figure.add_subplot(grid[rows, 1 if rows == 1 else 0])
-    for k, axis in loops:
-        number = "" if directions == 2 else f" {k}"
-        axis.set(xlabel=f"tangential displacement{number}, mm", ylabel=f"tangential force{number}, N")
-    normal.set(xlabel="normal displacement, mm", ylabel="normal force, N")
-    for name, motion in motions.items():
-        part = motion.last_period()
-        shift, force = 1e3 * motion.displacement[part, point], motion.force[part, point]
-        for k, axis in [*loops, (0, normal)]:
-            if k < shift.shape[1]:
-                axis.plot(shift[:, k], force[:, k], label=name, **styles[name])
-    if directions == 3:
-        orbit = figure.add_subplot(grid[2, 1])
+    for axis, pair in zip(panels, _LOOPS[directions], strict=True):
         for name, motion in motions.items():
-            if motion.displacement.shape[2] == 3:
-                orbit.plot(*1e3 * motion.displacement[motion.last_period(), point, 1:].T, label=name, **styles[name])
-        orbit.set(xlabel="tangential displacement 1, mm", ylabel="tangential displacement 2, mm", title="orbit")
-    _legend(figure, normal)
-    return figure
+            part = motion.last_period()
+            if all(int(k) < motion.displacement.shape[2] for _, k in pair):
+                curve = [(1e3 * motion.displacement if kind == "u" else motion.force)[part, point, int(k)] for kind, k in pair]
+                axis.plot(*curve, label=name, **styles[name])
+        axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+    panels[-1].set_title("orbit")
+
+
+def _quantity(name: str, directions: int) -> str:
+    """The label of a displacement or force of `_LOOPS`."""
+    kind, k = name
+    way = "normal" if k == "0" else "tangential"
+    number = f" {k}" if directions == 3 and k != "0" else ""
+    return f"{way} displacement{number}, mm" if kind == "u" else f"{way} force{number}, N"
 
 
 @styled
@@ -344,6 +431,53 @@ def panels(labels: Sequence[str], images: Sequence[np.ndarray]) -> Figure:
     return figure
 
 
+@styled
+def film(images: Sequence[np.ndarray], times: Sequence[float], scale: str, largest: float, marked: bool) -> list[np.ndarray]:
+    """Pictures of a motion with their time, a colour bar of the displacement and a legend of the contact states.
+
+    Args:
+        images: of one size (height, width, 3).
+        times: of the pictures, s.
+        scale: says how large displacements are drawn.
+        largest: displacement, m, that the last colour stands for.
+        marked: whether contact points are marked.
+
+    Returns:
+        Pictures of one size, (height, width, 3), of bytes.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.lines import Line2D
+
+    height, width = images[0].shape[:2]
+    wide = 7.2 * min(1.0, max(0.5, width / height))
+    figure = new_figure(wide, wide * height / width + 1.3)
+    figure.set_dpi(100)
+    canvas = FigureCanvasAgg(figure)
+    axis = figure.subplots()
+    axis.set_axis_off()
+    shown = axis.imshow(images[0], interpolation="antialiased")
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0.0, 1e3 * largest or 1.0), "viridis"), ax=axis, location="bottom", shrink=0.5, aspect=40
+    )
+    bar.set_label(f"displacement, mm ({scale})")
+    bar.outline.set_visible(False)
+    if marked:
+        marks = [
+            Line2D([], [], linestyle="", marker="o", markeredgecolor="black", color=colour, label=name)
+            for name, colour in STATES.values()
+        ]
+        figure.legend(handles=marks, loc="outside upper right", ncols=len(marks))
+    found = []
+    for image, time in zip(images, times, strict=True):
+        shown.set_data(image)
+        axis.set_title(f"t = {time:#.6g} s", loc="left", fontsize=11)
+        canvas.draw()
+        found.append(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+    return found
+
+
 def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
     """A bar per model, coloured by the contact state over the last period."""
     from matplotlib.patches import Patch
@@ -421,7 +555,8 @@ def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> st
     Args:
         title: of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list of rows, the first
-            of them the head), a matplotlib figure, or the path of a PNG picture.
+            of them the head), a matplotlib figure, or the path of a PNG or
+            GIF picture.
 
     Returns:
         The HTML text.
@@ -482,11 +617,11 @@ def _html_item(item: Any, heading: str) -> str:
     if isinstance(item, str):
         return f"<p>{html.escape(item)}</p>"
     if isinstance(item, Path):
-        return _html_picture(item.read_bytes(), heading)
+        return _html_picture(item.read_bytes(), heading, item.suffix.removeprefix("."))
     if hasattr(item, "savefig"):
         png = io.BytesIO()
         item.savefig(png, format="png")
-        return _html_picture(png.getvalue(), heading)
+        return _html_picture(png.getvalue(), heading, "png")
     right = _numeric(item)
     lines = []
     for i, row in enumerate(item):
@@ -503,9 +638,9 @@ def _html_item(item: Any, heading: str) -> str:
     return f"<div class=wide><table><thead>{head}</thead><tbody>{''.join(rest)}</tbody></table></div>"
 
 
-def _html_picture(png: bytes, heading: str) -> str:
-    """A picture inside the page."""
-    return f'<img alt="{html.escape(heading)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+def _html_picture(content: bytes, heading: str, kind: str) -> str:
+    """A picture inside the page, PNG or GIF."""
+    return f'<img alt="{html.escape(heading)}" src="data:image/{kind};base64,{base64.b64encode(content).decode()}">'
 
 
 _PAGE = """<!doctype html>

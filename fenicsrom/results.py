@@ -1,15 +1,17 @@
-"""The files of a run: summary, report, history, reduced model, ParaView files and pictures."""
+"""The files of a run: summary, report, history, reduced model, ParaView files, pictures and animation."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fenicsrom.contact import ContactPoints, contacts_of, unit_normals
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
 from fenicsrom.online import StoredModel, provenance, save_model
@@ -21,6 +23,8 @@ from fenicsrom.report import (
     plot_contact,
     plot_modes,
     plot_motion,
+    plot_points,
+    point_summaries,
     response_summary,
     text_table,
     write_summary,
@@ -32,7 +36,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FRAMES = 60  # of the motion for ParaView, at most
+FRAMES = 60  # of the motion for ParaView and of the animation, at most
+FEW_POINTS = 4  # contact points with a picture of their own each, at most; more share one
+
+
+HISTORY = (
+    "time", "displacement", "force", "gap", "state", "kinetic", "elastic", "contact_energy", "work", "damped", "rubbed",
+)  # fmt: skip
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -57,8 +67,10 @@ def summary(study: Study) -> dict[str, Any]:
     }
     if study.deflection is not None:
         found["equilibrium"] = {"displacement_m": study.deflection}
-    found |= motions_summary(study.motions)
-    found["estimated_error"] = {name: value if np.isfinite(value) else None for name, value in study.errors.items()}
+    found |= motions_summary(study.motions, study.solid.points)
+    found["estimated_error_percent"] = {
+        name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
+    }
     if study.unfinished:
         found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.solid.warnings
@@ -66,12 +78,25 @@ def summary(study: Study) -> dict[str, Any]:
     return found
 
 
-def motions_summary(motions: Mapping[str, Motion]) -> dict[str, Any]:
+def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
     """The responses of the models that ran, and the errors of the reduced one against the full one."""
     found: dict[str, Any] = {"response": {name: response_summary(motion) for name, motion in motions.items()}}
-    if "reduced" in motions and "full" in motions:
-        found["error_percent"] = errors_percent(motions["reduced"], motions["full"])
+    for name, motion in motions.items():
+        if motion.state.shape[1] > 1:
+            found["response"][name]["points"] = [
+                {"position_m": position, **point}
+                for position, point in zip(contact_places(points), point_summaries(motion), strict=True)
+            ]
+    if errors := errors_of(motions):
+        found["error_percent"] = errors
     return found
+
+
+def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
+    """Errors of the reduced model against the full one, percent; empty unless both ran."""
+    if "reduced" in motions and "full" in motions:
+        return errors_percent(motions["reduced"], motions["full"])
+    return {}
 
 
 def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
@@ -95,10 +120,10 @@ def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> li
 
 
 def write_history(path: Path, motions: Mapping[str, Motion]) -> None:
-    """Write the motions as one `.npz`: arrays `MODEL_time`, `MODEL_displacement`, `MODEL_force`, `MODEL_state` and energies."""
+    """Write the motions as one `.npz` with the arrays `MODEL_time`, `MODEL_displacement` and so on, those of `HISTORY`."""
     arrays: dict[str, Any] = {}
     for name, motion in motions.items():
-        for key in ("time", "displacement", "force", "state", "kinetic", "elastic", "contact_energy", "work", "damped", "rubbed"):
+        for key in HISTORY:
             arrays[f"{name}_{key}"] = getattr(motion, key)
     with whole(path) as temporary, open(temporary, "wb") as file:
         np.savez_compressed(file, **arrays)
@@ -115,13 +140,81 @@ def motion_figures(folder: Path, motions: Mapping[str, Motion]) -> list[tuple[st
     """Pictures of the motion, the contact and the energy ledger: (heading, file)."""
     pictures = [("Motion", write_figure(folder / "motion.png", plot_motion(motions)))]
     first = next(iter(motions.values()))
-    for point in range(first.force.shape[1]):
-        name = "contact.png" if first.force.shape[1] == 1 else f"contact_{point + 1}.png"
-        heading = "Contact" if first.force.shape[1] == 1 else f"Contact point {point + 1}"
-        touching = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
-        pictures.append((heading, write_figure(folder / name, plot_contact(touching, point))))
+    count = first.force.shape[1]
+    if count > FEW_POINTS:
+        found = {name: point_summaries(motion) for name, motion in motions.items() if motion.state.shape[1]}
+        figure = plot_points(motions, found)
+        pictures.append((f"Contact of {count} points", write_figure(folder / "contact.png", figure)))
+    else:
+        for point in range(count):
+            name = "contact.png" if count == 1 else f"contact_{point + 1}.png"
+            heading = "Contact" if count == 1 else f"Contact point {point + 1}"
+            touching = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
+            pictures.append((heading, write_figure(folder / name, plot_contact(touching, point))))
     pictures.append(("Energy", write_figure(folder / "energy.png", ledger_plot(first))))
     return pictures
+
+
+# what moves, in time
+
+
+def frame_rows(motion: Motion) -> NDArray[np.int64]:
+    """Rows of a motion near equal times over its last period (the whole motion if it has no period), `FRAMES` at most."""
+    part = motion.last_period()
+    rows = np.arange(motion.time.size)[part]
+    wanted = np.linspace(motion.time[rows[0]], motion.time[-1], FRAMES)
+    return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
+
+
+def contact_places(points: ContactPoints) -> Array:
+    """Places of the contact points in the undeformed body, (P, 3), m; the third component is 0 in 2D."""
+    places = np.zeros((points.position.shape[0], 3))
+    places[:, : points.position.shape[1]] = points.position
+    return places
+
+
+def contact_vectors(scene: Scene, points: ContactPoints, motion: Motion) -> tuple[Array, Array, Array]:
+    """Contact points in global axes, all (ns, P, 3): their positions, m, and the forces on the body, N.
+
+    Returns:
+        Positions, normal forces (out of the surface, into the body) and friction forces; the third component is 0 in 2D.
+    """
+    d = scene.geometry.dimension
+    frames = np.zeros((points.frame.shape[0], d, 3))
+    frames[:, :, :d] = points.frame
+    normals = unit_normals(contacts_of(scene, points), motion.displacement, motion.time)
+    normal = -motion.force[:, :, :1] * normals
+    friction = motion.force.copy()  # back from the frames that were turned to the current normals
+    friction[:, :, 0] = 0.0
+    across = np.sum(friction * normals, axis=2, keepdims=True)
+    friction -= across / (1.0 + normals[:, :, :1]) * (normals + np.eye(d)[0])
+    moved, normal, friction = (np.einsum("spk,pkx->spx", values, frames) for values in (motion.displacement, normal, -friction))
+    return contact_places(points) + moved, normal, friction
+
+
+def write_contact_points(study: Study, folder: Path) -> list[Path]:
+    """The contact points of the reduced model in time, for ParaView; on one rank."""
+    from fenicsrom.export import write_points
+
+    motion = study.motions["reduced"]
+    points, arrays = contact_points(study, motion)
+    return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]
+
+
+def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, Array]]:
+    """Places of the contact points in the undeformed body, (P, 3) in m, and what they do at the rows of `frame_rows`."""
+    rows = frame_rows(motion)
+    position, normal, friction = (values[rows] for values in contact_vectors(study.scene, study.solid.points, motion))
+    places = contact_places(study.solid.points)
+    return places, {
+        "displacement": position - places,
+        "position": position,
+        "gap": motion.gap[rows],
+        "normal force": motion.force[rows, :, 0],
+        "normal force vector": normal,
+        "friction force vector": friction,
+        "state": motion.state[rows],
+    }
 
 
 def shapes(study: Study) -> dict[str, dict[str, Any]]:
@@ -145,18 +238,46 @@ def write_shapes(study: Study, folder: Path) -> list[Path]:
     return [write_fields(folder, name, study.solid.space, fields) for name, fields in shapes(study).items()]
 
 
-def write_last_period(study: Study, folder: Path) -> list[Path]:
-    """ParaView files of the reduced model's last period; collective."""
-    from fenicsrom.export import write_motion
-
+def moving_field(study: Study) -> Callable[[int], Array]:
+    """The reduced model's displacement, local and ghost unknowns, at the rows of `frame_rows` by number; collective."""
     motion, basis, solid = study.motions["reduced"], study.basis, study.solid
-    if basis is None or motion.coordinates is None or motion.coordinate_time is None:
-        return []
+    assert basis is not None and motion.coordinates is not None
     vectors = np.array([solid.field(vector).x.array.copy() for vector in basis.vectors.T])
     rest = solid.field(solid.equilibrium).x.array.copy()
-    step = -(-motion.coordinates.shape[0] // FRAMES)
-    q = motion.coordinates[::step]
-    return [write_motion(folder, "motion", solid.space, motion.coordinate_time[::step], lambda k: rest + q[k] @ vectors)]
+    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    return lambda number: rest + q[number] @ vectors
+
+
+def write_last_period(study: Study, folder: Path) -> list[Path]:
+    """ParaView files of the reduced model's last period: the body, and its contact points; collective."""
+    from fenicsrom.export import write_motion
+
+    motion, solid = study.motions["reduced"], study.solid
+    times = motion.time[frame_rows(motion)]
+    files = [write_motion(folder, "motion", solid.space, times, moving_field(study))]
+    if study.scene.contacts and solid.comm.rank == 0:
+        files += write_contact_points(study, folder)
+    return files
+
+
+def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """The reduced model's last period as an animated GIF: (heading, file); collective."""
+    from fenicsrom.export import animate
+
+    motion, solid = study.motions["reduced"], study.solid
+    marks = contact_points(study, motion) if study.scene.contacts else None
+    with drawing_warnings(study):
+        film = animate(folder / "motion.gif", solid.space, motion.time[frame_rows(motion)], moving_field(study), marks)
+    return [("Animation", film)] if film is not None else []
+
+
+@contextmanager
+def drawing_warnings(study: Study) -> Iterator[None]:
+    """Keep what is warned of while something is drawn among the warnings of the study."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    study.solid.warnings += [str(warning.message) for warning in caught]
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
@@ -172,10 +293,8 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     if study.solid.comm.rank == 0:
         figure = plot_modes(list(fields), positions, values)
         pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with drawing_warnings(study):
         bodies = picture_modes(folder / "shapes.png", space, fields)
-    study.solid.warnings += [str(warning.message) for warning in caught]
     if bodies is not None:
         pictures.append(("Shapes", bodies))
     return pictures
@@ -202,6 +321,8 @@ def write_study(study: Study, folder: Path) -> list[Path]:
         if root and study.motions:
             pictures += motion_figures(folder, study.motions)
         pictures += write_pictures(study, folder)
+    if output.animation and "reduced" in study.motions:
+        pictures += write_animation(study, folder)
     if not root:
         return []
     if isinstance(study.model, ReducedModel) and study.basis is not None:
@@ -246,8 +367,7 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
                      "ledger relative to the largest energy of the motion.")  # fmt: skip
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
-    errors = motions_summary(study.motions).get("error_percent")
-    if errors:
+    if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     if study.errors:
         found.append(estimate_sentence(study.errors))
@@ -282,8 +402,12 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
 
 def error_sentence(errors: Mapping[str, float | None]) -> str:
     """The errors against the full model in a sentence."""
-    parts = [f"{name.removeprefix('amplitude_')} {value:.3g} %" for name, value in errors.items() if value is not None]
-    return "Error of the reduced model's amplitudes against the full model's: " + (", ".join(parts) or "none to compare") + "."
+    names = {
+        "amplitude_tangential": "tangential amplitude", "amplitude_normal": "normal amplitude",
+        "peak_normal_force": "peak normal force", "dissipated_per_period": "dissipation",
+    }  # fmt: skip
+    parts = [f"{names[name]} {value:.3g} %" for name, value in errors.items() if value is not None]
+    return "Error of the reduced model against the full one: " + (", ".join(parts) or "none to compare") + "."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
@@ -314,8 +438,8 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
         "seconds": {"reduced motion": motion.seconds},
-        "left_out": ["offline stages: the reduced model was read from a file"],
-        **motions_summary(motions),
+        "left_out": ["offline stages, and files of the body: the reduced model was read from a file, without its mesh"],
+        **motions_summary(motions, stored.model.points),
         "provenance": stored.provenance,
     }
     write_summary(folder / "summary.json", found)

@@ -745,12 +745,14 @@ class Output:
     Attributes:
         pictures: PNG pictures.
         paraview: ParaView files of modes and derivatives.
-        motion: ParaView files of the last period of motion.
+        motion: ParaView files of the last period of motion, and of the contact points in it.
+        animation: an animated picture of the last period.
     """
 
     pictures: Annotated[bool, _flag] = True
     paraview: Annotated[bool, _flag] = True
     motion: Annotated[bool, _flag] = False
+    animation: Annotated[bool, _flag] = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -1157,14 +1159,23 @@ def override_table(table: Mapping[str, Any], overrides: Sequence[str], source: s
             elif isinstance(branch, dict):
                 step = name
             else:
-                there = f"ends at {len(branch) - 1}" if isinstance(branch, list) else "is not a table"
-                raise _error(f"{source}: override {_show(override)}: {'.'.join(names[:depth])} {there}")
+                raise _error(f"{source}: override {_show(override)}: {'.'.join(names[:depth])} {_no_entry(branch, name)}")
             if depth == len(names) - 1:
                 branch[step] = value["value"]
             else:  # copies only what is on the way to the key
                 branch[step] = copy.copy(branch.get(step, {}) if isinstance(branch, dict) else branch[step])
                 branch = branch[step]
     return changed
+
+
+def _no_entry(branch: Any, name: str) -> str:
+    """Why a table of the scene, a list or a value has no such entry."""
+    if not isinstance(branch, list):
+        return "is not a table"
+    if not branch:
+        return f"is empty: it has no entry {name}"
+    numbers = "the only one is 0" if len(branch) == 1 else f"they are numbered from 0 to {len(branch) - 1}"
+    return f"has no entry {name}: {numbers}"
 
 
 def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:

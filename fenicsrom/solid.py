@@ -92,6 +92,7 @@ class Solid:
         d = geometry.dimension
         self.warnings = list(mesh.warnings)
         self._scratch: PETSc.Mat | None = None
+        self._places: dict[Place, tuple[Array, Array]] = {}
         if geometry.degree == 1:
             self.warnings.append("linear elements lock in bending: frequencies may be several times too high (use degree 2)")
         element = basix.ufl.element("Lagrange", domain.basix_cell(), geometry.degree, shape=(d,))
@@ -496,7 +497,7 @@ class Solid:
         return self._assembled(fem.form(-thickness * ufl.dot(ufl.FacetNormal(domain), test) * surface))
 
     def place(self, place: Place, key: str) -> tuple[Array, Array]:
-        """Rows that give the displacement of a place.
+        """Rows that give the displacement of a place; one that is asked for again is not sought, nor warned of, again.
 
         Args:
             place: a node, the node nearest to a point or to the centroid of a region, or the mean over the region:
@@ -509,6 +510,11 @@ class Solid:
         Raises:
             SceneError: the region is missing or empty, the node is clamped, or no node is near the coordinates.
         """
+        if place not in self._places:
+            self._places[place] = self._find(place, key)
+        return self._places[place]
+
+    def _find(self, place: Place, key: str) -> tuple[Array, Array]:
         d = self.scene.geometry.dimension
         rows = np.zeros((d, self.local))
         name, wanted = ("nearest", place.nearest) if place.nearest is not None else ("node", place.node)

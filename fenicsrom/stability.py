@@ -347,10 +347,9 @@ def build(scene: Scene, model: str) -> tuple[Any, Study | None]:
 
     if model == "beam":
         return study.beam_model(scene), None
-    found = study.offline(scene, MPI.COMM_SELF, study.Stopwatch(lambda line: None))
-    if model == "full":
-        return study.full_model(found.solid), None
-    return study.reduce(found.solid, study.enrich(found.solid, found.modes, found.selection, found.derivatives)), found
+    full = model == "full"
+    found = study.offline(scene, MPI.COMM_SELF, study.Stopwatch(lambda line: None), modes_only=full)
+    return (study.full_model(found.solid), None) if full else (found.model, found)
 
 
 def own_basis_error(study: Study, scene: Scene, motion: Motion) -> float | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -153,6 +153,60 @@ def reduce(solid: Body, basis: ReducedBasis) -> Any:
     return project(solid, basis, scene.geometrically_nonlinear)
 
 
+Timer = Callable[[str], AbstractContextManager[None]]
+
+
+class Reduction:
+    """From a body to its reduced model, stage by stage: each is gone through, and timed, when it is first asked for.
+
+    This is the one statement of what the stages need of one another: `run`, `fenicsrom modes` and `fenicsrom compare` ask for
+    as much as they want.
+    """
+
+    def __init__(
+        self, body: Body, timed: Timer, modes: ComponentModes | None = None, snapshots: Snapshots | None = None
+    ):
+        """Start from a body and the scene it has, with its modes (and snapshots of these) where they are known already."""
+        self._body, self._timed, self._snapshots = body, timed, snapshots
+        if modes is not None:
+            self.modes = modes
+
+    @cached_property
+    def modes(self) -> ComponentModes:
+        """The component modes."""
+        wanted = self._body.scene.basis
+        with self._timed("modes"):
+            return component_modes(self._body, wanted.method, wanted.modes)
+
+    @cached_property
+    def selection(self) -> Selection:
+        """The modes and derivatives that are kept."""
+        modes = self.modes
+        with self._timed("selection"):
+            return choose(self._body, modes, self._snapshots)
+
+    @cached_property
+    def derivatives(self) -> Derivatives:
+        """These derivatives."""
+        modes, selection = self.modes, self.selection
+        with self._timed("derivatives"):
+            return differentiate(self._body, modes, selection.derivatives)
+
+    @cached_property
+    def basis(self) -> ReducedBasis:
+        """The basis of both."""
+        modes, selection, derivatives = self.modes, self.selection, self.derivatives
+        with self._timed("basis"):
+            return enrich(self._body, modes, selection, derivatives)
+
+    @cached_property
+    def model(self) -> Any:
+        """The reduced model on it."""
+        basis = self.basis
+        with self._timed("reduction"):
+            return reduce(self._body, basis)
+
+
 class Stopwatch:
     """Times stages and says when they begin and end."""
 
@@ -222,26 +276,27 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
 
 
-def offline(scene: Scene, comm: Any, watch: Stopwatch, statics_only: bool = False) -> Study:
-    """Mesh, solid and, unless its statics are all that is wanted, modes, selection and derivatives of a scene."""
+def offline(scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False) -> Study:
+    """What comes before the motion: mesh, solid, modes, selection and derivatives of a scene, basis and model.
+
+    Without basis and model if only the modes are asked for; mesh and solid alone of a scene in which nothing moves.
+    """
     from fenicsrom.mesh import build_mesh
 
-    stages = plan(scene, modes_only=not statics_only)
+    stages = plan(scene, modes_only)
     with watch("mesh"):
         mesh = build_mesh(scene.geometry, comm)
     with watch("solid"):
         solid = Solid(mesh, scene)
-    if statics_only:
+    if scene.still and not modes_only:
         none = component_modes(solid, scene.basis.method, 0)
         study = Study(scene, stages, solid, none, Selection((), (), {}, {}), Derivatives((), none.normal), seconds=watch.seconds)
         return _reported(study)
-    with watch("modes"):
-        modes = component_modes(solid, scene.basis.method, scene.basis.modes)
-    with watch("selection"):
-        selection = choose(solid, modes)
-    with watch("derivatives"):
-        derivatives = differentiate(solid, modes, selection.derivatives)
+    found = Reduction(solid, watch)
+    modes, selection, derivatives = found.modes, found.selection, found.derivatives
     study = _reported(Study(scene, stages, solid, modes, selection, derivatives, seconds=watch.seconds))
+    if not modes_only:
+        study.basis, study.model = found.basis, found.model
     dropped = [label for label in modes.labels if label not in selection.modes]
     light = [label for label, weight in selection.weights.items() if label not in selection.derivatives]
     threshold = scene.basis.threshold
@@ -277,13 +332,9 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         ConvergenceError, AccuracyError: an offline stage failed.
     """
     watch = Stopwatch(say)
-    study = offline(scene, comm, watch, statics_only=scene.still)
+    study = offline(scene, comm, watch)
     if scene.still:
         return study
-    with watch("basis"):
-        study.basis = enrich(study.solid, study.modes, study.selection, study.derivatives)
-    with watch("reduction"):
-        study.model = reduce(study.solid, study.basis)
     models: dict[str, Callable[[], Any]] = {"reduced": lambda: study.model}
     if scene.reference.full:
         models["full"] = lambda: full_model(study.solid)
@@ -302,6 +353,11 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
                 study.unfinished = (name, error)
         if study.unfinished:
             break
+        if study.motions[name].buckled:
+            study.solid.warnings.append(
+                f"the {name} model is buckled by the preload: its equilibrium nearest to the unloaded body is unstable in "
+                f"{study.motions[name].buckled} direction(s), and the motion starts from the stable one it falls into"
+            )
         if not study.motions[name].steady and scene.period is not None and scene.time.steady_tolerance:
             study.solid.warnings.append(
                 f"the {name} model did not repeat within {study.motions[name].periods} periods: its amplitudes are those of "

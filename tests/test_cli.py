@@ -37,12 +37,15 @@ def test_summary_has_its_keys(results):
     assert set(found["response"]) == {"reduced", "full", "beam"}
     for response in found["response"].values():
         assert list(response) == [
-            "amplitude_m", "fraction", "peak_normal_force_N", "dissipated_per_period_J", "energy_imbalance", "steady",
-            "periods", "steps", "newton_iterations",
+            "amplitude_m", "fraction", "peak_normal_force_N", "peak_total_normal_force_N", "dissipated_per_period_J",
+            "energy_imbalance", "steady", "periods", "steps", "newton_iterations",
         ]  # fmt: skip
         assert response["steady"] is False and response["periods"] == 2
         assert sum(response["fraction"].values()) == pytest.approx(1.0)
-    assert set(found["error_percent"]) == {"amplitude_tangential", "amplitude_normal"}
+    errors = found["error_percent"]
+    assert list(errors) == ["amplitude_tangential", "amplitude_normal", "peak_normal_force", "dissipated_per_period"]
+    reduced, full = (found["response"][name]["peak_normal_force_N"] for name in ("reduced", "full"))
+    assert errors["peak_normal_force"] == pytest.approx(100 * abs(reduced - full) / full)
 
 
 def test_files_open(results):
@@ -64,6 +67,49 @@ def test_files_open(results):
         assert history["reduced_displacement"].shape == (steps, 1, 2)
 
 
+def test_contact_points_move_with_the_body(results):
+    """Point sets at the same instants as the grids: the tip node's displacement, and the law of the contact."""
+    import pyvista
+
+    grids = pyvista.get_reader(results / "motion" / "motion.pvd")
+    points = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    assert points.time_values == grids.time_values and len(points.time_values) > 50
+    tip, pressed = [2.54, 0.0, 0.0], 0
+    for instant in points.time_values[::7]:
+        for reader in (grids, points):
+            reader.set_active_time_value(instant)
+        grid, found = grids.read()[0], points.read()[0]
+        node = int(np.argmin(np.linalg.norm(grid.points - tip, axis=1)))
+        displacement = found["displacement"][0]
+        np.testing.assert_allclose(found.points[0], tip, atol=1e-9)
+        np.testing.assert_allclose(displacement, grid["displacement"][node], atol=1e-9)
+        np.testing.assert_allclose(found["position"][0], found.points[0] + displacement)
+        assert found["gap"][0] == pytest.approx(-displacement[0])  # the wall is at the tip, preloaded
+        normal = max(0.0, 40.0 + 1e4 * displacement[0])
+        assert found["normal force"][0] == pytest.approx(normal, abs=1e-6)
+        np.testing.assert_allclose(found["normal force vector"][0], [-normal, 0.0, 0.0], atol=1e-6)
+        friction, state = found["friction force vector"][0], found["state"][0]
+        assert friction[0] == friction[2] == 0.0 and (state == -1) == (normal == 0.0)
+        if state == 0:
+            assert abs(friction[1]) == pytest.approx(0.5 * normal, abs=1e-6)
+            pressed += 1
+    assert pressed > 2
+
+
+def test_friction_acts_against_the_motion(results):
+    """Over the frames of a period the friction force on the body takes energy out of it."""
+    import pyvista
+
+    reader = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    frames = []
+    for instant in reader.time_values:
+        reader.set_active_time_value(instant)
+        frames.append(reader.read()[0])
+    way, force = (np.array([frame[name][0] for frame in frames]) for name in ("displacement", "friction force vector"))
+    work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(way, axis=0))
+    assert work < -0.1
+
+
 def test_stored_model_without_dolfinx(results, tmp_path):
     """The online stage again in a Python that cannot import dolfinx, PETSc, gmsh or MPI."""
     program = (
@@ -81,10 +127,13 @@ def test_stored_model_without_dolfinx(results, tmp_path):
     same = json.loads((tmp_path / "same" / "summary.json").read_text())["response"]["reduced"]
     first = json.loads((results / "summary.json").read_text())["response"]["reduced"]
     assert same == first
-    changed = ["--set", "loads.0.force=200", "--set", "loads.0.frequency=3.0", "--set", "contacts.0.friction=0.1"]
+    changed = ["--set", "loads.0.force=0", "--set", "loads.0.frequency=3.0", "--set", "contacts.0.friction=0.0"]
     subprocess.run([*call, "--output", str(tmp_path / "other"), *changed], check=True, capture_output=True)
     other = json.loads((tmp_path / "other" / "summary.json").read_text())["response"]["reduced"]
-    assert other["amplitude_m"] != first["amplitude_m"]
+    assert other["dissipated_per_period_J"] == 0.0 < first["dissipated_per_period_J"]
+    with np.load(tmp_path / "other" / "history.npz") as history:
+        assert not history["reduced_work"].any()
+        assert history["reduced_time"][-1] == pytest.approx(2 / 3.0)
 
 
 @pytest.mark.parametrize(
@@ -186,10 +235,15 @@ def test_output_folder_that_cannot_be(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("overrides", "left_out", "kept"),
     [
-        ([], ["static equilibrium", "second tangent direction", "ParaView motion"], ["modal derivatives", "static modes"]),
+        (
+            [],
+            ["static equilibrium", "second tangent direction", "ParaView motion", "animation"],
+            ["modal derivatives", "static modes"],
+        ),
         (["geometrically_nonlinear=false"], ["modal derivatives", "elastic polynomial", "Newton iterations"], ["static modes"]),
         (["contacts=[]", "probe={group='tip'}"], ["static modes", "contact forces"], ["modal derivatives"]),
         (["reference.full=false", "output.pictures=false"], ["full model", "pictures"], ["normal modes"]),
+        (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
     ],
 )
 def test_plan(capsys, overrides, left_out, kept):
@@ -219,6 +273,22 @@ def test_what_is_left_out_is_not_computed(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         "history.npz", "reduced_model.npz", "report.html", "summary.json",
     ]  # fmt: skip
+
+
+@pytest.mark.slow
+def test_the_readme_shows_what_a_run_finds(tmp_path, capsys):
+    """Every column but the last, whose rounding errors differ from machine to machine."""
+    arguments = ["--output", str(tmp_path), *NO_PICTURES, "--set", "output.paraview=false"]
+    assert main(["run", str(SCENE), *arguments]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    readme = [line.split() for line in (DEMOS.parent / "README.md").read_text().splitlines() if line.startswith("    ")]
+
+    def table(lines):
+        return {line[0]: line[1:11] for line in lines if line and line[0] in ("reduced", "full", "beam") and len(line) == 12}
+
+    assert table(readme) == table(printed) and len(table(readme)) == 3
+    errors = json.loads((tmp_path / "summary.json").read_text())["estimated_error_percent"]
+    assert 1e-3 < errors["time step"] < 1.0 and errors["basis"] < 0.01
 
 
 def test_modes_command(tmp_path, capsys):

@@ -32,7 +32,8 @@ def motion(across=1.0, along=0.1, phase=0.0, force=10.0, rubbed=2.0, switch=0.5,
     state = np.where(parts[:, None] % 1.0 < switch, 0, -1).astype(np.int8)
     zero = np.zeros(time.size)
     return Motion(
-        time=time, period=PERIOD, displacement=x, force=forces, state=state, kinetic=zero, elastic=zero,
+        time=time, period=PERIOD, displacement=x, force=forces, mean_force=forces,
+        gap=np.zeros((time.size, 1)), point_rubbed=np.zeros((time.size, 1)), state=state, kinetic=zero, elastic=zero,
         contact_energy=zero, work=zero, damped=zero, rubbed=rubbed * parts, steady=True, periods=2,
         steps=2 * steps, rejected=0, newton_iterations=9, seconds=seconds,
     )  # fmt: skip
@@ -45,7 +46,7 @@ def test_errors_of_motions_known_by_hand():
     assert found["amplitude_tangential"] == pytest.approx(2.0)
     assert found["amplitude_normal"] == pytest.approx(30.0)
     assert found["peak_normal_force"] == pytest.approx(10.0)
-    assert found["dissipated"] == pytest.approx(25.0)
+    assert found["dissipated_per_period"] == pytest.approx(25.0)
     assert found["state"] == pytest.approx(25.0, abs=0.6)
     assert compare.wrong_state(reference, motion(switch=0.75)) == pytest.approx(25.0, abs=0.6)  # either way
     whole = np.sqrt((0.02**2 + 0.03**2) / (1.0 + 0.1**2))

@@ -4,6 +4,7 @@ Amplitudes are in mm, across the beam and along it, of the full 2D model (plane 
 beam, by average acceleration with 200 steps a period; fractions of the period open, slipping and sticking.
 """
 
+import contextlib
 import functools
 import runpy
 from pathlib import Path
@@ -14,7 +15,6 @@ from mpi4py import MPI
 
 from fenicsrom import study
 from fenicsrom.mesh import build_mesh
-from fenicsrom.modes import component_modes
 from fenicsrom.online import simulate
 from fenicsrom.report import amplitudes, contact_fractions, errors_percent
 from fenicsrom.scene import read_scene
@@ -41,11 +41,8 @@ def body(scene):
 
 
 def reduced(solid):
-    scene = solid.scene
-    modes = component_modes(solid, scene.basis.method, scene.basis.modes)
-    selection = study.choose(solid, modes)
-    basis = study.enrich(solid, modes, selection, study.differentiate(solid, modes, selection.derivatives))
-    return study.reduce(solid, basis), basis
+    found = study.Reduction(solid, lambda stage: contextlib.nullcontext())
+    return found.model, found.basis
 
 
 def across_and_along(motion):
@@ -154,9 +151,7 @@ def test_a_basis_for_an_oblique_wall(method):
     """Derivatives that nearly depend on one another are orthonormalised all the same."""
     wanted = [f'basis.method="{method}"', "basis.modes=5", 'basis.derivatives="all"', "contacts.0.normal=[1.0, 0.2]"]
     solid = body(demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10"))
-    modes = component_modes(solid, method, 5)
-    selection = study.choose(solid, modes)
-    basis = study.enrich(solid, modes, selection, study.differentiate(solid, modes, selection.derivatives))
+    _, basis = reduced(solid)
     assert basis.size + len(basis.dropped) == 2 + 5 + 28
 
 

@@ -124,6 +124,29 @@ def test_a_motion_is_a_series_of_grids(tmp_path, as_callable):
         np.testing.assert_allclose(grid.point_data["displacement"], (1 + i) * field(grid.points, 2, 3), atol=1e-13)
 
 
+def test_contact_points_are_a_series_of_point_sets(tmp_path):
+    times, points = [0.5, 0.75], np.array([[1.0, 2.0, 0.0], [3.0, 4.0, 5.0], [0.0, 0.0, 1.0]])
+    rng = np.random.default_rng(3)
+    arrays = {"force": rng.normal(size=(2, 3, 3)), "gap": rng.normal(size=(2, 3))}
+    arrays["state"] = np.array([[-1, 0, 1], [1, 1, -1]], dtype=np.int8)
+    path = export.write_points(tmp_path, "points", times, points, arrays)
+    assert path == tmp_path / "points" / "points.pvd" and len(os.listdir(path.parent)) == 3
+    reader = pyvista.get_reader(path)
+    assert reader.time_values == times
+    for i, time in enumerate(times):
+        reader.set_active_time_value(time)
+        found = reader.read()[0]
+        assert found.n_verts == found.n_cells == 3 and found.point_data.keys() == list(arrays)
+        np.testing.assert_array_equal(found.points, points)
+        for name, values in arrays.items():
+            np.testing.assert_array_equal(found.point_data[name], values[i])
+    with pytest.raises(OSError, match="points"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(export, "_write_series", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
+            export.write_points(tmp_path, "points", times[:1], points, {})
+    assert os.listdir(tmp_path) == ["points"] and len(os.listdir(path.parent)) == 3
+
+
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, OSError(errno.ENOSPC, "No space left on device")])
 def test_an_interrupted_motion_leaves_the_older_one(tmp_path, stop):
     space = space_on("triangle")
@@ -231,6 +254,72 @@ def test_without_anything_to_draw_with_there_is_a_warning_and_no_picture(tmp_pat
     space = space_on("triangle")
     with pytest.warns(UserWarning, match=r"modes\.png was not drawn: there is neither a display nor Xvfb.*\.$"):
         assert export.picture_modes(tmp_path / "modes.png", space, {"u": of_space(space, 2)}) is None
+    assert not os.listdir(tmp_path)
+
+
+# ------------------------------------------------------------------ animations
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor"),
+    [(0.0, 1), (0.5, 1), (0.06, 1), (0.05, 2), (0.04, 5), (0.02, 10), (1.01e-3, 100), (4e-5, 5000), (2e-8, 1e7)],
+)
+def test_displacements_are_magnified_by_a_round_number(largest, factor):
+    """A body of 2 m: to scale from 0.06 m on, else to at most 0.2 m."""
+    assert export.magnification(largest, 2.0) == pytest.approx(factor)
+    assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
+
+
+def swing(space, size, frames=4):
+    """Times, a displacement that swings up, to rest, down and to rest, and a contact point at the tip that goes with it."""
+    x = space.tabulate_dof_coordinates()
+    up = np.zeros((len(x), space.mesh.geometry.dim))
+    up[:, 1] = size * (x[:, 0] / LENGTH) ** 2
+    phase = np.sin(np.pi / 2 * (1 + np.arange(frames)))
+    tip = np.zeros((frames, 1, 3))
+    tip[:, 0, 1] = size * phase
+    state = np.array([[1], [0], [1], [0]], dtype=np.int8)[:frames]
+    marks = np.array([[LENGTH, HEIGHT / 2, 0.0]]), {"displacement": tip, "state": state, "gap": tip[..., 0]}
+    return np.linspace(0.1, 0.4, frames), lambda k: phase[k] * up.ravel(), marks
+
+
+@needs_xvfb
+@pytest.mark.parametrize(("cell", "size"), [("quadrilateral", 0.2), ("tetrahedron", 1e-4)])
+def test_a_motion_is_animated_without_a_display(tmp_path, monkeypatch, cell, size):
+    """The tip is where it swings to, in the colour of its state; body and mark move together, magnified or not."""
+    from PIL import Image
+
+    from fenicsrom.report import STATES
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    space = space_on(cell)
+    gif = export.animate(tmp_path / "motion.gif", space, *swing(space, size))
+    assert gif == tmp_path / "motion.gif" and os.listdir(tmp_path) == ["motion.gif"]
+    with Image.open(gif) as film:
+        assert film.n_frames == 4 and film.info["loop"] == 0
+        assert film.info["duration"] == pytest.approx(1e3 * export.FILM_SECONDS / 4)
+        frames = []
+        for k in range(4):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")).astype(int))
+    tips = []
+    for frame, state in zip(frames, (1, 0, 1, 0), strict=True):
+        colour = np.array(export._rgb(STATES[state][1]))
+        near = (np.abs(frame - colour).max(axis=2) <= 5)[40:-70, 600:]  # without legend and colour bar
+        assert near.sum() >= 10
+        tips.append(np.nonzero(near)[0].mean())
+    up, rest, down, again = tips
+    assert rest == pytest.approx(again, abs=0.6) and up + down == pytest.approx(2 * rest, abs=4)
+    travel = 2 * size * export.magnification(size, LENGTH) / LENGTH  # of the length, which is about 650 pixels long
+    assert down - up == pytest.approx(650 * travel, rel=0.15)
+
+
+def test_without_anything_to_draw_with_there_is_a_warning_and_no_animation(tmp_path, monkeypatch):
+    monkeypatch.setattr(export.shutil, "which", lambda name: None)
+    monkeypatch.setattr(export.sys, "executable", shutil.which("false") or "/bin/false")
+    space = space_on("triangle")
+    with pytest.warns(UserWarning, match=r"motion\.gif was not drawn: there is neither a display nor Xvfb.*\.$"):
+        assert export.animate(tmp_path / "motion.gif", space, *swing(space, 0.2)) is None
     assert not os.listdir(tmp_path)
 
 

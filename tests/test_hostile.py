@@ -1,10 +1,11 @@
 """Hostile files: whatever bytes a stored model or a mesh holds, a result or one sentence comes out, and nothing hangs.
 
-Several thousand inputs in all; twenty times as many with `pytest --hypothesis-profile=long`. Meshes are read in a
-process of their own, so that a crash of gmsh can be told from a refusal.
+Several hundred inputs in the quick part, several thousand in the slow one. Meshes are read in a process of their own, so
+that a crash of gmsh can be told from a refusal.
 """
 
 import dataclasses
+import inspect
 import io
 import json
 import os
@@ -14,8 +15,10 @@ import subprocess
 import sys
 import time
 import zipfile
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,18 +29,31 @@ from support import beam_scene, random_model
 from fenicsrom.errors import SceneError
 from fenicsrom.online import StoredModel, load_model, rescene, save_model, simulate
 
-LONG = 20
-settings.register_profile("long", max_examples=100 * LONG, deadline=None)
 
+def drawn(few: int, many: int, **inputs: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """A test of `few` drawn inputs, the same in each session, and in the slow part of `many`; fixtures are handed on."""
 
-def examples(number: int) -> settings:
-    """So many examples, the same in each session; many more in the long profile."""
-    long = settings.default is not None and settings.default.max_examples == 100 * LONG
-    number = number * LONG if long else number
-    return settings(
-        max_examples=number, deadline=None, derandomize=not long, database=None,
-        suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example],
-    )  # fmt: skip
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        @pytest.mark.parametrize("count", [few, pytest.param(many, marks=pytest.mark.slow)])
+        def run(count: int, **fixtures: Any) -> None:
+            @settings(
+                max_examples=count, deadline=None, derandomize=True, database=None,
+                suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example],
+            )  # fmt: skip
+            @given(**inputs)
+            def each(**values: Any) -> None:
+                test(**fixtures, **values)
+
+            each()
+
+        names = ["count", *(name for name in inspect.signature(test).parameters if name not in inputs)]
+        run.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+            [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY) for name in names]
+        )
+        run.__doc__ = test.__doc__
+        return run
+
+    return decorate
 
 
 # ------------------------------------------------------------------ stored models
@@ -119,8 +135,7 @@ def damage(content: bytes, done: list[Damage]) -> bytes:
     return content
 
 
-@examples(1500)
-@given(done=DAMAGE)
+@drawn(150, 3000, done=DAMAGE)
 def test_a_damaged_model_is_refused_or_the_same(stored: Path, done: list[Damage]) -> None:
     path = stored.with_name("damaged.npz")
     path.write_bytes(damage(stored.read_bytes(), done))
@@ -128,8 +143,7 @@ def test_a_damaged_model_is_refused_or_the_same(stored: Path, done: list[Damage]
         assert same(path, stored)
 
 
-@examples(200)
-@given(data=st.binary(max_size=300))
+@drawn(50, 1000, data=st.binary(max_size=300))
 def test_any_bytes_are_no_model(stored: Path, data: bytes) -> None:
     path = stored.with_name("noise.npz")
     path.write_bytes(data)
@@ -146,8 +160,7 @@ ODD = st.sampled_from(
 )  # fmt: skip
 
 
-@examples(400)
-@given(data=st.data())
+@drawn(80, 1000, data=st.data())
 def test_arrays_that_do_not_fit_are_refused(stored: Path, data: st.DataObject) -> None:
     found = arrays(stored)
     name = data.draw(st.sampled_from(sorted(found)))
@@ -172,8 +185,7 @@ JSON = st.recursive(
 )
 
 
-@examples(600)
-@given(data=st.data())
+@drawn(60, 1000, data=st.data())
 def test_a_header_that_does_not_fit_is_refused_or_means_the_same_arrays(stored: Path, data: st.DataObject) -> None:
     found = arrays(stored)
     header = json.loads(str(found["header"]))
@@ -363,8 +375,7 @@ def test_a_mesh_without_one_of_its_sections_is_refused(reader: Reader, tmp_path:
     assert answer.startswith("refused ") or place in (0, 1)
 
 
-@examples(30)
-@given(data=st.data())
+@drawn(6, 200, data=st.data())
 def test_a_mesh_cut_short_is_refused(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
@@ -375,8 +386,7 @@ def test_a_mesh_cut_short_is_refused(
     assert answer.startswith("refused "), f"cut at {cut}: {answer}"
 
 
-@examples(40)
-@given(data=st.data())
+@drawn(8, 200, data=st.data())
 def test_a_mesh_with_its_lines_mixed_up_is_refused_or_whole(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
@@ -406,8 +416,7 @@ def test_a_mesh_with_its_lines_mixed_up_is_refused_or_whole(
     refused(reader, tmp_path_factory.getbasetemp() / "mixed.msh", text(sections))
 
 
-@examples(40)
-@given(done=DAMAGE)
+@drawn(8, 200, done=DAMAGE)
 def test_a_damaged_mesh_is_refused_or_read(
     reader: Reader, tmp_path_factory: pytest.TempPathFactory, done: list[Damage]
 ) -> None:

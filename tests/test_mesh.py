@@ -164,6 +164,17 @@ def test_wrong_width() -> None:
         beam(3, width=-1.0)
 
 
+def test_a_mesh_of_absurd_size_does_not_disturb_the_next() -> None:
+    """Gmsh scales its tolerances by the extent of the last model of the process: points of the next would fall together."""
+    before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
+    with pytest.raises(SceneError, match="inverted or degenerate"):
+        beam(2, length=1e30)
+    for dimension in (2, 3):
+        after = beam(dimension)
+        assert not after.warnings
+        assert integral(after, 1.0) == pytest.approx(before[dimension - 2])
+
+
 def blade(cells: str = "structured", curved: bool = True, **parameters: float) -> Mesh:
     """The program's own blade."""
     path = shared_meshes() / "blade.geo"

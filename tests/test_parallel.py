@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -65,20 +66,83 @@ if comm.rank == 0:
 """
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
-    results = []
+needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+
+
+def on_ranks(ranks: int, *command: str, cache: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """A Python command on some ranks, which must end well; its cache of full motions elsewhere if wanted."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
     paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+    if cache:
+        environment["XDG_CACHE_HOME"] = str(cache)
+    start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    done = subprocess.run(
+        [*start, sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+SCENE = str(Path(__file__).parent.parent / "demos" / "slip_liftoff_2d.toml")
+SMALL = ["geometry.parameters.elements_along=10", "time.periods=2"]
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
+    """Errors and indicators of `fenicsrom compare`, each time against a full model of its own."""
+    lists = ["compare.modes=[1]", "compare.derivatives=['none', 'mmi-nls']", "compare.methods=['rubin']"]
+    overrides = [part for item in (*SMALL, *lists) for part in ("--set", item)]
+    found = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        command = ["-m", "fenicsrom", "compare", SCENE, "--output", str(folder), *overrides]
+        done = on_ranks(ranks, *command, cache=tmp_path / f"cache{ranks}")
+        assert done.stdout.count("files:") == 1 and done.stderr.count("full model ..") == 1
+        found.append(json.loads((folder / "comparison.json").read_text()))
+    one, two = found
+    assert (one["full"]["ranks"], two["full"]["ranks"]) == (1, 2) and not two["full"]["cached"]
+    ours, theirs = (found["full"]["response"]["amplitude_m"]["tangential"] for found in (one, two))
+    assert theirs == pytest.approx(ours, rel=1e-7)
+    for a, b in zip(one["combinations"], two["combinations"], strict=True):
+        assert a["labels"] == b["labels"] and not a["failure"] and not b["failure"]
+        assert b["indicator"] == pytest.approx(a["indicator"], rel=1e-4)
+        for name, error in a["error_percent"].items():
+            assert b["error_percent"][name] == pytest.approx(error, rel=1e-2, abs=1e-4), name
+    assert one["combinations"][0]["error_percent"]["amplitude_tangential"] > 50.0
+    assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_write_what_moves_once(tmp_path: Path) -> None:
+    """Grids in pieces, contact points whole, an animation where it can be drawn; the same contact points as of one rank."""
+    pyvista = pytest.importorskip("pyvista")
+    wanted = ["output.motion=true", "output.animation=true", "output.pictures=false", "reference.full=false"]
+    overrides = [part for item in (*SMALL, *wanted) for part in ("--set", item)]
+    frames = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        on_ranks(ranks, "-m", "fenicsrom", "run", SCENE, "--output", str(folder), *overrides)
+        reader = pyvista.get_reader(folder / "contact_points" / "contact_points.pvd")
+        reader.set_active_time_value(reader.time_values[20])
+        frames.append(reader.read()[0])
+        assert len(list((folder / "motion").glob("*_p1.vtu"))) == (60 if ranks == 2 else 0)
+        if shutil.which("xvfb-run"):
+            assert (folder / "motion.gif").read_bytes().startswith(b"GIF89a")
+    for name in frames[0].point_data:
+        np.testing.assert_allclose(frames[1][name], frames[0][name], rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.slow
+@needs_mpirun
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
+    results = []
     for ranks in (1, 2):
         target = tmp_path / f"{ranks}.npz"
-        start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-        command = [*start, sys.executable, "-c", CHAIN, method, str(target)]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, done.stderr
+        on_ranks(ranks, "-c", CHAIN, method, str(target))
         with np.load(target) as file:
             results.append(dict(file))
     one, two = results

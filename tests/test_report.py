@@ -46,15 +46,18 @@ def jenkins(dimension=2, preload=30.0, normal=1e-3, tangential=8e-3, periods=4, 
     return motion(time, shift, force, state, rubbed=np.cumsum(rubbed))
 
 
-def motion(time, displacement, force=None, state=None, rubbed=None, period=PERIOD):
+def motion(time, displacement, force=None, state=None, rubbed=None, period=PERIOD, point_rubbed=None):
     """A motion with an energy ledger that adds up but for 1e-3 J at the end."""
     ns, _, d = displacement.shape
     rubbed = np.zeros(ns) if rubbed is None else rubbed
+    points = 0 if force is None else force.shape[1]
     return Motion(
         time=time,
         period=period,
         displacement=displacement,
         force=np.zeros((ns, 0, d)) if force is None else force,
+        mean_force=np.zeros((ns, points, d)),
+        gap=np.zeros((ns, points)),
         state=np.zeros((ns, 0), dtype=np.int8) if state is None else state,
         kinetic=2.0 * np.sin(2 * np.pi * time / PERIOD) ** 2,
         elastic=2.0 * np.cos(2 * np.pi * time / PERIOD) ** 2,
@@ -62,6 +65,7 @@ def motion(time, displacement, force=None, state=None, rubbed=None, period=PERIO
         work=rubbed + time,
         damped=time - 1e-3 * (time / time[-1]),
         rubbed=rubbed,
+        point_rubbed=np.tile(rubbed[:, None] / max(points, 1), points) if point_rubbed is None else point_rubbed,
         steady=True,
         periods=round(time[-1] / PERIOD),
         steps=ns - 1,
@@ -147,6 +151,7 @@ def test_the_summary_of_a_response_has_the_promised_keys():
         "amplitude_m",
         "fraction",
         "peak_normal_force_N",
+        "peak_total_normal_force_N",
         "dissipated_per_period_J",
         "energy_imbalance",
         "steady",
@@ -161,14 +166,57 @@ def test_the_summary_of_a_response_has_the_promised_keys():
     assert json.loads(json.dumps(summary, allow_nan=False)) == summary
 
 
+def side_by_side(*cases):
+    """Motions of one contact point each as the points of one motion."""
+    joined = [np.concatenate([getattr(case, name) for case in cases], axis=1) for name in ("displacement", "force", "state")]
+    rubbed = np.array([case.rubbed for case in cases])
+    return motion(cases[0].time, *joined, rubbed=rubbed.sum(axis=0), point_rubbed=rubbed.T)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_each_point_has_its_peak_its_states_and_its_share_of_the_friction(dimension):
+    """A Jenkins loop, one that lifts off, and a point that only sticks: each as it is alone."""
+    cases = [jenkins(dimension, normal=0.0), jenkins(dimension, normal=5e-3), jenkins(dimension, normal=0.0, tangential=1e-4)]
+    together = side_by_side(*cases)
+    points = report.point_summaries(together)
+    for point, case in zip(points, cases, strict=True):
+        assert point["peak_normal_force_N"] == report.peak_normal_force(case)
+        assert point["fraction"] == pytest.approx(report.contact_fractions(case))
+        assert point["dissipated_per_period_J"] == pytest.approx(report.dissipated_per_period(case), rel=1e-6, abs=1e-9)
+    limit = FRICTION * 30.0
+    if dimension == 2:
+        area = 4 * limit * (8e-3 - limit / STIFFNESS)
+        assert points[0]["dissipated_per_period_J"] == pytest.approx(area, rel=2e-3)
+    assert points[2]["dissipated_per_period_J"] == pytest.approx(0.0, abs=1e-12)
+    assert sum(point["dissipated_per_period_J"] for point in points) == pytest.approx(report.dissipated_per_period(together))
+
+
+def test_the_total_force_is_that_of_one_instant():
+    """Two points pressed in turn: together never as hard as their two peaks."""
+    time = np.linspace(0, PERIOD, 401)
+    force = np.zeros((401, 2, 2))
+    force[:, 0, 0], force[:, 1, 0] = (np.maximum(0, sign * np.sin(2 * np.pi * time / PERIOD)) for sign in (30, -20))
+    case = motion(time, np.zeros_like(force), force, np.zeros((401, 2), dtype=np.int8))
+    assert report.peak_normal_force(case) == report.peak_total_normal_force(case) == pytest.approx(30)
+    force[:, 1, 0] += 5.0
+    assert report.response_summary(case)["peak_total_normal_force_N"] == pytest.approx(35)
+    assert report.response_summary(case)["peak_normal_force_N"] == pytest.approx(30)
+
+
 def test_errors_are_percent_of_the_reference():
     exact, close = jenkins(normal=1e-3, tangential=8e-3), jenkins(normal=1.1e-3, tangential=7.96e-3)
     errors = report.errors_percent(close, exact)
-    assert list(errors) == ["amplitude_tangential", "amplitude_normal"]
+    assert list(errors) == ["amplitude_tangential", "amplitude_normal", "peak_normal_force", "dissipated_per_period"]
     assert errors["amplitude_tangential"] == pytest.approx(0.5, rel=1e-6)
     assert errors["amplitude_normal"] == pytest.approx(10, rel=1e-6)
-    assert report.errors_percent(exact, exact) == {"amplitude_tangential": 0.0, "amplitude_normal": 0.0}
+    assert errors["peak_normal_force"] == pytest.approx(100 * 1.0 / 40.0, rel=1e-3)  # 30 N and 1e4 N/m * 1 or 1.1 mm
+    more = 100 * (close.rubbed[-1] - close.rubbed[1200]) / (exact.rubbed[-1] - exact.rubbed[1200]) - 100
+    assert errors["dissipated_per_period"] == pytest.approx(abs(more)) and abs(more) > 0.1
+    assert set(report.errors_percent(exact, exact).values()) == {0.0}
     assert report.errors_percent(close, jenkins(normal=0.0))["amplitude_normal"] is None
+    free = motion(exact.time, exact.displacement)
+    assert report.errors_percent(exact, free)["peak_normal_force"] is None
+    assert report.errors_percent(exact, free)["dissipated_per_period"] is None
 
 
 def test_errors_in_three_dimensions_compare_the_tangential_amplitudes_as_a_vector():
@@ -216,7 +264,9 @@ def test_motion_is_drawn_over_its_last_two_periods_in_mm(tmp_path):
 def test_contact_is_drawn_as_states_and_loops(tmp_path):
     cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
     figure = report.plot_contact(cases)
-    states, tangential, normal = figure.axes
+    states, tangential, normal, orbit = figure.axes
+    np.testing.assert_allclose(orbit.lines[0].get_xdata(), tangential.lines[0].get_xdata())
+    np.testing.assert_allclose(orbit.lines[0].get_ydata(), normal.lines[0].get_xdata())
     case = cases["full"]
     part = case.last_period()
     np.testing.assert_allclose(
@@ -246,6 +296,36 @@ def test_contact_in_three_dimensions_has_a_loop_per_direction_and_an_orbit(tmp_p
     assert orbit.get_title(loc="left") == "orbit" and len(orbit.lines) == 1
     assert np.ptp(orbit.lines[0].get_ydata()) == pytest.approx(8.0, rel=1e-3)
     drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_many_points_share_a_picture_with_the_loops_of_the_one_pressed_hardest(tmp_path, dimension):
+    cases = [jenkins(dimension, normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
+    motions = {"reduced": side_by_side(*cases), "full": side_by_side(*cases), "beam": jenkins(dimension)}
+    points = {name: report.point_summaries(case) for name, case in motions.items()}
+    figure = report.plot_points(motions, points)
+    peak, share, rubbed, *loops = figure.axes
+    np.testing.assert_allclose(peak.lines[0].get_xydata(), np.transpose([range(1, 7), [30, 40, 80, 50, 40, 30]]), rtol=1e-3)
+    np.testing.assert_allclose(share.lines[1].get_ydata()[[0, 2]], [100.0, 100 - 100 * np.arccos(0.6) / np.pi], rtol=5e-3)
+    assert rubbed.lines[0].get_ydata().sum() == pytest.approx(report.dissipated_per_period(motions["reduced"]))
+    assert [len(axis.lines) for axis in (peak, share, rubbed)] == [3, 3, 3]
+    hardest = cases[2]
+    np.testing.assert_allclose(loops[0].lines[0].get_ydata(), hardest.force[hardest.last_period(), 0, 1])
+    assert len(loops) == dimension + 1 and loops[-1].get_title(loc="left") == "orbit"
+    assert [len(axis.lines) for axis in loops] == [2] * len(loops)  # the beam has no third point
+    drawn(figure, tmp_path)
+
+
+def test_a_film_shows_each_picture_with_its_time():
+    images = [np.full((100, 300, 3), shade, dtype=np.uint8) for shade in (0, 200, 200)]
+    frames = report.film(images, [0.1, 0.2, 0.3], "displacements to scale", 0.02, True)
+    assert len({frame.shape for frame in frames}) == 1 and frames[0].dtype == np.uint8
+    assert frames[0].shape[1] == 720
+    shades = zip(frames, (0, 200, 200), strict=True)
+    dark, light, later = (np.count_nonzero((frame == shade).all(axis=2)) for frame, shade in shades)
+    assert dark > 0.3 * 720 * 240 and light == later > 0.3 * 720 * 240
+    changed = np.flatnonzero((frames[1] != frames[2]).any(axis=(1, 2)))
+    assert changed.size and np.ptp(changed) < 30  # the line of the time, and nothing else
 
 
 def test_modes_are_drawn_by_kind_with_a_line_a_label(tmp_path):
@@ -307,15 +387,16 @@ def test_the_terminal_table_is_aligned():
 def test_the_report_is_one_well_formed_file(tmp_path):
     figure = report.plot_motion({"full": jenkins()})
     figure.savefig(tmp_path / "a.png")
+    (tmp_path / "a.gif").write_bytes(b"GIF89a")
     page = report.html_report(
         "slip & lift-off",
         [
-            ("Motion", ["a < b", figure, tmp_path / "a.png"]),
+            ("Motion", ["a < b", figure, tmp_path / "a.png", tmp_path / "a.gif"]),
             ("Table", [[["model", "amplitude, mm"], ["full <1>", 157.6]]]),
         ],
     )
     assert page.startswith("<!doctype html>") and "slip &amp; lift-off" in page and "<p>a &lt; b</p>" in page
-    assert page.count("data:image/png;base64,iVBOR") == 2
+    assert page.count("data:image/png;base64,iVBOR") == 2 and page.count("data:image/gif;base64,R0lG") == 1
     assert "<td>full &lt;1&gt;</td><td class=n>157.6</td>" in page
     assert not re.search(r"(src|href)=(?!\"data:)", page) and "@import" not in page and "{{" not in page
     body = page[page.index("<body>") : page.index("</html>")]

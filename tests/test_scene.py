@@ -245,8 +245,8 @@ def test_overrides_replace_values_and_make_tables() -> None:
         ("title=", "the value must be as TOML writes it, text in quotes"),
         ("title=" + 5000 * "9", "the value must be as TOML writes it, text in quotes"),
         ("title=1\nbasis=2", "the value must be as TOML writes it, text in quotes"),
-        ("loads.1.force=1", "loads ends at 0"),
-        ("loads.force=1", "loads ends at 0"),
+        ("loads.1.force=1", "loads has no entry 1: the only one is 0"),
+        ("loads.force=1", "loads has no entry force: the only one is 0"),
         ("material.young.mean=1", "material.young is not a table"),
     ],
 )

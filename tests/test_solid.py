@@ -253,6 +253,17 @@ def test_no_node_lies_there() -> None:
         make_solid(scene)
 
 
+def test_a_place_named_twice_is_warned_of_once() -> None:
+    """Contact and probe are the same point, a load is another: two sentences, of which neither says the same."""
+    place = {"nearest": [1.0, 0.09]}
+    shake = {"nearest": [0.5, 0.03], "direction": [0.0, 1.0], "force": 1.0, "frequency": 3.0}
+    solid = make_solid(beam_scene(2, TINY, contacts=contact_at(**place), loads=[shake]))
+    assert [warning.split(":")[1].split(".")[0] for warning in solid.warnings] == [" contacts[0]", " loads[0]"]
+    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows)
+    np.testing.assert_array_equal(solid.place(Place(nearest=(1.0, 0.09)), "again")[0], solid.probe_rows)
+    assert len(solid.warnings) == 2
+
+
 def contact_at(**place: Any) -> list[dict[str, Any]]:
     stiffness = {"normal_stiffness": 1.0, "tangential_stiffness": 1.0}
     return [place | stiffness | {"normal": [1.0, 0.0], "preload": 1.0, "friction": 0.5}]

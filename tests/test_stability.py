@@ -132,9 +132,28 @@ def test_long_steps_are_refused_by_name() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
         online.check_time_error(scene, online.time_error(model, scene, motion))
+    assert online.enough(scene, 0.1).time.steps_per_period == 12
     online.check_time_error(scene, 0.9 * online.TIME_ERROR)
     with pytest.raises(AccuracyError, match="no motion that settles"):
         online.check_time_error(scene, float("inf"))
+
+
+@pytest.mark.parametrize("steps", [6, 10, 14])
+def test_the_steps_that_are_advised_are_enough(steps: int) -> None:
+    model, scene, motion = oscillator(steps)
+    with pytest.raises(AccuracyError, match=r"a richer basis is no help, steps_per_period = \d+ is likely enough$") as refusal:
+        online.check_time_error(scene, online.time_error(model, scene, motion))
+    advised = int(str(refusal.value).split(" = ")[-1].split()[0])
+    assert advised % steps == 0 and advised <= 64 * steps
+    online.check_time_error(scene, online.time_error(*oscillator(advised)))
+
+
+def test_shorter_steps_are_advised_in_the_key_that_was_given() -> None:
+    _, scene, _ = oscillator(8)
+    for key, value, advised in (("tolerance", 0.032, 0.0005), ("step", 0.1, 0.025)):
+        time = replace(scene.time, steps_per_period=None, **{key: value})
+        with pytest.raises(AccuracyError, match=rf"{key} = {advised:g} is likely enough"):
+            online.check_time_error(replace(scene, time=time), float("inf"))
 
 
 def test_energy_from_nowhere_is_refused() -> None:
