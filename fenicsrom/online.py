@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 TIME_ERROR = 0.1  # estimated relative error by the time step above which a motion is refused
 PHASES = 200  # at which two periods are compared
 BASIS_ERROR = 0.05  # relative difference from a basis with more derivatives above which a motion is refused
+NOTHING = 1e-9  # of the largest displacement: an amplitude that is rounding
 SETTLED = 1e-3  # relative change of the amplitudes from period to period below which they are taken as settled
 ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
 
@@ -99,12 +100,17 @@ def coarser(scene: Scene) -> Scene:
     return replace(scene, time=replace(time, step=2.0 * time.step))
 
 
+def at_rest(motion: Motion) -> bool:
+    """Whether what moves is rounding, `NOTHING` of the displacement."""
+    return bool(np.linalg.norm(amplitude(motion)) <= NOTHING * np.max(np.abs(motion.displacement), initial=0.0))
+
+
 def settled(motion: Motion) -> bool:
     """Whether the amplitudes of a harmonic motion repeat: it is steady, or they change by at most `SETTLED` a period.
 
     Axial waves that damping hardly reaches may ring on, too small for the amplitudes, and keep it from being steady.
     """
-    if motion.steady:
+    if motion.steady or at_rest(motion):
         return True
     if motion.period is None:
         return False
@@ -135,6 +141,8 @@ def time_error(model: Any, scene: Scene, motion: Motion) -> float:
         return float("inf")
     if not (settled(motion) and settled(other)):
         return float("inf")
+    if at_rest(motion) and at_rest(other):
+        return 0.0
     size = float(np.linalg.norm(amplitude(motion)))
     apart = 2.0 * float(np.linalg.norm(amplitude(motion) - amplitude(other)))
     shape, other_shape = _last_period(motion), _last_period(other)
@@ -369,6 +377,9 @@ def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: S
     for name in ("mass", "stiffness"):
         if np.max(np.abs(data[name] - data[name].T), initial=0.0) > 1e-9 * np.max(np.abs(data[name]), initial=0.0):
             raise SceneError(f"{path}: {name} is not symmetric: the file is damaged")
+    turning = data["turning"]
+    if np.max(np.abs(turning + turning.T), initial=0.0) > 1e-9 * np.max(np.abs(turning), initial=0.0):
+        raise SceneError(f"{path}: turning is not skew: the file is damaged")
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
         raise SceneError(f"{path}: mass or damping is not positive: the file is damaged")
     elastic = ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields))

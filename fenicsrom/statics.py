@@ -24,7 +24,7 @@ from fenicsrom.signals import largest
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
-ROUNDING = 1e-13  # a decrement below this part of it that no longer falls is rounding
+ROUNDING = 1e-8  # a decrement below this part of it that no longer falls is rounding (a tiny preload among large stiffnesses)
 ITERATIONS = 25
 SMALLEST_PART = 1e-4  # of the preload
 PUSH = 1e-3  # along an unstable direction, relative to the deflection under load and preload

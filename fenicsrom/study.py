@@ -24,7 +24,7 @@ from fenicsrom.derivatives import all_pairs, modal_derivatives
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.integrate import Motion
 from fenicsrom.modes import ComponentModes, component_modes
-from fenicsrom.online import amplitude, check_basis_error, check_energy, check_time_error, settled, simulate, time_error
+from fenicsrom.online import amplitude, at_rest, check_basis_error, check_energy, check_time_error, settled, simulate, time_error
 from fenicsrom.plan import Stage, plan
 from fenicsrom.reduced import project, project_intrusively
 from fenicsrom.scene import Scene
@@ -418,6 +418,8 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
     other = simulate(richer, scene)
     if not settled(other):
         return float("inf")
+    if at_rest(motion) and at_rest(other):
+        return 0.0
     size = float(np.linalg.norm(amplitude(other)))
     return float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else 0.0
 

@@ -267,7 +267,8 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
         ("material.yung=1.0", "material.yung = 1.0: unknown key, did you mean young?"),
         ("contacts.0.frction=0.3", "contacts[0].frction = 0.3: unknown key, did you mean friction?"),
         ("loads.0.qq=1", "loads[0].qq = 1: unknown key, known here are group, box, plane, node, nearest, at, direction, "
-                         "force, traction, pressure, acceleration, frequency, phase, harmonics, sweep, pulse, table"),
+                         "force, traction, pressure, acceleration, frequency, engine_order, phase, harmonics, sweep, pulse, "
+                         "table"),
         ('source="x"', 'source = "x": unknown key, known here are title, geometrically_nonlinear, geometry, material, '
                        "supports, loads, contacts, rotation, probe, basis, time, reference, output, compare, campbell"),
         # types
