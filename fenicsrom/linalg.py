@@ -31,7 +31,7 @@ class Factorisation:
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
 
-    def __init__(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True):
+    def __init__(self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True, counting: bool = False):
         """Factorise; `prefix` names its PETSc options, such as -prefix_mat_mumps_icntl_14.
 
         Raises:
@@ -50,6 +50,10 @@ class Factorisation:
         if not self._small:
             pc.setFactorSolverType("mumps")
         self._ksp.setFromOptions()
+        if counting and not self._small:  # MUMPS counts negative pivots only where it looks for zero ones too
+            self._ksp.setOperators(matrix)
+            pc.setFactorSetUpSolverType()
+            pc.getFactorMatrix().setMumpsIcntl(24, 1)
         self.update()
 
     def update(self) -> None:
@@ -104,9 +108,7 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
     Raises:
         ConvergenceError: the matrix is singular.
     """
-    prefix = "fenicsrom_inertia"
-    PETSc.Options().setValue(f"{prefix}_mat_mumps_icntl_24", 1)  # MUMPS counts them only where it looks for zero pivots too
-    return Factorisation(matrix, prefix).negative_pivots
+    return Factorisation(matrix, "fenicsrom_inertia", counting=True).negative_pivots
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:
