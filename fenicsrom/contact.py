@@ -30,7 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fenicsrom.dense import compiled, kernel, lu_factor, lu_solve
+from fenicsrom.dense import compiled, kernel, lu_factor, lu_solve, part
 from fenicsrom.errors import SceneError
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ PLANE, CYLINDER, SPHERE = 1, 2, 3  # the number of coordinates that the distance
 
 CONTACT_ITERATIONS = 25  # of Newton before it is taken to cycle
 CONTACT_SWEEPS = 100  # tens of sweeps before the contact is given up
-ROUNDING = 5e-16  # of the displacements: a residual that no update could better
+ROUNDING = 4e-15  # of the displacements: a residual that no update could better
 
 
 class ContactPoints(NamedTuple):
@@ -311,7 +311,7 @@ def room(points: int, d: int) -> Room:
 # ---------------------------------------------------------------------- the surface
 
 
-@kernel
+@part
 def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
     """How far point p at x (d,) is in its surface, negative before it, m."""
     closed = 0.0
@@ -415,7 +415,7 @@ def direction(contacts: Contacts, p: int, x0: Array, x1: Array, time: float, n: 
             slope[k, j] += 0.5 * (twice * turned * turned_j - once * (outward * turned_j + turned * outward_j))
 
 
-@kernel
+@part
 def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
     """Where a point (d,) of the surface is carried by its turning, out (d,), in a time."""
     d = point.size
@@ -449,7 +449,7 @@ def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
 # ---------------------------------------------------------------------- the law
 
 
-@kernel
+@part
 def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     """Mean normal force along a straight step, and its derivative by `after`.
 
@@ -472,7 +472,7 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
     return -0.5 * before**2 / span, 0.5 * (before / span) ** 2
 
 
-@kernel
+@part
 def return_mapping(stiffness: float, limit: float, n: Array, stretch: Array, force: Array) -> tuple[int, float]:
     """Friction by return mapping: the projection of k_t P (x - w) on the disc of radius mu N.
 
@@ -501,7 +501,7 @@ def return_mapping(stiffness: float, limit: float, n: Array, stretch: Array, for
     return SLIP, size
 
 
-@kernel
+@part
 def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room) -> bool:
     """The mean force of point p over a step to end.x[p], its slope and its parts, into `room`; False if it does not touch."""
     a = interval.start_weight
@@ -613,7 +613,7 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
     return True
 
 
-@kernel
+@part
 def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room) -> tuple[float, float]:
     """The state of point p at the end of a step whose mean force `over_step` has found.
 
@@ -677,7 +677,7 @@ def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: To
     return available - stored, surface
 
 
-@kernel
+@part
 def energy(contacts: Contacts, here: Touch) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
     total = 0.0
@@ -691,7 +691,7 @@ def energy(contacts: Contacts, here: Touch) -> float:
 # ---------------------------------------------------------------------- the contact problem of a step
 
 
-@kernel
+@part
 def resolve(
     contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room
 ) -> bool:
@@ -717,31 +717,36 @@ def resolve(
     for p in range(points):
         for k in range(d):
             room.guess[p, k] = end.x[p, k]
-    if newton(contacts, interval, compliance, free, start, end, room):
-        return True
-    for p in range(points):
-        for k in range(d):
-            end.x[p, k] = room.guess[p, k]
-    for p in range(points):
-        over_step(contacts, interval, p, start, end, room)
-        for k in range(d):
-            room.held[p, k], room.held_rubbing[p, k] = room.mean[p, k], room.rubbing[p, k]
-    for _ in range(CONTACT_SWEEPS):
-        for p in range(points):
-            for k in range(d):
-                end.x[p, k] = room.guess[p, k]
-        for _ in range(10):
-            for p in range(points):
-                sweep(contacts, interval, compliance, free, p, start, end, room)
-        for p in range(points):
-            for k in range(d):
-                room.guess[p, k] = end.x[p, k]
+    for attempt in range(1 + CONTACT_SWEEPS):
+        if attempt > 0:
+            relax(contacts, interval, compliance, free, start, end, room, attempt == 1)
         if newton(contacts, interval, compliance, free, start, end, room):
             return True
     return False
 
 
 @kernel
+def relax(
+    contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room, first: bool
+) -> None:
+    """Ten sweeps over all points from where the last ones came to, at first from the guess, with the forces there."""
+    points, d = free.shape
+    for p in range(points):
+        for k in range(d):
+            end.x[p, k] = room.guess[p, k]
+        if first:
+            over_step(contacts, interval, p, start, end, room)
+            for k in range(d):
+                room.held[p, k], room.held_rubbing[p, k] = room.mean[p, k], room.rubbing[p, k]
+    for _ in range(10):
+        for p in range(points):
+            sweep(contacts, interval, compliance, free, p, start, end, room)
+    for p in range(points):
+        for k in range(d):
+            room.guess[p, k] = end.x[p, k]
+
+
+@part
 def newton(
     contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room
 ) -> bool:

@@ -43,6 +43,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     return compiled(function, _nrt=False)
 
 
+def part(function: Callable[..., Any]) -> Any:
+    """A kernel that becomes a part of its callers: to hand on tuples of many arrays costs more than short functions do."""
+    return compiled(function, _nrt=False, forceinline=True)
+
+
 @compiled
 def times(a: Array, x: Array) -> Array:
     """A x for a matrix a (n, k) and a vector x (k,)."""
