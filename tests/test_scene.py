@@ -103,6 +103,18 @@ def refused(text: str, *overrides: str, folder: Path | None = None) -> str:
 # What is read
 
 
+def test_an_engine_order_is_a_multiple_of_the_speed() -> None:
+    turning = RUBBING.replace("frequency = ", "engine_order = 3 #") + "\n[rotation]\nspeed_rpm = -1200.0\n"
+    scene = parse(turning)
+    assert scene.loads[0].frequency == 60.0 and scene.period == 1.0 / 60.0
+    assert parse_scene(scene_table(scene), scene.source, None).loads == scene.loads
+    still = turning.replace("-1200.0", "0.0")
+    for text in (RUBBING.replace("frequency = ", "engine_order = 3 #"), still):
+        assert refused(text) == "s.toml: loads[0].engine_order = 3: must not be given in a scene that does not turn"
+    both = RUBBING.replace("frequency = ", "engine_order = 3\nfrequency = ") + "\n[rotation]\nspeed_rpm = 1200.0\n"
+    assert refused(both) == "s.toml: loads[0].engine_order = 3: must not be given together with frequency"
+
+
 def test_the_demos_are_the_papers_cases() -> None:
     assert {path.stem for path in DEMOS} >= set(PAPER)
     scenes = {path.stem: read_scene(path) for path in DEMOS if path.stem in PAPER}
