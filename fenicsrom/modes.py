@@ -180,7 +180,7 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
         (m, local) W^T B^T, and the attachment modes (local, m) K^-1 B W.
 
     Raises:
-        SceneError: a contact direction that the supports forbid, or that depends on others.
+        SceneError: a contact direction that the supports forbid, or, where each is a master, that depends on others.
     """
     rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters
     if rows.shape[0] == 0:
@@ -194,13 +194,8 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
         return rows, attachment
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     independent = int(np.sum(values > 1e-12 * values[-1]))
-    if masters > independent:
-        raise SceneError(
-            f"{solid.scene.source}: basis.masters = {masters}: must be at most {independent}, the number of independent "
-            "contact directions"
-        )
-    chosen = vectors[:, ::-1][:, :masters]
-    chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(masters)] < 0.0, -1.0, 1.0)
+    chosen = vectors[:, ::-1][:, : min(masters, independent)]
+    chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])] < 0.0, -1.0, 1.0)
     return chosen.T @ rows, attachment @ chosen
 
 
