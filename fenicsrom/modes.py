@@ -83,7 +83,7 @@ class Held:
     def solve(self, block: Array) -> Array:
         """K_held^-1 times the columns of a block (local, k)."""
         free = self._inverse.solve(block - self._rows.T @ self._solid.gram(self._masters, block))
-        return free - self._masters @ self._solid.gram(self._rows.T, free)
+        return np.asarray(free - self._masters @ self._solid.gram(self._rows.T, free))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +182,7 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
     Raises:
         SceneError: a contact direction that the supports forbid, or, where each is a master, that depends on others.
     """
-    rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters
+    rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters or "all"
     if rows.shape[0] == 0:
         return rows, np.zeros((solid.local, 0))
     if masters == "normal":

@@ -61,8 +61,9 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
         what = "contact displacements" if basis.masters == "all" else "normal contact displacements"
         known = sum(contact.place.at != "nodes" for contact in scene.contacts)
         parts = [f"{known * each}"] if known else []
-        parts += [f"{each} of each node of contacts[{k}]" for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
-        return f"{what}: {', '.join(parts)}" if known < len(scene.contacts) else f"{parts[0]} {what}"
+        many = [k for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
+        parts += [f"{each} of each node of contacts[{k}]" for k in many]
+        return f"{what}: {', '.join(parts)}" if many else f"{parts[0]} {what}"
 
     def points_reason() -> str:
         nodes = sum(contact.place.at == "nodes" for contact in scene.contacts)

@@ -1,8 +1,8 @@
 """The equilibrium a motion starts in: under the static loads and the preload of the contacts, for every model.
 
 Newton in parts of what presses on the body where it is, the contact solved in full in each iteration as in a time step, but
-without friction: the sliders come to rest where the points do. An equilibrium may be unstable, as a beam is whose contact presses it beyond its
-buckling load. Then the model is pushed along its softest direction and follows
+without friction: the sliders come to rest where the points do. An equilibrium may be unstable, as a beam is whose contact presses
+it beyond its buckling load. Then the model is pushed along its softest direction and follows
 
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
@@ -86,7 +86,7 @@ class _Statics:
         contact.at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
 
     def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) with a part of the contacts' pressure, or a step downhill with inertia = 1/tau; None without."""
+        """Equilibrium near q0 (n,) with part of the contacts' pressure, or a step downhill, inertia = 1/tau; None without."""
         model, room, d = self.model, self.room, self.d
         contacts = self.contacts._replace(preload=self.contacts.preload - (1.0 - part) * self.pressed)
         zero, one = np.zeros_like(q0), np.ones(1)

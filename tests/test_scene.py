@@ -402,8 +402,8 @@ CASING = RUBBING.replace("normal = [1.0, 1.0]", 'surface = { kind = "cylinder", 
         (CASING, "contacts.0.normal=[1.0, 0.0]", "contacts[0].normal = [1.0, 0.0]: must not be given together with surface"),
         (CASING, 'contacts.0.surface.kind="plane"', 'contacts[0].surface.kind = "plane": must be "cylinder" or "sphere"'),
         (CASING, 'contacts.0.surface.kind="sphere"', 'contacts[0].surface.kind = "sphere": must be "cylinder" in two dimensions'),
-        (CASING, "contacts.0.surface.axis=[0, 1]", "contacts[0].surface.axis = [0.0, 1.0]: must not be given but of a cylinder in "
-                                                   "three dimensions"),
+        (CASING, "contacts.0.surface.axis=[0, 1]", "contacts[0].surface.axis = [0.0, 1.0]: must not be given but of a cylinder "
+                                                   "in three dimensions"),
         (CASING, "contacts.0.surface.point=[0, 0, 0]", "contacts[0].surface.point = [0.0, 0.0, 0.0]: must have 2 components, as "
                                                        "geometry.dimension says"),
         (CASING, "contacts.0.surface.radius=0", "contacts[0].surface.radius = 0: must be a finite number above 0"),
@@ -414,8 +414,8 @@ CASING = RUBBING.replace("normal = [1.0, 1.0]", 'surface = { kind = "cylinder", 
         (CASING, 'contacts.0.surface.spin="fast"', 'contacts[0].surface.spin = "fast": must be a finite number'),
         (CASING, "contacts.0.surface.waves=[[2, 1e-4]]", "contacts[0].surface.waves[0] = [2, 0.0001]: must be [order, height, "
                                                          "phase], finite numbers"),
-        (CASING, "contacts.0.surface.waves=[[1.5, 1e-4, 0]]", "contacts[0].surface.waves[0] = 1.5: must be of an integer order of "
-                                                              "at least 1"),
+        (CASING, "contacts.0.surface.waves=[[1.5, 1e-4, 0]]", "contacts[0].surface.waves[0] = 1.5: must be of an integer order "
+                                                              "of at least 1"),
         (CASING, "contacts.0.surface.raduis=1", "contacts[0].surface.raduis = 1: unknown key, did you mean radius?"),
         (RUBBING, "contacts.0={group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
          "contacts[0].normal is missing: must be given, or a surface"),
