@@ -72,7 +72,7 @@ class _Statics:
         count = contacts.preload.size
         self.model, self.contacts, self.d = model, contacts._replace(friction=np.zeros(count)), dimension
         self.room, self.start, self.end = contact.room(count, dimension), *(contact.touch(count, dimension) for _ in "12")
-        self.pressed = np.zeros(count)  # (P,) normal forces of the contacts at q = 0, all of which is added in parts, N
+        self.pressed: Array = np.zeros(count)  # (P,) normal forces of the contacts at q = 0, all of which is added in parts, N
         self.push = model.elastic_at(np.zeros_like(model.load(0.0)))[0].copy()  # of the static loads
 
     def touches(self, q: Array) -> bool:

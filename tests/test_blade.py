@@ -316,7 +316,7 @@ def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: i
     assert motion.gap[-1, 0] == pytest.approx(-expected / stiffness, rel=2e-3)
 
 
-def test_what_is_out_of_reach_is_said(tmp_path: Path) -> None:
+def test_what_is_out_of_reach_is_said() -> None:
     """The run says so, with the smallest gap that was left; points that touch are not named."""
     scene = blade(*SHORT, "contacts.0.gap=3e-3", "contacts.0.approach=[]", "output.pictures=false", "output.paraview=false",
                   "output.motion=false", "output.animation=false", "basis.derivatives='none'")  # fmt: skip
@@ -413,7 +413,28 @@ def test_surfaces_of_other_normals_need_another_model() -> None:
     assert changed_key(made, blade("contacts.0.gap=0.0", "contacts.0.surface.radius=1.002")) is None
 
 
-def test_demo_says_what_it_is(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_demo_rubs_to_a_steady_state() -> None:
+    """As its head says: two rubs a revolution, slip and lift-off, each revolution like the one before after some forty."""
+    from mpi4py import MPI
+
+    found = run(blade(), MPI.COMM_WORLD, lambda line: None)
+    motion = found.motions["reduced"]
+    assert found.unfinished is None and motion.steady and 30 < motion.periods < 60
+    assert found.errors["time step"] < 0.02 and found.errors["basis"] < 0.01
+    pressed = motion.force[motion.last_period(), :, 0].sum(axis=1)
+    starts = np.sum((pressed[1:] > 0.0) & (pressed[:-1] == 0.0))
+    assert starts == 2 and 0.5 < np.mean(pressed > 0.0) < 0.8 and 1 not in motion.state[motion.last_period()]
+    assert peak_normal_force(motion) == pytest.approx(304.5, rel=0.01)
+    # friction at the speed of the tip: mu N v
+    speed = 2.0 * np.pi * 50.0 * 1.0  # m/s
+    per_step = np.diff(motion.time[motion.last_period()])
+    work = 0.2 * speed * np.sum(0.5 * (pressed[1:] + pressed[:-1]) * per_step)
+    assert motion.rubbed[-1] - motion.rubbed[motion.last_period()][0] == pytest.approx(work, rel=0.02)
+    assert any(line.startswith("contacts[0]: ") and "of 17 points out of reach" in line for line in found.left_out)
+
+
+def test_demo_says_what_it_is() -> None:
     """The demo's scene survives the way into a stored model, its casing at rest and turning as seen from the blade."""
     from fenicsrom.contact import spin_of
     from fenicsrom.scene import parse_scene, scene_table
