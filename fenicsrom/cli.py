@@ -147,7 +147,7 @@ def _run(options: argparse.Namespace) -> int:
     scene = read_scene(options.scene, options.overrides)
     folder = _folder(options, options.scene)
     comm, say = _start(folder)
-    from fenicsrom import results, study
+    from fenicsrom import online, results, study
 
     found = study.run(scene, comm, say)
     say("files ..")
@@ -161,6 +161,8 @@ def _run(options: argparse.Namespace) -> int:
             print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
             condition = found.modes.flexibility_condition
             print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
+        for sentence in online.out_of_reach(found.motions["reduced"], found.solid.points) if "reduced" in found.motions else []:
+            print(sentence)
         if found.errors:
             print(results.estimate_sentence(found.errors))
         if errors := results.errors_of(found.motions):

@@ -47,6 +47,7 @@ Array = NDArray[np.float64]
 
 NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # a decrement below this part of the energy that no longer falls is rounding
+CONTACT_ROUNDING = 1e-14  # the same, of the contact forces times the displacements from the undeformed body
 NEWTON_ITERATIONS = 15
 STEP_SHARE = 0.01  # of the tolerance that one adaptive step may spend
 # largest imbalance of the energy ledger, relative to the largest energy plus the largest work of the run: what Newton's
@@ -483,10 +484,14 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
             return False, iteration
         answer(change, y, unit, room.mean)
         combine(dq, 1.0, dq, 1.0, change)
-        decrement = dot(model, residual, change)
+        decrement, carried = dot(model, residual, change), 0.0
         for p in range(points):
+            size, far = 0.0, 0.0
             for k in range(d):
                 decrement += room.mean[p, k] * (x[p, k] - trial.before[p, k])
+                size += abs(room.mean[p, k])
+                far = max(far, abs(x[p, k]))
+            carried += size * far
         decrement = abs(decrement)
         if not np.isfinite(decrement):
             return False, iteration
@@ -495,7 +500,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
         scale = max(state.scalars[SCALE], first)
         # what the next decrement will be, Newton's convergence being quadratic; a small one that no longer falls is rounding
         coming = decrement * (decrement / last) ** 2 if iteration > 1 and decrement < 1e-3 * last else decrement
-        rounding = decrement <= NEWTON_ROUNDING * scale and decrement > 0.1 * last
+        rounding = decrement <= max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried) and decrement > 0.1 * last
         if scheme.linear or coming <= NEWTON_TOLERANCE**2 * scale or rounding:
             return True, iteration
         if decrement > 1e8 * first:

@@ -2,7 +2,11 @@
 
 One factorisation of K serves everything. With the contact displacements x_c = B^T u held, the inverse of the stiffness is
 
-    K_held^-1 = K^-1 - G (B^T G)^-1 G^T,    G = K^-1 B    (attachment modes)
+    K_held^-1 = K^-1 - G (B^T G)^-1 G^T = P K^-1 P^T,    G = K^-1 B (attachment modes),    P = I - R_m B^T,    R_m = G (B^T G)^-1
+
+A slender body yields 1e8 times more to forces that bend it than to those that only strain the place where they act, and so many
+digits cancel in the difference and in G times (B^T G)^-1. Hence R_m is a second solve, K^-1 [B (B^T G)^-1] for forces that are in
+balance, scaled so that B^T R_m = I, and the inverse the symmetric product: what is left of an error in R_m enters it squared.
 
 The static modes are those of the method: residual flexibility Psi^r = G - sum phi_p (phi_p^T B) / omega_p^2 (Rubin, eq. 9
 corrected), constraint modes Psi^c = G (B^T G)^-1 (Craig-Bampton, eq. 11 corrected).
@@ -72,15 +76,14 @@ class ComponentModes:
 class Held:
     """K^-1 with the contact displacements held at zero."""
 
-    def __init__(self, inverse: Inverse, attachment: Array, flexibility: Array, solid: Body):
-        """Keep G (local, m) and the inverse of B^T G (m, m)."""
-        self._inverse, self._attachment, self._solid = inverse, attachment, solid
-        self._stiffness = np.linalg.inv(flexibility)
+    def __init__(self, inverse: Inverse, rows: Array, masters: Array, solid: Body):
+        """Keep B^T (m, local) and R_m (local, m)."""
+        self._inverse, self._rows, self._masters, self._solid = inverse, rows, masters, solid
 
     def solve(self, block: Array) -> Array:
         """K_held^-1 times the columns of a block (local, k)."""
-        free = self._inverse.solve(block)
-        return free - self._attachment @ (self._stiffness @ self._solid.gram(self._attachment, block))
+        free = self._inverse.solve(block - self._rows.T @ self._solid.gram(self._masters, block))
+        return np.asarray(free - self._masters @ self._solid.gram(self._rows.T, free))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,7 @@ class SolvedModes:
         rows: (m, local) B^T of the master directions.
         attachment: (local, m) G = K^-1 B.
         flexibility: (m, m) B^T G.
+        masters: (local, m) R_m = G (B^T G)^-1.
         inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
     """
 
@@ -103,6 +107,7 @@ class SolvedModes:
     rows: Array
     attachment: Array
     flexibility: Array
+    masters: Array
     inverse: Inverse
 
 
@@ -131,30 +136,38 @@ def solve_modes(solid: Body, method: str, count: int) -> SolvedModes:
     if count > free:
         raise SceneError(f"{solid.scene.source}: basis.modes = {count}: must be at most {free}, the number of free unknowns")
     flexibility = solid.gram(b.T, attachment)
+    masters = unit_displacements(solid, b, flexibility)
     inverse: Inverse = solid.factor
     if method == "craig-bampton" and m:
-        inverse = Held(solid.factor, attachment, flexibility, solid)
+        inverse = Held(solid.factor, b, masters, solid)
     squares, normal = solid.eigenmodes(inverse, count + extra if count else 0)
     if np.any(squares <= 0.0):
         solid.warnings.append(f"the equilibrium is unstable: {int(np.sum(squares <= 0))} modes have omega^2 < 0")
-    return SolvedModes(method, squares, face_loads(solid, squares, normal), b, attachment, flexibility, inverse)
+    return SolvedModes(method, squares, face_loads(solid, squares, normal), b, attachment, flexibility, masters, inverse)
 
 
 def first_modes(solid: Body, solved: SolvedModes, count: int) -> ComponentModes:
     """The component modes of a method with its first `count` normal modes."""
     b, method = solved.rows, solved.method
     normal, squares = solved.normal[:, :count], solved.squares[:count]
-    masters = solved.attachment @ np.linalg.inv(solved.flexibility)
     # 1/omega^2, but for modes of a split pair that were turned: their flexibility is not quite diagonal
     inertia = solid.mass_times(normal)
     flexibility = solid.gram(inertia, solved.inverse.solve(inertia)) if count else np.zeros((0, 0))
     residual = solved.attachment - normal @ (flexibility @ solid.gram(normal, b.T))
     condition = scaled_condition(solid.gram(b.T, residual)) if method == "rubin" else scaled_condition(solved.flexibility)
-    static = residual if method == "rubin" else masters
+    static = residual if method == "rubin" else solved.masters
     labels = tuple([f"{k + 1}V" for k in range(count)] + [f"{k + 1}S" for k in range(b.shape[0])])
     return ComponentModes(
-        method, np.sqrt(np.maximum(squares, 0.0)), normal, static, masters, b, solved.inverse, labels, condition
+        method, np.sqrt(np.maximum(squares, 0.0)), normal, static, solved.masters, b, solved.inverse, labels, condition
     )
+
+
+def unit_displacements(solid: Body, rows: Array, flexibility: Array) -> Array:
+    """R_m (local, m) of contact coordinates B^T (m, local) whose flexibility B^T K^-1 B (m, m) is known."""
+    if rows.shape[0] == 0:
+        return np.zeros((solid.local, 0))
+    near = solid.factor.solve(rows.T @ np.linalg.inv(flexibility))
+    return np.asarray(near @ np.linalg.inv(solid.gram(rows.T, near)))
 
 
 def master_directions(solid: Body) -> tuple[Array, Array]:
@@ -167,9 +180,9 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
         (m, local) W^T B^T, and the attachment modes (local, m) K^-1 B W.
 
     Raises:
-        SceneError: a contact direction that the supports forbid, or that depends on others.
+        SceneError: a contact direction that the supports forbid, or, where each is a master, that depends on others.
     """
-    rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters
+    rows, d, masters = solid.contact_rows, solid.scene.geometry.dimension, solid.scene.basis.masters or "all"
     if rows.shape[0] == 0:
         return rows, np.zeros((solid.local, 0))
     if masters == "normal":
@@ -181,13 +194,8 @@ def master_directions(solid: Body) -> tuple[Array, Array]:
         return rows, attachment
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     independent = int(np.sum(values > 1e-12 * values[-1]))
-    if masters > independent:
-        raise SceneError(
-            f"{solid.scene.source}: basis.masters = {masters}: must be at most {independent}, the number of independent "
-            "contact directions"
-        )
-    chosen = vectors[:, ::-1][:, :masters]
-    chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(masters)] < 0.0, -1.0, 1.0)
+    chosen = vectors[:, ::-1][:, : min(masters, independent)]
+    chosen *= np.where(chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])] < 0.0, -1.0, 1.0)
     return chosen.T @ rows, attachment @ chosen
 
 

@@ -73,6 +73,19 @@ def simulate(
     )
 
 
+def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
+    """A sentence on the points of each contact that touch nothing during the whole motion, with the gap that is left there."""
+    sentences = []
+    for k in np.unique(points.contact):
+        mine = np.flatnonzero(points.contact == k)
+        open_ones = mine[~np.any(motion.force[:, mine, 0] > 0.0, axis=0)]
+        if open_ones.size:
+            least = float(motion.gap[:, open_ones].min())
+            number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
+            sentences.append(f"contacts[{k}]: {number} out of reach during the whole run, no nearer than {1e3 * least:.4g} mm")
+    return sentences
+
+
 def amplitude(motion: Motion) -> Array:
     """Half of peak-to-peak over the last period, of each point and direction, (P d,), m."""
     return np.ptp(motion.displacement[motion.last_period()], axis=0).reshape(-1) / 2.0
@@ -437,6 +450,10 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
                 return f"{kind}[{k}].place"
             if kind == "contacts" and a.normal != b.normal:
                 return f"contacts[{k}].normal"
+            if kind == "contacts" and a.surface is not None:
+                for name in ("kind", "point", "axis", "inside"):  # the frames of the points are those of its normals
+                    if getattr(a.surface, name) != getattr(b.surface, name):
+                        return f"contacts[{k}].surface.{name}"
             if kind == "loads" and a.direction != b.direction:
                 return f"loads[{k}].direction"
             if kind == "loads" and a.kind != b.kind:

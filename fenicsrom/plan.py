@@ -52,6 +52,27 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     def gyroscopic_reason() -> str:
         return f"rotation.coriolis is {str(rotation.coriolis).lower()}" if rotation else "no rotation"
 
+    def masters_reason() -> str:
+        if not touching:
+            return "no contact"
+        if not isinstance(basis.masters, str):
+            return f"interface modes, at most {basis.masters}"
+        each = d if basis.masters == "all" else 1
+        what = "contact displacements" if basis.masters == "all" else "normal contact displacements"
+        known = sum(contact.place.at != "nodes" for contact in scene.contacts)
+        parts = [f"{known * each}"] if known else []
+        many = [k for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
+        parts += [f"{each} of each node of contacts[{k}]" for k in many]
+        return f"{what}: {', '.join(parts)}" if many else f"{parts[0]} {what}"
+
+    def points_reason() -> str:
+        nodes = sum(contact.place.at == "nodes" for contact in scene.contacts)
+        points = len(scene.contacts) - nodes
+        parts = [f"{points} point{'s' * (points > 1)}"] if points else []
+        parts += [f"every node of {nodes} place{'s' * (nodes > 1)}"] if nodes else []
+        return " and ".join(parts) or "no contact"
+
+    weighted = any(contact.place.at == "nodes" for contact in scene.contacts)
     projected = basis.elastic_force == "projection"
     return [
         Stage("mesh", True, f"{scene.geometry.mesh.name}, {d}D"),
@@ -62,7 +83,7 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
         Stage(
             "static modes",
             touching,
-            f"{len(scene.contacts) * d} contact displacements" if touching else "no contact",
+            masters_reason(),
         ),
         Stage("linear transient", selecting, derivative_reason()),
         Stage("nonlinear statics", selecting and basis.derivatives == "mmi-nls", derivative_reason()),
@@ -77,7 +98,8 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
             nonlinear and projected,
             linear if not nonlinear else f"basis.elastic_force is {basis.elastic_force}",
         ),
-        Stage("contact forces", touching, f"{len(scene.contacts)} points" if touching else "no contact"),
+        Stage("contact forces", touching, points_reason()),
+        Stage("contact weighting", weighted, points_reason() if weighted or not touching else "no region of many nodes"),
         Stage("second tangent direction", touching and d == 3, "no contact" if not touching else f"{d} dimensions"),
         Stage("time integration", not scene.still, STILL if scene.still else f"{scene.time.scheme}"),
         Stage("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear + ": one solve a step"),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from fenicsrom.contact import ContactPoints, contacts_of, unit_normals
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
-from fenicsrom.online import StoredModel, provenance, save_model
+from fenicsrom.online import StoredModel, out_of_reach, provenance, save_model
 from fenicsrom.reduced import ReducedModel
 from fenicsrom.report import (
     errors_percent,
@@ -438,7 +438,10 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
         "seconds": {"reduced motion": motion.seconds},
-        "left_out": ["offline stages, and files of the body: the reduced model was read from a file, without its mesh"],
+        "left_out": [
+            "offline stages, and files of the body: the reduced model was read from a file, without its mesh",
+            *out_of_reach(motion, stored.model.points),
+        ],
         **motions_summary(motions, stored.model.points),
         "provenance": stored.provenance,
     }

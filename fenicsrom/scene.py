@@ -25,6 +25,8 @@ from fenicsrom.errors import SceneError
 from fenicsrom.paths import shared_meshes
 
 MOST_ROWS = 1_000_000  # of a table of a load
+FEW_CONTACTS = 4  # of which every displacement is a coordinate of the basis
+INTERFACE_MODES = 10  # in place of those where there are more
 
 
 @dataclass(frozen=True)
@@ -645,7 +647,9 @@ class Basis:
         modes: number of normal modes.
         derivatives: "none", "all", "mmi", "mmi-nls" or the labels of the derivatives to keep.
         masters: directions of the contact forces that the static modes belong to: "all" of every point, "normal" alone, or a
-            number of interface modes, the combinations of forces that the body yields most to.
+            number of interface modes, the combinations of forces that the body yields most to (as many as are independent, if
+            those are fewer). None for "all" of a few points, `INTERFACE_MODES` with many: with at = "nodes", or more contacts
+            than `FEW_CONTACTS`.
         threshold: smallest weight a derivative is kept with, relative to the largest (mmi and mmi-nls).
         differentiation: "exact" or "central-difference", of the tangent.
         elastic_force: "polynomial" (exact, without the mesh) or "projection" (of the full elastic force).
@@ -653,7 +657,7 @@ class Basis:
 
     method: Annotated[str, _choice("rubin", "craig-bampton")] = "rubin"
     modes: Annotated[int, _integer(0, 1000)] = 3
-    masters: Annotated[str | int, _masters] = "all"
+    masters: Annotated[str | int | None, _masters] = None
     derivatives: Annotated[str | tuple[str, ...], _derivatives] = "mmi-nls"
     threshold: Annotated[float, _number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, _choice("exact", "central-difference")] = "exact"
@@ -1004,10 +1008,10 @@ def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
     """The same between the basis and the contacts."""
     if scene.basis.modes < 1 and not scene.contacts:
         yield "basis.modes", scene.basis.modes, "must be at least 1 in a scene without contact"
-    if not scene.contacts and scene.basis.masters != "all":
+    if not scene.contacts and scene.basis.masters is not None:
         yield "basis.masters", scene.basis.masters, "must not be given in a scene without contact"
     if isinstance(scene.basis.derivatives, tuple) and not any(contact.place.at == "nodes" for contact in scene.contacts):
-        points, masters = len(scene.contacts), scene.basis.masters
+        points, masters = len(scene.contacts), _default_masters(scene)
         each = scene.geometry.dimension if masters == "all" else 1
         static = points * each if isinstance(masters, str) else min(masters, points * scene.geometry.dimension)
         available = {"V": scene.basis.modes, "S": static}
@@ -1015,6 +1019,14 @@ def _basis_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
             if any(int(number) > available[kind] for number, kind in re.findall(r"([0-9]+)([VS])", label)):
                 allowed = f"must be of the {available['V']} normal (V) and {available['S']} static (S) modes"
                 yield f"basis.derivatives[{index}]", label, allowed
+
+
+def _default_masters(scene: Scene) -> str | int:
+    """The masters of the basis, those that fit the contacts if none are given."""
+    if scene.basis.masters is not None:
+        return scene.basis.masters
+    many = len(scene.contacts) > FEW_CONTACTS or any(contact.place.at == "nodes" for contact in scene.contacts)
+    return INTERFACE_MODES if many else "all"
 
 
 def _time_contradictions(scene: Scene) -> Iterator[tuple[str, object, str]]:
@@ -1084,7 +1096,8 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:
         rotation = replace(rotation, point=(0.0,) * geometry.dimension)
-    return replace(scene, geometry=geometry, time=time, probe=probe, loads=loads, rotation=rotation)
+    basis = replace(scene.basis, masters=_default_masters(scene)) if scene.contacts else scene.basis
+    return replace(scene, geometry=geometry, time=time, probe=probe, loads=loads, rotation=rotation, basis=basis)
 
 
 def _read_table(path: Path, folder: Path | None, where: _Where) -> tuple[tuple[float, float], ...]:

@@ -437,7 +437,10 @@ class Solid:
         assert self.probe_rows.shape[0] == d
 
     def _touching(self, place: Place, key: str) -> list[tuple[Array, Array, float]]:
-        """The points of a contact: rows (d, local) of the displacement, position (3,) and share of each."""
+        """The points of a contact: rows (d, local) of the displacement, position (3,) and share of each.
+
+        They are in the order of the coordinate in which they lie farthest apart, then of the next.
+        """
         if place.at != "nodes":
             return [(*self.place(place, key), 1.0)]
         d = self.scene.geometry.dimension
@@ -449,9 +452,12 @@ class Solid:
             (*x[node].round(12), float(weights[node]), self.comm.rank, int(node))
             for node in np.flatnonzero(weights > 1e-9 * largest)
         ]
-        chosen = sorted(point for points in self.comm.allgather(mine) for point in points)
+        chosen = [point for points in self.comm.allgather(mine) for point in points]
         if not chosen:
             raise SceneError(f"{self.scene.source}: {key}: every node of it is clamped; choose free ones")
+        extent = np.ptp(np.array(chosen)[:, :3], axis=0).round(9)
+        along = np.argsort(-extent, kind="stable")  # neighbours on an edge follow one another, on any number of ranks
+        chosen.sort(key=lambda point: (*(point[k] for k in along), point))
         found = []
         for *position, weight, rank, node in chosen:
             rows = np.zeros((d, self.local))

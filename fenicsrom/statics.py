@@ -1,8 +1,8 @@
 """The equilibrium a motion starts in: under the static loads and the preload of the contacts, for every model.
 
-Newton in parts of the preload, the contact solved in full in each iteration as in a time step, but without friction: the
-sliders come to rest where the points do. An equilibrium may be unstable, as a beam is whose contact presses it beyond its
-buckling load. Then the model is pushed along its softest direction and follows
+Newton in parts of what presses on the body where it is, the contact solved in full in each iteration as in a time step, but
+without friction: the sliders come to rest where the points do. An equilibrium may be unstable, as a beam is whose contact presses
+it beyond its buckling load. Then the model is pushed along its softest direction and follows
 
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
@@ -25,8 +25,9 @@ Array = NDArray[np.float64]
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
 ROUNDING = 1e-8  # a decrement below this part of it that no longer falls is rounding (a tiny preload among large stiffnesses)
+CONTACT_ROUNDING = 1e-14  # the same, of the contact forces times the displacements from the undeformed body
 ITERATIONS = 25
-SMALLEST_PART = 1e-4  # of the preload
+SMALLEST_PART = 1e-4  # of the contacts' pressure
 PUSH = 1e-3  # along an unstable direction, relative to the deflection under load and preload
 DOWNHILL_STEPS = 400
 TURNS = 8  # of inverse iteration
@@ -71,21 +72,23 @@ class _Statics:
         count = contacts.preload.size
         self.model, self.contacts, self.d = model, contacts._replace(friction=np.zeros(count)), dimension
         self.room, self.start, self.end = contact.room(count, dimension), *(contact.touch(count, dimension) for _ in "12")
+        self.pressed: Array = np.zeros(count)  # (P,) normal forces of the contacts at q = 0, all of which is added in parts, N
         self.push = model.elastic_at(np.zeros_like(model.load(0.0)))[0].copy()  # of the static loads
 
     def touches(self, q: Array) -> bool:
-        """Whether a contact presses at q (n,)."""
+        """Whether a contact presses at q (n,); it is from there that it is pressed on in parts."""
         self._touch(q, self.contacts)
-        return bool(np.any(self.start.raw > 0.0))
+        self.pressed = np.maximum(self.start.raw, 0.0)
+        return bool(np.any(self.pressed > 0.0))
 
     def _touch(self, q: Array, contacts: Contacts) -> None:
         x = self.model.contact_displacement(q).reshape(-1, self.d).copy()
         contact.at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
 
     def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) under a part of the preload, or a step downhill with inertia = 1/tau; None without."""
+        """Equilibrium near q0 (n,) with part of the contacts' pressure, or a step downhill, inertia = 1/tau; None without."""
         model, room, d = self.model, self.room, self.d
-        contacts = self.contacts._replace(preload=part * self.contacts.preload)
+        contacts = self.contacts._replace(preload=self.contacts.preload - (1.0 - part) * self.pressed)
         zero, one = np.zeros_like(q0), np.ones(1)
         dq, first, last = zero.copy(), 0.0, 0.0
         self._touch(q0, contacts)
@@ -110,7 +113,9 @@ class _Statics:
             if not np.isfinite(decrement) or decrement > 1e8 * first:
                 return None
             coming = decrement * (decrement / last) ** 2 if iteration > 0 and decrement < 1e-3 * last else decrement
-            if coming <= TOLERANCE**2 * scale or (decrement <= ROUNDING * scale and decrement > 0.1 * last):
+            carried = np.sum(np.abs(room.mean), axis=1) @ np.max(np.abs(self.end.x), axis=1, initial=0.0)
+            floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
+            if coming <= TOLERANCE**2 * scale or (decrement <= floor and decrement > 0.1 * last):
                 return np.asarray(q0 + dq)
             last = decrement
         return None

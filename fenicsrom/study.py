@@ -24,7 +24,17 @@ from fenicsrom.derivatives import all_pairs, modal_derivatives
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.integrate import Motion
 from fenicsrom.modes import ComponentModes, component_modes
-from fenicsrom.online import amplitude, at_rest, check_basis_error, check_energy, check_time_error, settled, simulate, time_error
+from fenicsrom.online import (
+    amplitude,
+    at_rest,
+    check_basis_error,
+    check_energy,
+    check_time_error,
+    out_of_reach,
+    settled,
+    simulate,
+    time_error,
+)
 from fenicsrom.plan import Stage, plan
 from fenicsrom.reduced import project, project_intrusively
 from fenicsrom.scene import Scene
@@ -365,6 +375,8 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
             )
         # the run time proper, without compilation
         watch.seconds[f"{name} motion"] = study.motions[name].seconds
+    if scene.contacts and "reduced" in study.motions:
+        study.left_out += out_of_reach(study.motions["reduced"], study.solid.points)
     if not study.unfinished:
         with watch("checks"):
             check(study)

@@ -2,6 +2,8 @@
 // profiles in planes x = const, their thickness perpendicular to the camber line and blunt at both edges. The chord of a
 // section runs from the leading to the trailing edge along y at stagger 0, and is turned about x by its stagger, from y
 // towards z. Middles of the chords lie on the curve y = sweep*(x/span)^2, z = lean*(x/span)^2. Everything else is linear in x.
+// With a tip_radius the tip is ground to a cylinder about an axis along y, as a casing asks for, and the sections bend with it,
+// the less the nearer they are to the root.
 // Groups: solid (the body), root (the face x = 0), tip (the face x = span), load (the section x = load_at*span), pressure
 // and suction (the hollow and the bulging side); of nodes: tip_nodes (the edge of the tip on the pressure side, from the
 // leading to the trailing edge).
@@ -19,6 +21,7 @@ DefineConstant[
   twist = 35,             // degrees, from the root to the tip
   sweep = 0.03,           // m, at the tip, along y
   lean = 0,               // m, at the tip, along z
+  tip_radius = 0,         // m, of the cylinder about (span - tip_radius, 0, 0) that the tip lies on; 0: a plane tip
   elements_along = 12,    // along the span; the section `load` follows element round(load_at*elements_along)
   elements_across = 8,    // along the chord; a thinner blade of curved tetrahedra needs more, both ways
   elements_through = 1,   // through the thickness
@@ -49,6 +52,9 @@ If (Fabs(stagger) > 90) Error("geometry.parameters.stagger = %g: must be from -9
 If (Fabs(twist) > 90) Error("geometry.parameters.twist = %g: must be from -90 to 90", twist); wrong = 1; EndIf
 If (Fabs(sweep) > span) Error("geometry.parameters.sweep = %g: must be at most the span, %g", sweep, span); wrong = 1; EndIf
 If (Fabs(lean) > span) Error("geometry.parameters.lean = %g: must be at most the span, %g", lean, span); wrong = 1; EndIf
+If (tip_radius < 0 || (tip_radius > 0 && tip_radius < span))
+  Error("geometry.parameters.tip_radius = %g: must be 0 or at least the span, %g", tip_radius, span); wrong = 1;
+EndIf
 If (elements_along < 2 || elements_along != Floor(elements_along))
   Error("geometry.parameters.elements_along = %g: must be a whole number of at least 2", elements_along); wrong = 1;
 EndIf
@@ -93,8 +99,10 @@ For j In {0:layers}
       sign = s ? 1 : -1;
       y = c*(u - 0.5 - sign*half*Sin(slope));
       z = c*(line + sign*half*Cos(slope));
+      across = Sin(angle)*y + Cos(angle)*z + lean*t^2;
+      ground = tip_radius > 0 ? tip_radius - Sqrt(tip_radius^2 - across^2) : 0;
       p~{j}~{s}~{i} = newp;
-      Point(p~{j}~{s}~{i}) = {t*span, Cos(angle)*y - Sin(angle)*z + sweep*t^2, Sin(angle)*y + Cos(angle)*z + lean*t^2};
+      Point(p~{j}~{s}~{i}) = {t*(span - ground), Cos(angle)*y - Sin(angle)*z + sweep*t^2, across};
     EndFor
   EndFor
 EndFor
@@ -114,7 +122,12 @@ For j In {0:layers:2}
     Transfinite Curve {end~{j}~{e}} = elements_through + 1;
   EndFor
   loop = newcl; Curve Loop(loop) = {side~{j}~{0}, end~{j}~{1}, -side~{j}~{1}, -end~{j}~{0}};
-  section~{j} = news; Plane Surface(section~{j}) = {loop};
+  section~{j} = news;
+  If (tip_radius > 0 && j > 0)
+    Surface(section~{j}) = {loop};
+  Else
+    Plane Surface(section~{j}) = {loop};
+  EndIf
 EndFor
 
 // Between two sections: four spanwise curves, four faces and a volume.

@@ -405,6 +405,69 @@ def test_a_mistake_in_a_decay_gets_its_sentence(override: str, sentence: str) ->
     assert refused(DECAY, override) == f"s.toml: {sentence}"
 
 
+CASING = RUBBING.replace("normal = [1.0, 1.0]", 'surface = { kind = "cylinder", point = [0.0, 0.0] }')
+
+
+@pytest.mark.parametrize(
+    ("text", "override", "sentence"),
+    [
+        # surfaces
+        (CASING, "contacts.0.normal=[1.0, 0.0]", "contacts[0].normal = [1.0, 0.0]: must not be given together with surface"),
+        (CASING, 'contacts.0.surface.kind="plane"', 'contacts[0].surface.kind = "plane": must be "cylinder" or "sphere"'),
+        (CASING, 'contacts.0.surface.kind="sphere"', 'contacts[0].surface.kind = "sphere": must be "cylinder" in two dimensions'),
+        (CASING, "contacts.0.surface.axis=[0, 1]", "contacts[0].surface.axis = [0.0, 1.0]: must not be given but of a cylinder "
+                                                   "in three dimensions"),
+        (CASING, "contacts.0.surface.point=[0, 0, 0]", "contacts[0].surface.point = [0.0, 0.0, 0.0]: must have 2 components, as "
+                                                       "geometry.dimension says"),
+        (CASING, "contacts.0.surface.radius=0", "contacts[0].surface.radius = 0: must be a finite number above 0"),
+        (CASING, "contacts.0={surface={kind='cylinder', point=[0, 0], radius=1.0}, gap=1e-3, group='tip', friction=0.1, "
+                 "normal_stiffness=1, tangential_stiffness=1}",
+         "contacts[0].gap = 0.001: must not be given together with surface.radius, from which it follows"),
+        (CASING, "contacts.0.surface.inside=1", "contacts[0].surface.inside = 1: must be true or false"),
+        (CASING, 'contacts.0.surface.spin="fast"', 'contacts[0].surface.spin = "fast": must be a finite number'),
+        (CASING, "contacts.0.surface.waves=[[2, 1e-4]]", "contacts[0].surface.waves[0] = [2, 0.0001]: must be [order, height, "
+                                                         "phase], finite numbers"),
+        (CASING, "contacts.0.surface.waves=[[1.5, 1e-4, 0]]", "contacts[0].surface.waves[0] = 1.5: must be of an integer order "
+                                                              "of at least 1"),
+        (CASING, "contacts.0.surface.raduis=1", "contacts[0].surface.raduis = 1: unknown key, did you mean radius?"),
+        (RUBBING, "contacts.0={group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
+         "contacts[0].normal is missing: must be given, or a surface"),
+        # approach
+        (RUBBING, "contacts.0.approach=1e-3", "contacts[0].approach = 0.001: must be a list of [time, distance], finite numbers"),
+        (RUBBING, "contacts.0.approach=[[0, 0, 0]]", "contacts[0].approach[0] = [0, 0, 0]: must be [time, distance], finite "
+                                                     "numbers"),
+        (RUBBING, "contacts.0.approach=[[0, 0], [0, 1e-3]]", "contacts[0].approach = [0.0, 0.0]: must have times that increase"),
+        # nodes
+        (RUBBING, 'loads.0.at="nodes"', 'loads[0].at = "nodes": must be "mean" or "centre", but of a contact'),
+        (RUBBING, 'probe={group="tip", at="nodes"}', 'probe.at = "nodes": must be "mean" or "centre", but of a contact'),
+        (RUBBING, 'contacts.0={node=[1, 0], at="nodes", normal=[1, 0], friction=0, normal_stiffness=1, tangential_stiffness=1}',
+         'contacts[0].at = "nodes": must not be given together with node'),
+        # masters
+        (RUBBING, 'basis.masters="tangents"', 'basis.masters = "tangents": must be "all", "normal" or an integer from 1 to 1000'),
+        (RUBBING, "basis.masters=0", 'basis.masters = 0: must be "all", "normal" or an integer from 1 to 1000'),
+        (RUBBING, "basis={masters='normal', derivatives=['1V2S']}", 'basis.derivatives[0] = "1V2S": must be of the 3 normal (V) '
+                                                                    "and 1 static (S) modes"),
+        (DECAY, "basis.masters=3", "basis.masters = 3: must not be given in a scene without contact"),
+    ],
+)  # fmt: skip
+def test_a_mistake_about_a_surface_gets_its_sentence(text: str, override: str, sentence: str) -> None:
+    assert refused(text, override) == f"s.toml: {sentence}"
+
+
+def test_three_dimensions_want_the_axis_of_a_cylinder() -> None:
+    solid = {"mesh": "beam3d.geo", "dimension": 3}
+    table: Any = tomllib.loads(CASING) | {"geometry": solid}
+    table["loads"][0]["direction"] = [0.0, 1.0, 0.0]
+    table["contacts"][0]["surface"] = {"kind": "cylinder", "point": [0.0, 0.0, 0.0]}
+    with pytest.raises(SceneError, match=r"surface\.axis is missing: must be given of a cylinder in three dimensions"):
+        parse_scene(table, "s.toml", None)
+    sphere = {"kind": "sphere", "point": [0.0, 0.0, 0.0]}
+    for name, value in (("waves", [[2, 1e-4, 0.0]]), ("spin", 1.0)):
+        table["contacts"][0]["surface"] = sphere | {name: value}
+        with pytest.raises(SceneError, match=rf"contacts\[0\]\.surface\.{name} = .*: must not be given of a sphere"):
+            parse_scene(table, "s.toml", None)
+
+
 REQUIRED = [
     *("geometry", "geometry.mesh", "geometry.dimension", "geometry.thickness", "material", "supports"),
     *("material.young", "supports.0.group", "loads.0.group", "loads.0.direction", "loads.0.force"),
