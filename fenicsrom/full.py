@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.linalg import Factorisation, multiply
+from fenicsrom.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.signals import factors
 from fenicsrom.solid import Solid
 
@@ -90,7 +90,7 @@ class FullModel:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
         self._assemble(0.0, 0.0, slope)
         self._key = None
-        return Factorisation(self._effective.copy(), "fenicsrom_inertia").negative_pivots
+        return negative_eigenvalues(self._effective)
 
     def _assemble(self, inertia: float, drag: float, slope: Slope) -> None:
         self._effective.zeroEntries()

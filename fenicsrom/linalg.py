@@ -66,7 +66,7 @@ class Factorisation:
 
     @property
     def negative_pivots(self) -> int:
-        """Number of negative eigenvalues of the matrix (Sylvester's law of inertia)."""
+        """Number of negative pivots of a symmetric matrix."""
         return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
 
     def solve(self, block: Array) -> Array:
@@ -96,6 +96,17 @@ class Factorisation:
         b.destroy()
         x.destroy()
         return out
+
+
+def negative_eigenvalues(matrix: PETSc.Mat) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia from its factors.
+
+    Raises:
+        ConvergenceError: the matrix is singular.
+    """
+    prefix = "fenicsrom_inertia"
+    PETSc.Options().setValue(f"{prefix}_mat_mumps_icntl_24", 1)  # MUMPS counts them only where it looks for zero pivots too
+    return Factorisation(matrix, prefix).negative_pivots
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:
