@@ -105,8 +105,12 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
         ConvergenceError: the matrix is singular.
     """
     prefix = "fenicsrom_inertia"
-    PETSc.Options().setValue(f"{prefix}_mat_mumps_icntl_24", 1)  # MUMPS counts them only where it looks for zero pivots too
-    return Factorisation(matrix, prefix).negative_pivots
+    options, key = PETSc.Options(), f"{prefix}_mat_mumps_icntl_24"
+    options.setValue(key, 1)  # MUMPS counts them only where it looks for zero pivots too
+    try:
+        return Factorisation(matrix, prefix).negative_pivots
+    finally:
+        options.delValue(key)  # a small matrix is not given to MUMPS, and PETSc complains of options left over
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:

@@ -316,13 +316,16 @@ def _reported(study: Study) -> Study:
     return study
 
 
-def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
+def run(
+    scene: Scene, comm: Any, say: Callable[[str], None], restarts: Callable[[Study], dict[str, Any]] | None = None
+) -> Study:
     """Everything a scene asks for, but the files.
 
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stage and the full model.
         say: is told what happens, a line at a time.
+        restarts: is shown the reduced model before it moves, and gives the `resume` and `checkpoint` of its motion.
 
     Returns:
         What was found; `unfinished` names a model whose integration failed, its motion up to there is in `motions`.
@@ -342,11 +345,13 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         models["beam"] = lambda: beam_model(scene)
     for name, make in models.items():
         model = make()
+        options = restarts(study) if restarts is not None and name == "reduced" else {}
         with watch(f"{name} motion"):
             try:
                 study.motions[name] = simulate(
-                    model, scene, keep_coordinates=name == "reduced", progress=watch.progress(name, scene.time.steady_tolerance)
-                )
+                    model, scene, keep_coordinates=name == "reduced",
+                    progress=watch.progress(name, scene.time.steady_tolerance), **options,
+                )  # fmt: skip
             except (AccuracyError, ConvergenceError) as error:
                 if error.partial is not None:
                     study.motions[name] = error.partial
