@@ -480,6 +480,8 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
                 trial.before[p, k] = x[p, k]
         combine(total, 1.0, q0, 1.0, dq, 1.0, y)
         put(trial.free, contact_displacement(model, total))
+        if iteration == 1:
+            contact.lean_to_the_end(contacts, interval, compliance, state.touch, room)
         if points > 0 and not contact.resolve(contacts, interval, compliance, trial.free, state.touch, trial.touch, room):
             return False, iteration
         answer(change, y, unit, room.mean)
@@ -517,10 +519,11 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, total), dq)
     interval = contact.Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.line)
     for p in range(trial.free.shape[0]):
-        dissipated, surface = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
+        dissipated, surface, lost = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
         s[RUBBED] += dissipated
         state.rubbed[p] += dissipated
         s[WORK] += surface
+        s[DAMPED] += lost
     change = 2.0 / (h + s[LAST])
     combine(state.growth, change / h, dq, -change, state.rate)
     combine(state.rate, 1.0 / h, dq, 0.0, state.rate)
@@ -700,7 +703,7 @@ class Motion:
         elastic: (ns,) elastic energy from the equilibrium, J.
         contact_energy: (ns,) energy of the contact springs, J.
         work: (ns,) work of the loads, and of surfaces that move, since the start, J.
-        damped: (ns,) energy dissipated by damping since the start, J.
+        damped: (ns,) energy dissipated since the start by damping, and by impacts too short for the step, J.
         rubbed: (ns,) energy dissipated by friction since the start, J.
         point_rubbed: (ns, P) the same of each contact point, J.
         steady: whether the motion was found to repeat.

@@ -65,7 +65,7 @@ def step(contacts: Contacts, start: Touch, x: Array, a: float, line: bool, time:
     sums = np.zeros(2)
     for p in range(points):
         over_step(contacts, interval, p, start, end, found)
-        sums += settle(contacts, interval, p, start, end, found)
+        sums += settle(contacts, interval, p, start, end, found)[:2]
     return end, found, *sums
 
 
