@@ -14,10 +14,10 @@ Surfaces are planes, cylinders and spheres, seen from inside (a casing) or outsi
 their axis; a cylinder may have waves. The normal is that of the current position, however far the point slides.
 
 Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
-step, in closed form), or is the weighted mean of its ends, as the scheme asks; where the contact is too stiff for the step to
-resolve, the first leans to the force at the end, which takes energy from what would ring (`lean_to_the_end`). Friction is the law at the weighted point
-x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a),
-where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates in every step, whatever its size:
+step, in closed form), or is the weighted mean of its ends, as the scheme asks. Where the contact is too stiff for the step, the
+first leans to the force at the end, which takes energy from what would ring (`lean_to_the_end`). Friction is the law at the
+weighted point x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 +
+(w_w - w0)/(1 - a), where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates in every step, whatever its size:
 
     T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + (what the law at the end takes from the spring) >= 0
 
@@ -306,7 +306,8 @@ def room(points: int, d: int) -> Room:
     return Room(
         np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
         np.zeros((points, d, d)), np.zeros(points), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
-        np.zeros((points, d)), np.zeros((points, d)), np.zeros(points, dtype=np.int64), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros(points, dtype=np.int64),
+        np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
         np.zeros((6, d)), np.zeros((2, d, d)),
     )  # fmt: skip
 
@@ -330,21 +331,26 @@ def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
             closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
     if contacts.kind[p] == PLANE:
         return x[0] - contacts.radius[p] + closed
-    square, first, second = 0.0, 0.0, 0.0
+    # |z| - radius = (|z|^2 - radius^2)/(|z| + radius), taken apart so that a small x is not lost in a large radius
+    square, added, first, second = 0.0, 0.0, 0.0, 0.0
     for r in range(contacts.kind[p]):
-        z = 0.0
+        there, moved = 0.0, 0.0
         for k in range(x.size):
-            z += contacts.axes[p, r, k] * (x[k] - contacts.centre[p, k])
-        square += z * z
+            there -= contacts.axes[p, r, k] * contacts.centre[p, k]
+            moved += contacts.axes[p, r, k] * x[k]
+        square += there * there
+        added += moved * (2.0 * there + moved)
         if r == 0:
-            first = z
+            first = there + moved
         elif r == 1:
-            second = z
+            second = there + moved
+    radius = contacts.radius[p]
+    beyond = (square - radius * radius + added) / (np.sqrt(max(square + added, 0.0)) + radius)
     if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
         angle = np.arctan2(second, first) - contacts.spin[p] * time
         for k in range(contacts.order.size):
             closed += contacts.height[p, k] * np.cos(contacts.order[k] * angle - contacts.phase[p, k])
-    return contacts.side[p] * (np.sqrt(square) - contacts.radius[p]) + closed
+    return contacts.side[p] * beyond + closed
 
 
 @kernel

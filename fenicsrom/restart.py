@@ -99,6 +99,7 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
         array[...] = given
     end = scene.time.periods if scene.period is not None else scene.time.duration
     reached = found.spans if scene.period is not None else found.state.scalars[TIME]
+    assert end is not None
     if not reached < end:
         key = "periods" if scene.period is not None else "duration"
         raise SceneError(f"{path}: time.{key} = {end:g}: the run has come there already: must be more to go on")

@@ -452,8 +452,9 @@ def equilibrium_sentence(deflection: Array) -> str:
 def estimate_sentence(errors: Mapping[str, float]) -> str:
     """The estimated errors in a sentence."""
     sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in errors.items()}
-    parts = [f"{size} by the {name}" for name, size in sizes.items()]
-    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}."
+    parts = [f"{size} by the {name}" for name, size in sizes.items() if not name.startswith("peak")]
+    peak = [f"; of the {name.replace(' by', f', {size}, by')}" for name, size in sizes.items() if name.startswith("peak")]
+    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}{''.join(peak)}."
 
 
 def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:

@@ -165,7 +165,8 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
             load_checkpoint(path, other, scene)
     changes = {
         "friction=0.4": "contacts", "force=100": "loads", "frequency=3.3": "loads",
-        "scheme='average-acceleration'": "time.scheme", "steps_per_period=21": "time.steps_per_period", "mass_damping=4": "material",
+        "scheme='average-acceleration'": "time.scheme",
+        "steps_per_period=21": "time.steps_per_period", "mass_damping=4": "material",
     }  # fmt: skip
     tables = {"contacts": "contacts.0.", "loads": "loads.0.", "material": "material."}
     for change, key in changes.items():
