@@ -16,8 +16,9 @@ their axis; a cylinder may have waves. The normal is that of the current positio
 Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
 step, in closed form), or is the weighted mean of its ends, as the scheme asks. Where the contact is too stiff for the step, the
 first leans to the force at the end, which takes energy from what would ring (`lean_to_the_end`). Friction is the law at the
-weighted point x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 +
-(w_w - w0)/(1 - a), where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates in every step, whatever its size:
+weighted point x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end,
+w1 = w0 + (w_w - w0)/(1 - a), where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates
+in every step, whatever its size:
 
     T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + (what the law at the end takes from the spring) >= 0
 

@@ -771,20 +771,25 @@ class Motion:
 def no_state(n: int, points: int, dimension: int) -> State:
     """A state of zeros, of n coordinates and P contact points."""
 
-    def vectors(count: int) -> list[Array]:
-        return [np.zeros(n) for _ in range(count)]
+    def zeros() -> Array:
+        return np.zeros(n)
 
-    ends = np.zeros((points, dimension)), np.zeros((points, dimension))
-    trial = Trial(*vectors(6), contact.touch(points, dimension), *ends, contact.room(points, dimension))
-    return State(*vectors(7), contact.touch(points, dimension), np.zeros(points), np.zeros(SCALARS), trial)
+    trial = Trial(
+        zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), contact.touch(points, dimension), np.zeros((points, dimension)),
+        np.zeros((points, dimension)), contact.room(points, dimension),
+    )  # fmt: skip
+    return State(
+        zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), contact.touch(points, dimension), np.zeros(points),
+        np.zeros(SCALARS), trial,
+    )  # fmt: skip
 
 
 def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
     """Room for so many rows, of P contact points and, where they are kept, coordinates (width,)."""
-    forces = [np.zeros((rows, points, dimension)) for _ in range(2)]
     return Record(
-        np.zeros(rows), np.zeros((rows, points, dimension)), np.zeros((rows, dimension)), *forces, np.zeros((rows, points)),
-        np.zeros((rows, points)), np.zeros((rows, points), dtype=np.int8), np.zeros((rows, 6)), np.zeros((rows, width)),
+        np.zeros(rows), np.zeros((rows, points, dimension)), np.zeros((rows, dimension)), np.zeros((rows, points, dimension)),
+        np.zeros((rows, points, dimension)), np.zeros((rows, points)), np.zeros((rows, points)),
+        np.zeros((rows, points), dtype=np.int8), np.zeros((rows, 6)), np.zeros((rows, width)),
     )  # fmt: skip
 
 
