@@ -103,6 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     run = commands.add_parser("run", help="run a scene, or integrate a stored reduced model again")
     run.add_argument("scene", nargs="?", help="scene file (TOML)")
     run.add_argument("--from", dest="stored", metavar="MODEL", help="a reduced_model.npz to integrate again, without a mesh")
+    run.add_argument("--resume", metavar="CHECKPOINT", help="a checkpoint.npz of the reduced model's run, to go on from")
     run.set_defaults(command=_run)
 
     plan = commands.add_parser("plan", help="say what a scene will compute, what it leaves out, and why")
@@ -142,6 +143,8 @@ def _folder(options: argparse.Namespace, source: str) -> Path:
 def _run(options: argparse.Namespace) -> int:
     if options.stored:
         return _rerun(options)
+    if options.scene is None and options.resume:
+        raise SceneError("fenicsrom run: --resume needs the model too: --from reduced_model.npz, or the scene file")
     if options.scene is None:
         raise SceneError("fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model")
     scene = read_scene(options.scene, options.overrides)
@@ -149,12 +152,15 @@ def _run(options: argparse.Namespace) -> int:
     comm, say = _start(folder)
     from fenicsrom import online, results, study
 
-    found = study.run(scene, comm, say)
+    resume = Path(options.resume) if options.resume else None
+    found = study.run(scene, comm, say, lambda made: results.restarts(made, folder, resume))
     say("files ..")
     files = results.write_study(found, folder)
     if comm.rank == 0:
         table = results.terminal_table(found.motions, results.sizes(found)) if found.motions else ""
         _found(scene, table, found.solid.warnings)
+        if "reduced" in found.motions and (sentence := results.resumed_sentence(found.motions["reduced"])):
+            print(sentence)
         if found.deflection is not None:
             print(results.equilibrium_sentence(found.deflection))
         if (basis := found.basis) is not None:
@@ -178,10 +184,15 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _rerun(options: argparse.Namespace) -> int:
-    from fenicsrom import online, results
+    from dataclasses import replace
+
+    from fenicsrom import online, restart, results
 
     stored = online.load_model(Path(options.stored))
     overrides = list(options.overrides)
+    resume = Path(options.resume) if options.resume else None
+    if resume is not None:  # under the scene it was run under, which need not be the one the model was made from
+        stored = replace(stored, scene=restart.load_scene(resume))
     if options.scene is not None:
         wanted = read_scene(options.scene, overrides)
         if (key := online.changed_key(stored.scene, wanted)) is not None:
@@ -189,11 +200,13 @@ def _rerun(options: argparse.Namespace) -> int:
         model, scene = online.with_scene(stored, wanted)
     else:
         model, scene = online.rescene(stored, overrides)
+    begin = restart.load_checkpoint(resume, model, scene) if resume is not None else None
     folder = _folder(options, options.scene or options.stored)
     _writable(folder)
     unfinished: ConvergenceError | AccuracyError | None = None
     try:
-        motion = online.simulate(model, scene)
+        keep = restart.keeper(folder / results.CHECKPOINT, model, scene)
+        motion = online.simulate(model, scene, resume=begin, checkpoint=keep)
     except (AccuracyError, ConvergenceError) as error:
         if error.partial is None:
             raise
@@ -202,6 +215,8 @@ def _rerun(options: argparse.Namespace) -> int:
         unfinished = online.doubt(model, scene, motion)
     files = results.write_rerun(stored, scene, motion, folder)
     _found(scene, results.terminal_table({"reduced": motion}, {"reduced": stored.size}), [])
+    if sentence := results.resumed_sentence(motion):
+        print(sentence)
     _files(files)
     if unfinished:
         raise unfinished

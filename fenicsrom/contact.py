@@ -14,9 +14,11 @@ Surfaces are planes, cylinders and spheres, seen from inside (a casing) or outsi
 their axis; a cylinder may have waves. The normal is that of the current position, however far the point slides.
 
 Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
-step, in closed form), or is the weighted mean of its ends, as the scheme asks. Friction is the law at the weighted point
-x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a),
-where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates in every step, whatever its size:
+step, in closed form), or is the weighted mean of its ends, as the scheme asks. Where the contact is too stiff for the step, the
+first leans to the force at the end, which takes energy from what would ring (`lean_to_the_end`). Friction is the law at the
+weighted point x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end,
+w1 = w0 + (w_w - w0)/(1 - a), where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates
+in every step, whatever its size:
 
     T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + (what the law at the end takes from the spring) >= 0
 
@@ -253,6 +255,7 @@ class Room(NamedTuple):
         push: (P,) the normal force in it, N.
         motion: (P,) OPEN, SLIP or STICK.
         slopes: (P, d, d) derivative of the mean force by the displacement at the end, N/m.
+        lean: (P,) how far the mean normal force leans to that of the end of the step, in [0, 1].
     """
 
     mean: Array
@@ -260,6 +263,7 @@ class Room(NamedTuple):
     push: Array
     motion: NDArray[np.int8]
     slopes: Array
+    lean: Array
     guess: Array
     held: Array
     held_rubbing: Array
@@ -302,8 +306,9 @@ def room(points: int, d: int) -> Room:
     m = points * d
     return Room(
         np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
-        np.zeros((points, d, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
-        np.zeros((points, d)), np.zeros(points, dtype=np.int64), np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
+        np.zeros((points, d, d)), np.zeros(points), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros(points, dtype=np.int64),
+        np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
         np.zeros((6, d)), np.zeros((2, d, d)),
     )  # fmt: skip
 
@@ -327,21 +332,26 @@ def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
             closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
     if contacts.kind[p] == PLANE:
         return x[0] - contacts.radius[p] + closed
-    square, first, second = 0.0, 0.0, 0.0
+    # |z| - radius = (|z|^2 - radius^2)/(|z| + radius), taken apart so that a small x is not lost in a large radius
+    square, added, first, second = 0.0, 0.0, 0.0, 0.0
     for r in range(contacts.kind[p]):
-        z = 0.0
+        there, moved = 0.0, 0.0
         for k in range(x.size):
-            z += contacts.axes[p, r, k] * (x[k] - contacts.centre[p, k])
-        square += z * z
+            there -= contacts.axes[p, r, k] * contacts.centre[p, k]
+            moved += contacts.axes[p, r, k] * x[k]
+        square += there * there
+        added += moved * (2.0 * there + moved)
         if r == 0:
-            first = z
+            first = there + moved
         elif r == 1:
-            second = z
+            second = there + moved
+    radius = contacts.radius[p]
+    beyond = (square - radius * radius + added) / (np.sqrt(max(square + added, 0.0)) + radius)
     if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
         angle = np.arctan2(second, first) - contacts.spin[p] * time
         for k in range(contacts.order.size):
             closed += contacts.height[p, k] * np.cos(contacts.order[k] * angle - contacts.phase[p, k])
-    return contacts.side[p] * (np.sqrt(square) - contacts.radius[p]) + closed
+    return contacts.side[p] * beyond + closed
 
 
 @kernel
@@ -473,6 +483,52 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
 
 
 @part
+def leaning_normal_force(before: float, after: float, lean: float) -> tuple[float, float]:
+    """The mean normal force of a step that may be too long for the contact, and its derivative by `after`: as above.
+
+    It lies between the mean along the way and the force at the end. The force grows with the penetration, so the difference
+    takes energy, whatever the step: (N1 - mean) (y1 - y0) >= 0.
+    """
+    mean, slope = mean_normal_force(before, after)
+    if lean == 0.0:
+        return mean, slope
+    end, by_end = (after, 1.0) if after > 0.0 else (0.0, 0.0)
+    return mean + lean * (end - mean), slope + lean * (by_end - slope)
+
+
+@part
+def lean_to_the_end(contacts: Contacts, interval: Interval, compliance: Array, here: Touch, room: Room) -> None:
+    """Say how far the mean normal force of each point is to lean to the end of the step: `room.lean`.
+
+    Where the step is long for the contact, s = k_n n^T G n > 1, its spring would ring from step to step instead of passing on
+    an impact, and with it the limit of friction. The lean s^2/(1 + s^2) stops that; it is of the fourth order in the step, and
+    so leaves a contact that the step resolves as it is.
+
+    Args:
+        contacts: the parameters.
+        interval: the step.
+        compliance: (m, m) G, contact displacement at the end of the step by mean contact force, m/N.
+        here: the state at the start of the step.
+        room: its `lean` is written.
+    """
+    d = here.x.shape[1]
+    n = room.vectors[0]
+    for p in range(here.x.shape[0]):
+        room.lean[p] = 0.0
+        if not interval.line:
+            continue
+        give = compliance[p * d, p * d]
+        if contacts.kind[p] != PLANE:
+            direction(contacts, p, here.x[p], here.x[p], interval.begin, n, room.matrices[0], room.vectors[1])
+            give = 0.0
+            for k in range(d):
+                for j in range(d):
+                    give += n[k] * compliance[p * d + k, p * d + j] * n[j]
+        ratio = contacts.normal_stiffness[p] * give
+        room.lean[p] = ratio**2 / (1.0 + ratio**2)
+
+
+@part
 def return_mapping(stiffness: float, limit: float, n: Array, stretch: Array, force: Array) -> tuple[int, float]:
     """Friction by return mapping: the projection of k_t P (x - w) on the disc of radius mu N.
 
@@ -513,7 +569,7 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
     after = contacts.preload[p] + kn * penetration(contacts, p, x1, interval.end)
     end.raw[p] = after
     if interval.line:
-        push, by_after = mean_normal_force(before, after)
+        push, by_after = leaning_normal_force(before, after, room.lean[p])
     else:
         push = a * max(before, 0.0) + theta * max(after, 0.0)
         by_after = theta if after > 0.0 else 0.0
@@ -614,11 +670,14 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
 
 
 @part
-def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room) -> tuple[float, float]:
+def settle(
+    contacts: Contacts, interval: Interval, p: int, start: Touch, end: Touch, room: Room
+) -> tuple[float, float, float]:
     """The state of point p at the end of a step whose mean force `over_step` has found.
 
     Returns:
-        The energy that friction dissipates, and the work that the motion of the surface does on body and springs, J.
+        The energy that friction dissipates, the work that the motion of the surface does on body and springs, and the energy
+        of impacts that the step does not resolve (`lean_to_the_end`), J.
     """
     kt, theta = contacts.tangential_stiffness[p], 1.0 - interval.start_weight
     x0, x1, slider, force, normal = start.x[p], end.x[p], end.slider[p], end.friction[p], end.normal[p]
@@ -674,7 +733,11 @@ def settle(contacts: Contacts, interval: Interval, p: int, start: Touch, end: To
         surface += push * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
         for k in range(d):
             surface -= (mean[k] - rubbing[k]) * (x1[k] - x0[k])
-    return available - stored, surface
+    lost = 0.0
+    if interval.line:
+        mean_push, _ = mean_normal_force(start.raw[p], end.raw[p])
+        lost = (push - mean_push) * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
+    return available - stored, surface, lost
 
 
 @part
@@ -863,7 +926,7 @@ def sweep(
                 x[k] -= compliance[row + k, row + j] * force
         after = preload + kn * penetration(contacts, p, x, interval.end)
         if interval.line:
-            found, _ = mean_normal_force(before, after)
+            found, _ = leaning_normal_force(before, after, room.lean[p])
         else:
             found = theta * max(after, 0.0)
         if step == 0:

@@ -294,6 +294,7 @@ class Control(NamedTuple):
 
 # the scalars of a state
 TIME, STEP, LAST, WORK, DAMPED, RUBBED, KINETIC, ELASTIC, CONTACT, SCALE, SIZE, STEPS, REJECTED, ITERATIONS = range(14)
+SCALARS = 14
 
 
 class Trial(NamedTuple):
@@ -480,6 +481,8 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
                 trial.before[p, k] = x[p, k]
         combine(total, 1.0, q0, 1.0, dq, 1.0, y)
         put(trial.free, contact_displacement(model, total))
+        if iteration == 1:
+            contact.lean_to_the_end(contacts, interval, compliance, state.touch, room)
         if points > 0 and not contact.resolve(contacts, interval, compliance, trial.free, state.touch, trial.touch, room):
             return False, iteration
         answer(change, y, unit, room.mean)
@@ -521,10 +524,11 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, total), dq)
     interval = contact.Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.line)
     for p in range(trial.free.shape[0]):
-        dissipated, surface = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
+        dissipated, surface, lost = contact.settle(contacts, interval, p, state.touch, trial.touch, trial.room)
         s[RUBBED] += dissipated
         state.rubbed[p] += dissipated
         s[WORK] += surface
+        s[DAMPED] += lost
     change = 2.0 / (h + s[LAST])
     combine(state.growth, change / h, dq, -change, state.rate)
     combine(state.rate, 1.0 / h, dq, 0.0, state.rate)
@@ -669,11 +673,11 @@ _compiled_march = compiled(march)
 
 
 class Checkpoint(NamedTuple):
-    """Where a run stands between two periods: all that the next period depends on, bit for bit.
+    """Where a run stands between two periods (or, without a period, two steps): all that follows depends on, bit for bit.
 
     Attributes:
         state: the state.
-        last: the rows of the last period, by which the next is judged steady.
+        last: the rows of the last period, by which the next is judged steady; without a period the last ones, at most 4096.
         size: of the motion, that errors are measured against (`Control.size`).
         spans: periods run.
         buckled: as in `Motion`.
@@ -704,7 +708,7 @@ class Motion:
         elastic: (ns,) elastic energy from the equilibrium, J.
         contact_energy: (ns,) energy of the contact springs, J.
         work: (ns,) work of the loads, and of surfaces that move, since the start, J.
-        damped: (ns,) energy dissipated by damping since the start, J.
+        damped: (ns,) energy dissipated since the start by damping, and by impacts too short for the step, J.
         rubbed: (ns,) energy dissipated by friction since the start, J.
         point_rubbed: (ns, P) the same of each contact point, J.
         steady: whether the motion was found to repeat.
@@ -769,22 +773,40 @@ class Motion:
         return slice(int(start), self.time.size)
 
 
+def no_state(n: int, points: int, dimension: int) -> State:
+    """A state of zeros, of n coordinates and P contact points."""
+
+    def zeros() -> Array:
+        return np.zeros(n)
+
+    trial = Trial(
+        zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), contact.touch(points, dimension), np.zeros((points, dimension)),
+        np.zeros((points, dimension)), contact.room(points, dimension),
+    )  # fmt: skip
+    return State(
+        zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), zeros(), contact.touch(points, dimension), np.zeros(points),
+        np.zeros(SCALARS), trial,
+    )  # fmt: skip
+
+
+def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
+    """Room for so many rows, of P contact points and, where they are kept, coordinates (width,)."""
+    return Record(
+        np.zeros(rows), np.zeros((rows, points, dimension)), np.zeros((rows, dimension)), np.zeros((rows, points, dimension)),
+        np.zeros((rows, points, dimension)), np.zeros((rows, points)), np.zeros((rows, points)),
+        np.zeros((rows, points), dtype=np.int8), np.zeros((rows, 6)), np.zeros((rows, width)),
+    )  # fmt: skip
+
+
 def initial_state(
     model: Any, contacts: Contacts, scheme: Scheme, dimension: int, q: Array, v: Array, sliders: Array | None = None
 ) -> State:
     """The state at t = 0 with the acceleration that balances the forces; sliders rest where the points are, unless given."""
     x = contact_displacement(model, q).reshape(-1, dimension).copy()
-    points = x.shape[0]
-    room, here = contact.room(points, dimension), contact.touch(points, dimension)
-    contact.at_rest(contacts, x, x.copy() if sliders is None else sliders, 0.0, here, room)
+    state = no_state(q.size, x.shape[0], dimension)
+    contact.at_rest(contacts, x, x.copy() if sliders is None else sliders, 0.0, state.touch, state.trial.room)
     zero, push = np.zeros_like(q), load(model, 0.0).copy()
-    trial = Trial(
-        zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), zero.copy(), contact.touch(points, dimension),
-        x.copy(), x.copy(), room,
-    )  # fmt: skip
-    state = State(
-        q.copy(), v.copy(), zero.copy(), v.copy(), zero.copy(), zero.copy(), push, here, np.zeros(points), np.zeros(14), trial
-    )  # fmt: skip
+    state.q[:], state.v[:], state.rate[:], state.load[:] = q, v, v, push
     measure(model, contacts, scheme, state)
     if not scheme.line:
         _, nothing = elastic_over_step(model, zero, q, zero, 0.0, np.ones(1), np.zeros(1))
@@ -792,7 +814,7 @@ def initial_state(
         if scheme.gyroscopic:
             residual += gyroscopic_times(model, v)
         y, unit, _ = responses(model, 1.0, 0.0, nothing, residual)
-        state.a[:] = y - unit @ (here.normal + here.friction).reshape(-1)
+        state.a[:] = y - unit @ (state.touch.normal + state.touch.friction).reshape(-1)
         state.growth[:] = state.a
     return state
 
@@ -836,7 +858,8 @@ def integrate(
         keep_coordinates: keep the coordinates of the last period.
         compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
         progress: called after each period with the fraction of the run done and the change since the last period.
-        checkpoint: called after each period with where the run stands; what it is given is overwritten afterwards.
+        checkpoint: called after each period (or some thousand steps) with where the run stands; what it is given is
+            overwritten afterwards.
 
     Returns:
         The motion, steady or at the end of the periods (`Motion.steady` says which); of a resumed run from the last period
@@ -872,11 +895,7 @@ def integrate(
     points, width, rows = state.touch.x.shape[0], 3 * state.q.size if keep_coordinates else 0, 4096
     if keep_coordinates and not tolerance:
         rows = min(rows, round(horizon / step) + 1)
-    record = Record(
-        np.empty(rows), np.empty((rows, points, dimension)), np.empty((rows, dimension)), np.empty((rows, points, dimension)),
-        np.empty((rows, points, dimension)), np.empty((rows, points)), np.empty((rows, points)),
-        np.empty((rows, points), dtype=np.int8), np.empty((rows, 6)), np.empty((rows, width)),
-    )  # fmt: skip
+    record = no_record(rows, points, dimension, width)
     write(model, contacts, state, record, 0)
     history = [_rows([record], [1])]
     if resume is not None:
@@ -888,7 +907,7 @@ def integrate(
     steady, status = False, DONE
 
     def stand(span: int) -> Checkpoint:
-        return Checkpoint(state, history[-1], control.size, span, buckled)
+        return Checkpoint(state, history[-1], float(control.size), span, buckled)
 
     span = done
     for span in range(done + 1, spans + 1):
@@ -900,6 +919,8 @@ def integrate(
                 status, count = advance(model, contacts, plan, control, state, origin, end, record)
                 pieces.append(_copy(record, count))
                 counts.append(count)
+                if checkpoint is not None and period is None and count:
+                    checkpoint(Checkpoint(state, _rows(pieces[-1:], [count]), float(control.size), 0, buckled))
             if status == FAILED:
                 break
         history[-1] = history[-1]._replace(coordinates=history[-1].coordinates[-1:])  # one row: where this period starts

@@ -22,6 +22,7 @@ import numpy as np
 
 from fenicsrom.errors import AccuracyError
 from fenicsrom.files import whole
+from fenicsrom.online import peak_normal_force
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,11 +96,6 @@ def _shares(motion: Motion) -> dict[str, np.ndarray]:
     part = motion.last_period()
     weights = _weights(motion.time[part])
     return {name: weights @ (motion.state[part] == value) for value, (name, _) in STATES.items()}
-
-
-def peak_normal_force(motion: Motion) -> float:
-    """Largest normal contact force, N, over the last period and all points; 0 without contact."""
-    return float(motion.force[motion.last_period(), :, 0].max(initial=0.0))
 
 
 def peak_total_normal_force(motion: Motion) -> float:

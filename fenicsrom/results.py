@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.contact import ContactPoints, contacts_of, unit_normals
+from fenicsrom.errors import SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
 from fenicsrom.online import StoredModel, out_of_reach, provenance, save_model
@@ -29,6 +30,7 @@ from fenicsrom.report import (
     text_table,
     write_summary,
 )
+from fenicsrom.restart import keeper, load_checkpoint, save_end
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+CHECKPOINT = "checkpoint.npz"
 FRAMES = 60  # of the motion for ParaView and of the animation, at most
 FEW_POINTS = 4  # contact points with a picture of their own each, at most; more share one
 
@@ -329,6 +332,8 @@ def write_study(study: Study, folder: Path) -> list[Path]:
         path = folder / "reduced_model.npz"
         save_model(path, stored_model(study))
         files.append(path)
+        if "reduced" in study.motions:
+            files += write_checkpoint(folder, study.model, study.scene, study.motions["reduced"])
     if study.motions:
         write_history(folder / "history.npz", study.motions)
         files.append(folder / "history.npz")
@@ -336,6 +341,34 @@ def write_study(study: Study, folder: Path) -> list[Path]:
     write_summary(folder / "summary.json", summary(study))
     _write_text(folder / "report.html", html_report(study.scene.title or study.scene.source, report_sections(study, pictures)))
     return [folder / "report.html", folder / "summary.json", *files]
+
+
+def write_checkpoint(folder: Path, model: ReducedModel, scene: Scene, motion: Motion) -> list[Path]:
+    """Write where a motion of the reduced model ended, to go on from later."""
+    path = folder / CHECKPOINT
+    return [path] if save_end(path, model, scene, motion) else []
+
+
+def restarts(study: Study, folder: Path, resume: Path | None) -> dict[str, Any]:
+    """How a run of the reduced model resumes and keeps checkpoints: the last argument of `fenicsrom.study.run`.
+
+    The model goes into the folder at once, and checkpoints of its motion as it goes.
+
+    Raises:
+        SceneError: the checkpoint to resume from is not one of this model and scene.
+        OSError: a file cannot be written.
+    """
+    if not isinstance(study.model, ReducedModel):
+        if resume is not None:
+            raise SceneError(f"{resume}: basis.elastic_force = 'projection': has no checkpoints; take 'polynomial'")
+        return {}
+    found: dict[str, Any] = {}
+    if resume is not None:
+        found["resume"] = load_checkpoint(resume, study.model, study.scene)
+    if study.solid.comm.rank == 0:
+        save_model(folder / "reduced_model.npz", stored_model(study))
+        found["checkpoint"] = keeper(folder / CHECKPOINT, study.model, study.scene)
+    return found
 
 
 def stored_model(study: Study) -> StoredModel:
@@ -419,8 +452,9 @@ def equilibrium_sentence(deflection: Array) -> str:
 def estimate_sentence(errors: Mapping[str, float]) -> str:
     """The estimated errors in a sentence."""
     sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in errors.items()}
-    parts = [f"{size} by the {name}" for name, size in sizes.items()]
-    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}."
+    parts = [f"{size} by the {name}" for name, size in sizes.items() if not name.startswith("peak")]
+    peak = [f"; of the {name.replace(' by', f', {size}, by')}" for name, size in sizes.items() if name.startswith("peak")]
+    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}{''.join(peak)}."
 
 
 def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:
@@ -432,6 +466,7 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
     motions = {"reduced": motion}
     pictures = motion_figures(folder, motions) if scene.output.pictures else []
     write_history(folder / "history.npz", motions)
+    checkpoint = write_checkpoint(folder, stored.model, scene, motion)
     found = {
         "scene": scene.source,
         "dofs": stored.dofs,
@@ -449,12 +484,20 @@ def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path)
     rows = response_rows(motions, {"reduced": stored.size})
     sections = [("What was found", [rows]), *[(heading, [path]) for heading, path in pictures]]
     _write_text(folder / "report.html", html_report(scene.title or scene.source, sections))
-    return [folder / "report.html", folder / "summary.json", folder / "history.npz", *[path for _, path in pictures]]
+    files = [folder / name for name in ("report.html", "summary.json", "history.npz")]
+    return [*files, *checkpoint, *[path for _, path in pictures]]
 
 
 def _write_text(path: Path, text: str) -> None:
     with whole(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def resumed_sentence(motion: Motion) -> str | None:
+    """From where a motion was resumed, in a sentence; None if it started from rest."""
+    if motion.time[0] == 0.0:
+        return None
+    return f"Resumed: what is shown starts at {motion.time[0]:.6g} s, the periods and steps are those of the whole run."
 
 
 def terminal_table(motions: Mapping[str, Motion], unknowns: Mapping[str, int]) -> str:

@@ -73,7 +73,9 @@ class _Statics:
         self.model, self.contacts, self.d = model, contacts._replace(friction=np.zeros(count)), dimension
         self.room, self.start, self.end = contact.room(count, dimension), *(contact.touch(count, dimension) for _ in "12")
         self.pressed: Array = np.zeros(count)  # (P,) normal forces of the contacts at q = 0, all of which is added in parts, N
-        self.push = model.elastic_at(np.zeros_like(model.load(0.0)))[0].copy()  # of the static loads
+        zero = np.zeros_like(model.load(0.0))
+        self.push = model.elastic_at(zero)[0].copy()  # of the static loads
+        self.rest = model.contact_displacement(zero).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
         """Whether a contact presses at q (n,); it is from there that it is pressed on in parts."""
@@ -107,7 +109,7 @@ class _Statics:
             change = y - unit @ room.mean.reshape(-1)
             dq += change
             decrement = abs(model.dot(residual, change) + float(np.sum(room.mean * (self.end.x - before))))
-            work = abs(model.dot(self.push, dq)) + float(np.sum(np.abs(room.mean * (self.end.x - self.start.x))))
+            work = abs(model.dot(self.push, q0 + dq)) + float(np.sum(np.abs(room.mean * (self.end.x - self.rest))))
             first = first or decrement
             scale = max(first, work)
             if not np.isfinite(decrement) or decrement > 1e8 * first:
@@ -162,9 +164,9 @@ class _Statics:
     def downhill(self, q: Array) -> Array:
         """A stable equilibrium below an unstable one."""
         model = self.model
-        seed = self._seed(q)
+        seed, push = self._seed(q)
         shape, rate = self._soften(q, seed)
-        if model.dot(seed, model.mass_times(shape)) < 0.0:
+        if model.dot(push, shape) < 0.0:  # to the side that the loads push to first
             shape = -shape
         inertia = 2.0 * abs(rate)
         size = np.sqrt(max(model.dot(q, model.mass_times(q)), model.dot(seed, model.mass_times(seed))))
@@ -184,12 +186,12 @@ class _Statics:
                 inertia *= 0.5
         raise ConvergenceError("the equilibrium under the preload is unstable, and no other was found downhill of it", here)
 
-    def _seed(self, q: Array) -> Array:
-        """A shape with something of every mode that the loads move: the response to all of them at their largest."""
+    def _seed(self, q: Array) -> tuple[Array, Array]:
+        """A shape with something of every mode that the loads move: the response to all of them at their largest; and these."""
         model, zero, one = self.model, np.zeros_like(q), np.ones(1)
         push = model.loads @ largest(model.signals)
         _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
         y, unit, _ = model.responses(0.0, 0.0, slope, -push)
         if model.dot(y, model.mass_times(y)) > 0.0:
-            return np.asarray(y)
-        return np.asarray(unit.sum(axis=1))
+            return np.asarray(y), push
+        return np.asarray(unit.sum(axis=1)), push

@@ -33,7 +33,7 @@ from fenicsrom.online import (
     out_of_reach,
     settled,
     simulate,
-    time_error,
+    step_errors,
 )
 from fenicsrom.plan import Stage, plan
 from fenicsrom.reduced import project, project_intrusively
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 SNAPSHOTS = 200  # of the linear transient, at most
+MORE_MODES = 2  # that a basis is completed by where it has all derivatives
 MORE_DERIVATIVES = 15  # that a basis is completed by, at most, to see whether it was rich enough
 SNAPSHOT_STEADINESS = 1e-3  # change over a period at which the linear transient is steady enough to choose modes by
 
@@ -265,7 +266,8 @@ class Study:
         motions: "reduced", "full" and "beam" -> motion, as far as they ran.
         seconds: stage -> run time in s.
         left_out: what the scene did not need, and why.
-        errors: estimated relative errors of the reduced model's amplitudes by the "time step" and the "basis".
+        errors: estimated relative errors of the reduced model's amplitudes by the "time step" and the "basis", and of its
+            "peak force by the time step".
         deflection: (d,) displacement of the probe in the equilibrium, m; None without static load.
         unfinished: the name of the model whose integration or whose check failed, with its error; None if all went well.
     """
@@ -326,13 +328,16 @@ def _reported(study: Study) -> Study:
     return study
 
 
-def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
+def run(
+    scene: Scene, comm: Any, say: Callable[[str], None], restarts: Callable[[Study], dict[str, Any]] | None = None
+) -> Study:
     """Everything a scene asks for, but the files.
 
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stage and the full model.
         say: is told what happens, a line at a time.
+        restarts: is shown the reduced model before it moves, and gives the `resume` and `checkpoint` of its motion.
 
     Returns:
         What was found; `unfinished` names a model whose integration failed, its motion up to there is in `motions`.
@@ -352,11 +357,13 @@ def run(scene: Scene, comm: Any, say: Callable[[str], None]) -> Study:
         models["beam"] = lambda: beam_model(scene)
     for name, make in models.items():
         model = make()
+        options = restarts(study) if restarts is not None and name == "reduced" else {}
         with watch(f"{name} motion"):
             try:
                 study.motions[name] = simulate(
-                    model, scene, keep_coordinates=name == "reduced", progress=watch.progress(name, scene.time.steady_tolerance)
-                )
+                    model, scene, keep_coordinates=name == "reduced",
+                    progress=watch.progress(name, scene.time.steady_tolerance), **options,
+                )  # fmt: skip
             except (AccuracyError, ConvergenceError) as error:
                 if error.partial is not None:
                     study.motions[name] = error.partial
@@ -391,10 +398,13 @@ def check(study: Study) -> None:
             model = name
             check_energy(motion)
         model, motion = "reduced", study.motions["reduced"]
+        if motion.period is not None:
+            study.errors["time step"], force = step_errors(study.model, scene, motion)
+            if scene.contacts:
+                study.errors["peak force by the time step"] = force
+            check_time_error(scene, study.errors["time step"], settled(motion))
         if settled(motion):
-            study.errors["time step"] = time_error(study.model, scene, motion)
-            check_time_error(scene, study.errors["time step"])
-            richer = complete(study)
+            richer = complete(study, motion.buckled > 0)
             if richer is not None:
                 study.errors["basis"] = basis_error(reduce(study.solid, richer), scene, motion)
                 check_basis_error(scene, study.errors["basis"])
@@ -402,15 +412,19 @@ def check(study: Study) -> None:
         study.unfinished = (model, error)
 
 
-def complete(study: Study) -> ReducedBasis | None:
-    """The basis with more of the derivatives that were left out, the heaviest first; None if none are of use."""
+def complete(study: Study, buckled: bool = False) -> ReducedBasis | None:
+    """A richer basis to compare with; None if none is of use.
+
+    With more of the derivatives that were left out, the heaviest first; if none were, or the preload has buckled the model
+    and so taken it far from the state that the basis is about, with `MORE_MODES` more normal modes and all derivatives.
+    """
     if not study.scene.geometrically_nonlinear:
         return None
     kept = study.derivatives.labels
     weights = study.selection.weights
     missing = sorted(set(all_pairs(study.modes.labels)) - set(kept), key=lambda label: (-weights.get(label, 0.0), label))
-    if not missing:
-        return None
+    if buckled or not missing:
+        return more_modes(study)
     more = differentiate(study.solid, study.modes, tuple(missing[:MORE_DERIVATIVES]))
     vectors = np.concatenate([study.derivatives.vectors, more.vectors], axis=1)
     try:
@@ -419,8 +433,21 @@ def complete(study: Study) -> ReducedBasis | None:
         return None
 
 
+def more_modes(study: Study) -> ReducedBasis | None:
+    """The basis of `MORE_MODES` more normal modes, with all derivatives; None if the body has no more."""
+    wanted = study.scene.basis
+    try:
+        modes = component_modes(study.solid, wanted.method, wanted.modes + MORE_MODES)
+        selection = Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
+        return enrich(study.solid, modes, selection, differentiate(study.solid, modes, selection.derivatives))
+    except (AccuracyError, SceneError):
+        return None
+
+
 def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
-    """Estimate of the relative error of a settled motion's amplitudes by its basis: how far a richer model's are from them.
+    """Estimate of the relative error of a settled motion by its basis: how far the amplitudes of a richer model are from its.
+
+    And how far the displacement it starts with, where the preload has buckled it.
 
     Infinite if that does not settle.
 
@@ -433,7 +460,11 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
     if at_rest(motion) and at_rest(other):
         return 0.0
     size = float(np.linalg.norm(amplitude(other)))
-    return float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else 0.0
+    apart = float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else 0.0
+    if motion.buckled or other.buckled:  # how far it has buckled too
+        start, other_start = motion.displacement[0], other.displacement[0]
+        apart = max(apart, float(np.linalg.norm(start - other_start) / np.linalg.norm(other_start)))
+    return apart
 
 
 def full_model(body: Body) -> Any:
