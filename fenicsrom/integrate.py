@@ -927,7 +927,9 @@ def integrate(
         history.append(_rows(pieces, counts))
         if status == FAILED or period is None:
             break
-        change = max(_norm(model, state.q - q0) / max(s[SIZE], 1e-300), _change(history[-2], history[-1], period))
+        change = _change(history[-2], history[-1], period)
+        if change <= settings.steady_tolerance:  # where the points, or the probe, repeat: all the rest too?
+            change = max(change, _norm(model, state.q - q0) / max(s[SIZE], 1e-300))
         if progress is not None:
             progress(span / spans, change)
         if checkpoint is not None:
@@ -989,7 +991,7 @@ def _change(before: Record, after: Record, period: float) -> float:
         was, now = before.probe, after.probe
     if before.time.size < 2:
         return np.inf
-    if now.shape == was.shape and np.allclose(after.time - period, before.time, rtol=0.0, atol=1e-9 * period):
+    if now.shape == was.shape and np.max(np.abs(after.time - period - before.time)) <= 1e-9 * period:
         there = was
     else:  # the steps of the two periods differ: a cubic spline is as exact as the motion
         there = CubicSpline(before.time, was)(np.clip(after.time - period, before.time[0], before.time[-1]))

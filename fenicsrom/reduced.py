@@ -216,12 +216,8 @@ class ReducedModel(NamedTuple):
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Array]:
         """Mean elastic force over a step and its derivative by dq: see `fenicsrom.integrate.Scheme`."""
-        work = self.work
-        elastic_mean(
-            self.elastic, work.columns, work.points, work.products, start, q0, dq, start_weight, points, weights, work.force,
-            work.slope,
-        )  # fmt: skip
-        return work.force, work.slope
+        elastic_mean(self.elastic, self.work, start, q0, dq, start_weight, points, weights)
+        return self.work.force, self.work.slope
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
@@ -234,12 +230,11 @@ class ReducedModel(NamedTuple):
 
         A linear model keeps its factor while S is the same. A singular S gives NaN.
         """
-        work = self.work
         solve_responses(
-            self.mass, self.turning, self.contact_rows, self.elastic.cubic.shape[0] == 0, inertia, drag, slope, residual,
-            work.factor, work.pivots, work.key, work.block, work.compliance,
+            self.mass, self.turning, self.contact_rows, self.elastic.cubic.shape[0] == 0, self.work, inertia, drag, slope,
+            residual,
         )  # fmt: skip
-        return work.block[:, 0], work.block[:, 1:], work.compliance
+        return self.work.block[:, 0], self.work.block[:, 1:], self.work.compliance
 
     def negative_directions(self, slope: Array) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
@@ -313,18 +308,15 @@ def solve_responses(
     turning: Array,
     rows: Array,
     linear: bool,
+    work: Workspace,
     inertia: float,
     drag: float,
     slope: Array,
     residual: Array,
-    factor: Array,
-    pivots: NDArray[np.int64],
-    key: Array,
-    block: Array,
-    compliance: Array,
 ) -> None:
-    """Write the solutions of `ReducedModel.responses` into the columns of block (n, 1 + m) and into compliance (m, m)."""
+    """Leave the solutions of `ReducedModel.responses` in the columns of work.block and in work.compliance."""
     n, m = residual.size, rows.shape[0]
+    factor, key, block, compliance = work.factor, work.key, work.block, work.compliance
     if not (linear and key[0] == inertia and key[1] == slope[0, 0]):
         for i in range(n):
             for j in range(n):
@@ -333,7 +325,7 @@ def solve_responses(
             for i in range(n):
                 for j in range(n):
                     factor[i, j] += drag * turning[i, j]
-        key[0] = inertia if lu_factor(factor, pivots, n) else np.nan
+        key[0] = inertia if lu_factor(factor, work.pivots, n) else np.nan
         key[1] = slope[0, 0]
     for i in range(n):
         block[i, 0] = -residual[i]
@@ -342,7 +334,7 @@ def solve_responses(
     if np.isnan(key[0]):
         block[:] = np.nan
     else:
-        lu_solve(factor, pivots, block, n)
+        lu_solve(factor, work.pivots, block, n)
     for i in range(m):
         for j in range(m):
             value = 0.0
@@ -384,24 +376,17 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
 @kernel
 def elastic_mean(
     elastic: ElasticPolynomial,
-    columns: Array,
-    room: Array,
-    products: Array,
+    work: Workspace,
     start: Array,
     q0: Array,
     dq: Array,
     start_weight: float,
     points: Array,
     weights: Array,
-    mean: Array,
-    slope: Array,
 ) -> None:
-    """Write the results of `ReducedModel.elastic_over_step` into mean (n,) and slope (n, n).
-
-    `columns` (n, p) are those of A, `room` (2, n) and `products` (3, 2, p) room for two Gauss points.
-    """
-    n, count = q0.size, points.size
-    q = room[:count]
+    """Leave the results of `ReducedModel.elastic_over_step` in work.force and work.slope."""
+    n, count, mean, slope = q0.size, points.size, work.force, work.slope
+    q = work.points[:count]
     total, moved = 0.0, 0.0
     for g in range(count):
         total += weights[g]
@@ -416,8 +401,8 @@ def elastic_mean(
         mean[i] = value
     if elastic.cubic.shape[0] == 0:
         return
-    s, a, b = products[0, :count], products[1, :count], products[2, :count]
-    elastic_products(columns, elastic.cubic, q, s, a, b)
+    s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
+    elastic_products(work.columns, elastic.cubic, q, s, a, b)
     for g in range(count):
         weight, moved = weights[g], weights[g] * points[g]
         row = 0
