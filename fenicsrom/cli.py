@@ -50,7 +50,7 @@ def _terminable() -> Iterator[None]:
     """Turn SIGTERM into `Terminated`, where signals are this thread's to handle.
 
     A callback of the compiler swallows what is raised in it, with a word on stderr, and may fail for it later: it is raised
-    again every half second until it comes through, the word is kept back, and any failure after it is its.
+    again every half second until it comes through, what it says of it is kept back, and any failure after it is its.
     """
     asked = False
 
@@ -61,7 +61,7 @@ def _terminable() -> Iterator[None]:
         raise Terminated
 
     def swallowed(found: Any) -> None:
-        if not isinstance(found.exc_value, Terminated):
+        if not asked:
             hook(found)
 
     try:
@@ -79,7 +79,8 @@ def _terminable() -> Iterator[None]:
         raise
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        sys.unraisablehook = hook
+        if not asked:  # what the compiler still takes down fails of it too
+            sys.unraisablehook = hook
         signal.signal(signal.SIGALRM, alarm)
         signal.signal(signal.SIGTERM, before)
 

@@ -422,7 +422,7 @@ def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: S
         "contact_offset": (points * d,),
         "probe": (d, n),
         "probe_offset": (d,),
-        "turning": (n, n) if data["turning"].size else (0, 0),
+        "turning": (n, n) if scene.rotation is not None and scene.rotation.coriolis else (0, 0),
         "frequencies_hz": (data["frequencies_hz"].size,),
     }
     for name, shape in shapes.items():

@@ -214,6 +214,7 @@ def test_the_centreline_puts_the_axis_first():
 needs_xvfb = pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs Xvfb")
 
 
+@pytest.mark.slow
 @needs_xvfb
 @pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
 def test_deformed_shapes_are_drawn_without_a_display(tmp_path, monkeypatch, cell):
@@ -283,6 +284,7 @@ def swing(space, size, frames=4):
     return np.linspace(0.1, 0.4, frames), lambda k: phase[k] * up.ravel(), marks
 
 
+@pytest.mark.slow
 @needs_xvfb
 @pytest.mark.parametrize(("cell", "size"), [("quadrilateral", 0.2), ("tetrahedron", 1e-4)])
 def test_a_motion_is_animated_without_a_display(tmp_path, monkeypatch, cell, size):
@@ -346,6 +348,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("mpirun") is None, reason="needs mpirun")
 def test_two_ranks_write_one_grid(tmp_path):
     code = PARALLEL.format(tests=str(Path(__file__).parent), folder=str(tmp_path))

@@ -56,7 +56,7 @@ def gathered(block):
 
 everything = [modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force]
 table = gathered(np.column_stack(everything))
-y, unit, compliance = full.responses(1e3, [(1.0, np.zeros(solid.local))], force)
+y, unit, compliance = full.responses(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
 if comm.rank == 0:
     np.savez(
         target, ranks=comm.size, table=table, omega=modes.omega, energy=energy, compliance=compliance, mass=model.mass,

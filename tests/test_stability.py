@@ -67,6 +67,7 @@ def test_units_do_not_matter() -> None:
     assert examine(wrong).verdict == WRONG
 
 
+@pytest.mark.slow
 def test_the_full_model_and_the_beam_are_judged_too() -> None:
     pytest.importorskip("dolfinx")
     short = ("time.periods=12", "time.steps_per_period=50", "material.mass_damping=40")

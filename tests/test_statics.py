@@ -107,6 +107,7 @@ def test_the_basis_about_the_straight_state_holds_the_buckled_one(models: dict[s
         assert np.linalg.norm(x - exact) < (1e-3 if ratio < 1.05 else 2e-4) * np.linalg.norm(exact)
 
 
+@pytest.mark.slow
 def test_a_basis_that_does_not_hold_it_is_refused() -> None:
     """A soft beam, pressed far beyond its buckling load: no derivative is left out, but more modes give another shape."""
     pytest.importorskip("dolfinx")
