@@ -71,18 +71,19 @@ def _assemble(q: Array, length: float, axial: float, shear: float, bending: floa
     tangent = np.zeros((n, n))
     for e in range(n // 3 - 1):
         i, j = 3 * e, 3 * e + 3
-        stretch = 1.0 + (q[j] - q[i]) / length
+        lengthening = (q[j] - q[i]) / length
         slope = (q[j + 1] - q[i + 1]) / length
         rotation = 0.5 * (q[i + 2] + q[j + 2])
         curvature = (q[j + 2] - q[i + 2]) / length
         c, s = np.cos(rotation), np.sin(rotation)
-        along = stretch * c + slope * s  # 1 + ε
-        across = slope * c - stretch * s  # γ
+        strain = lengthening * c + slope * s - 2.0 * np.sin(0.5 * rotation) ** 2  # ε; to take 1 from 1 + ε would round EA ε
+        along = 1.0 + strain
+        across = slope * c - (1.0 + lengthening) * s  # γ
 
-        normal = axial * (along - 1.0)
+        normal = axial * strain
         transverse = shear * across
         moment = bending * curvature
-        energy += 0.5 * length * (normal * (along - 1.0) + transverse * across + moment * curvature)
+        energy += 0.5 * length * (normal * strain + transverse * across + moment * curvature)
 
         # gradient and Hessian of the energy density with respect to x = u', y = w', t = θ
         f_x = normal * c - transverse * s

@@ -820,7 +820,7 @@ def newton(
     points, d = free.shape
     x, x0, mean, slopes, touching = end.x, start.x, room.mean, room.slopes, room.touching
     residual, product, jacobian, update, pivots = room.residual, room.product, room.jacobian, room.update, room.pivots
-    size = np.inf
+    size, remained = np.inf, np.inf
     for _ in range(CONTACT_ITERATIONS):
         count = 0
         for p in range(points):
@@ -880,8 +880,10 @@ def newton(
         for p in range(points):
             for k in range(d):
                 size = max(size, abs(residual[p, k]))
-        if size <= 1e-15 * scale or (size <= 1e-11 * scale and size >= 0.5 * last):
+        # rounding: neither update nor residual fall (of a stiff contact that only opens, the residual still does, slowly)
+        if size <= 1e-15 * scale or (size <= 1e-11 * scale and size >= 0.5 * last and worst >= 0.9 * remained):
             return True  # the forces belong to the x they were evaluated at
+        remained = worst
         for p in range(points):
             for k in range(d):
                 x[p, k] += residual[p, k]

@@ -24,7 +24,7 @@ from fenicsrom.signals import largest
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
-ROUNDING = 1e-8  # a decrement below this part of it that no longer falls is rounding (a tiny preload among large stiffnesses)
+ROUNDING = 1e-13  # a decrement below this part of it that no longer falls is rounding
 CONTACT_ROUNDING = 1e-14  # the same, of the contact forces times the displacements from the undeformed body
 ITERATIONS = 25
 SMALLEST_PART = 1e-4  # of the contacts' pressure

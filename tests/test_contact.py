@@ -364,16 +364,27 @@ def rubbed(contacts: Contacts, path: Array, a: float, line: bool) -> float:
 def test_closed_loop_of_a_jenkins_element(a: float, line: bool) -> None:
     preload, amplitude = 30.0, 6e-3
     limit = RUB.friction[0] * preload
+    up = np.linspace(-amplitude, amplitude, 1 + 8 * 6)  # every turning and yielding point lies on the path
+    loop = np.concatenate([up[24:], up[-2::-1], up[1:]])
+    path = np.stack([np.zeros_like(loop), loop], axis=1)  # N0 - k_n g0 = 30 N
+    first = len(up) - 24 - 1  # from the crest to the next
+    closed = rubbed(RUB, path, a, line) - rubbed(RUB, path[: first + 1], a, line)
+    assert closed == pytest.approx(4 * limit * (amplitude - limit / RUB.tangential_stiffness[0]), rel=1e-12)
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+def test_a_loop_that_yields_within_its_steps_closes_to_second_order(a: float, line: bool) -> None:
+    preload, amplitude = 30.0, 6e-3
+    limit = RUB.friction[0] * preload
     exact = 4 * limit * (amplitude - limit / RUB.tangential_stiffness[0])
     errors = []
-    for steps in (48, 96):
+    for steps in (46, 460):
         up = np.linspace(-amplitude, amplitude, 1 + steps)
         loop = np.concatenate([up[steps // 2 :], up[-2::-1], up[1:]])
-        path = np.stack([np.zeros_like(loop), loop], axis=1)  # N0 - k_n g0 = 30 N
-        turn = len(up) - steps // 2 - 1  # from the crest to the next
+        path = np.stack([np.zeros_like(loop), loop], axis=1)
+        turn = len(up) - steps // 2 - 1
         errors.append(abs(rubbed(RUB, path, a, line) - rubbed(RUB, path[: turn + 1], a, line) - exact) / exact)
-    assert errors[1] < 0.02
-    assert errors[1] <= 0.6 * errors[0] + 1e-12
+    assert 0.0 < errors[0] < 0.02 and errors[1] <= 0.05 * errors[0] + 1e-9
 
 
 def test_a_point_led_in_a_circle_drags_its_slider_on_a_smaller_one() -> None:
@@ -474,7 +485,7 @@ def test_contact_problem_is_solved_at_any_stiffness(points: int, d: int, stiffne
         residual = end.x - problem["free"] + (problem["compliance"] @ found.mean.ravel()).reshape(points, d)
         # x is right to rounding, which a stiff contact multiplies
         stiffest = problem["contacts"].normal_stiffness.max() * np.abs(problem["compliance"]).max()
-        assert np.abs(residual).max() <= 2e-13 * (1.0 + stiffest) + 1e-10
+        assert np.abs(residual).max() <= 1e-13 * (1.0 + stiffest) + 1e-10
     # a mean along the step that starts far off is hard on friction: now and then the step has to be halved
     assert unsolved <= (3 if line else 0), "the iteration cycles"
     assert seen == {OPEN, SLIP, STICK}
@@ -557,8 +568,7 @@ def test_block_slides_to_rest(scheme: str) -> None:
         farthest, lost = slide(stiffness, scheme)
         slid = distance - pull / (2 * stiffness)
         assert farthest == pytest.approx(slid + pull / stiffness, rel=1e-5)
-        # the others damp the spring
-        assert lost == pytest.approx(pull * slid, rel=1e-5 if scheme == "discrete-gradient" else 1e-3)
+        assert lost == pytest.approx(pull * slid, rel=1e-5)
     # and in the limit v^2 / (2 mu g)
     stiff = np.array([1e2, 1e3, 1e4])
     errors = [abs(slide(k, scheme)[0] - distance) for k in stiff]
