@@ -13,14 +13,18 @@ point of the surface that friction pulls the body towards,
 Surfaces are planes, cylinders and spheres, seen from inside (a casing) or outside, that may close in on the body and turn about
 their axis; a cylinder may have waves. The normal is that of the current position, however far the point slides.
 
-Over a time step the mean normal force is taken along the straight way of the point (opening and closing are located within the
-step, in closed form), or is the weighted mean of its ends, as the scheme asks. Where the contact is too stiff for the step, the
-first leans to the force at the end, which takes energy from what would ring (`lean_to_the_end`). Friction is the law at the
-weighted point x_w = a x0 + (1 - a) x1 under the mean normal force, with which the slider moves on to the end,
-w1 = w0 + (w_w - w0)/(1 - a), where the law is applied once more. In the discrete gradient (a = 1/2) friction so dissipates
-in every step, whatever its size:
+Over a time step the forces are weighted means of those at its ends, or (the discrete gradient) means along the straight way
+of the point, as the scheme asks. Along the way every change of state is located within the step, in closed form: opening and
+closing, and, with the limit of friction that goes with the normal force, where stick turns to slip (`rub`). What is left of the
+step slips under the law at its middle: exact for a point that slides to and fro, of second order for one that turns as it
+slides. Where the contact is too stiff for the step, the mean normal force leans to that at the end, which takes energy from
+what would ring (`lean_to_the_end`). The weighted schemes apply the law at the weighted point x_w = a x0 + (1 - a) x1, from
+which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
 
-    T_w . dx - d(|T|^2 / 2 k_t) = T_w . dw + (what the law at the end takes from the spring) >= 0
+At the end the law is applied once more. In the discrete gradient friction so dissipates in every step, whatever its size: with
+the mean force T and, in the slipping part, T_s at its middle and the way dw of the slider,
+
+    T . dx - d(|T|^2 / 2 k_t) = T_s . dw + (what the law at the ends takes from the spring) >= 0
 
 Everything is pure: it reads the last accepted state and writes into arrays of the caller; a rejected step leaves no trace.
 """
@@ -252,14 +256,17 @@ class Room(NamedTuple):
     Attributes:
         mean: (P, d) mean force, N.
         rubbing: (P, d) the friction in it, N.
+        slip: (P, d) how far the slider goes over the surface, m.
         push: (P,) the normal force in it, N.
         motion: (P,) OPEN, SLIP or STICK.
         slopes: (P, d, d) derivative of the mean force by the displacement at the end, N/m.
         lean: (P,) how far the mean normal force leans to that of the end of the step, in [0, 1].
+        space: d zeros: how many is known when this is compiled, and loops over it are unrolled.
     """
 
     mean: Array
     rubbing: Array
+    slip: Array
     push: Array
     motion: NDArray[np.int8]
     slopes: Array
@@ -275,6 +282,7 @@ class Room(NamedTuple):
     pivots: NDArray[np.int64]
     vectors: Array
     matrices: Array
+    space: tuple[int, ...]
 
 
 class Interval(NamedTuple):
@@ -305,11 +313,11 @@ def room(points: int, d: int) -> Room:
     """A `Room` for P points in d dimensions."""
     m = points * d
     return Room(
-        np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
+        np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)), np.zeros(points), np.zeros(points, dtype=np.int8),
         np.zeros((points, d, d)), np.zeros(points), np.zeros((points, d)), np.zeros((points, d)), np.zeros((points, d)),
         np.zeros((points, d)), np.zeros((points, d)), np.zeros(points, dtype=np.int64),
         np.zeros((m, m)), np.zeros((m, 1)), np.zeros(m, dtype=np.int64),
-        np.zeros((6, d)), np.zeros((2, d, d)),
+        np.zeros((9, d)), np.zeros((4, d, d)), (0,) * d,
     )  # fmt: skip
 
 
@@ -562,9 +570,9 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
     """The mean force of point p over a step to end.x[p], its slope and its parts, into `room`; False if it does not touch."""
     a = interval.start_weight
     theta = 1.0 - a
-    kn, kt = contacts.normal_stiffness[p], contacts.tangential_stiffness[p]
-    x0, x1, mean, slope, rubbing = start.x[p], end.x[p], room.mean[p], room.slopes[p], room.rubbing[p]
-    d = x0.size
+    kn = contacts.normal_stiffness[p]
+    x0, x1, mean, slope = start.x[p], end.x[p], room.mean[p], room.slopes[p]
+    d = len(room.space)
     before = start.raw[p]
     after = contacts.preload[p] + kn * penetration(contacts, p, x1, interval.end)
     end.raw[p] = after
@@ -576,14 +584,15 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
     room.push[p] = push
     for k in range(d):
         mean[k] = 0.0
-        rubbing[k] = 0.0
+        room.rubbing[p, k] = 0.0
+        room.slip[p, k] = 0.0
         for j in range(d):
             slope[k, j] = 0.0
     if not push > 0.0:
         room.motion[p] = OPEN
         return False
     flat = contacts.kind[p] == PLANE
-    n, steepest, stretch, there = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
+    n, steepest, there = room.vectors[0], room.vectors[1], room.vectors[5]
     bend, spare = room.matrices[0], room.matrices[1]
     if flat:
         for k in range(d):
@@ -604,69 +613,184 @@ def over_step(contacts: Contacts, interval: Interval, p: int, start: Touch, end:
                 mean[k] = a * start.normal[p, k] + theta * max(after, 0.0) * steepest[k]
                 for j in range(d):
                     slope[k, j] = by_after * kn * steepest[k] * steepest[j] + theta * max(after, 0.0) * 2.0 * bend[k, j]
-    # friction, at the weighted point
-    carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
+    # friction: the way of the stretch in the tangent plane, from the start of the step to its end or the weighted point
+    reach = 1.0 if interval.line else theta
+    begin, finish, by_begin, by_finish = room.vectors[2], room.vectors[3], room.matrices[2], room.matrices[3]
+    carry(contacts, p, reach * (interval.end - interval.begin), start.slider[p], finish)
     for k in range(d):
-        there[k] = a * x0[k] + theta * x1[k]
-        stretch[k] = there[k] - stretch[k]
         n[k] = steepest[k]
-    across, size = 0.0, 1.0
-    if not flat:
-        middle = room.vectors[4]
-        time = a * interval.begin + theta * interval.end
+        begin[k] = x0[k] - start.slider[p, k]
+        finish[k] = x0[k] + reach * (x1[k] - x0[k]) - finish[k]
+    if flat:
+        begin[0], finish[0] = 0.0, 0.0
         for k in range(d):
-            middle[k] = there[k]
-        direction(contacts, p, middle, middle, time, n, bend, there)
+            for j in range(d):
+                by_begin[k, j] = 0.0
+                by_finish[k, j] = reach if k == j and k > 0 else 0.0
+    else:
+        middle = room.vectors[4]
+        for k in range(d):
+            middle[k] = a * x0[k] + theta * x1[k]
+        direction(contacts, p, middle, middle, a * interval.begin + theta * interval.end, n, bend, there)
         size = 0.0
         for k in range(d):
             size += n[k] ** 2
         size = np.sqrt(size)
         for k in range(d):
             n[k] /= size
-            across += n[k] * stretch[k]
-    limit = contacts.friction[p] * push
-    motion, trial = return_mapping(kt, limit, n, stretch, rubbing)
-    room.motion[p] = motion
-    factor = theta * kt
-    if motion == SLIP:
-        factor *= limit / trial if trial > 0.0 else 0.0
-    for k in range(d):  # spare: the derivative of the stretch within the tangent plane, by x1 and without theta
         for j in range(d):
-            spare[k, j] = (1.0 if k == j else 0.0) - n[k] * n[j]
-    if not flat:
-        turning = room.vectors[3]
-        for j in range(d):
-            turning[j] = 0.0
+            there[j] = 0.0
             for i in range(d):
-                turning[j] += 2.0 * n[i] * bend[i, j]
-        for k in range(d):  # bend: the derivative of the unit normal
+                there[j] += 2.0 * n[i] * bend[i, j]
+        for k in range(d):  # bend: the derivative of the unit normal by x1
             for j in range(d):
-                bend[k, j] = (2.0 * bend[k, j] - n[k] * turning[j]) / size
-        for j in range(d):
-            turning[j] = 0.0
-            for i in range(d):
-                turning[j] += stretch[i] * bend[i, j]
-        for k in range(d):
-            for j in range(d):
-                spare[k, j] -= across * bend[k, j] + n[k] * turning[j]
-    if motion == SLIP and limit > 0.0:
-        along = room.vectors[5]
-        for k in range(d):
-            along[k] = rubbing[k] / limit
-        for j in range(d):  # within the disc only what is across the direction of slip counts
-            part = 0.0
-            for k in range(d):
-                part += along[k] * spare[k, j]
-            for k in range(d):
-                slope[k, j] += factor * (spare[k, j] - along[k] * part)
-                slope[k, j] += contacts.friction[p] * by_after * kn * along[k] * steepest[j]
-    else:
-        for k in range(d):
-            for j in range(d):
-                slope[k, j] += factor * spare[k, j]
+                bend[k, j] = theta * (2.0 * bend[k, j] - n[k] * there[j]) / size
+        into_the_plane(n, bend, 0.0, begin, by_begin, there)
+        into_the_plane(n, bend, reach, finish, by_finish, there)
     for k in range(d):
-        mean[k] += rubbing[k]
+        steepest[k] *= kn  # the derivative of `after`
+    rub(contacts, interval, p, before, after, push, by_after, room)
+    for k in range(d):
+        mean[k] += room.rubbing[p, k]
     return True
+
+
+@kernel
+def into_the_plane(n: Array, bend: Array, reach: float, vector: Array, slope: Array, turned: Array) -> None:
+    """Project a vector (d,) that moves by `reach` with x1 on the plane of the unit normal n, whose derivative is bend (d, d).
+
+    Its derivative by x1 is written to `slope` (d, d); turned (d,) is room.
+    """
+    d = n.size
+    across = 0.0
+    for k in range(d):
+        across += n[k] * vector[k]
+    for j in range(d):
+        turned[j] = 0.0
+        for i in range(d):
+            turned[j] += vector[i] * bend[i, j]
+    for k in range(d):
+        vector[k] -= across * n[k]
+        for j in range(d):
+            slope[k, j] = (reach if k == j else 0.0) - reach * n[k] * n[j] - across * bend[k, j] - n[k] * turned[j]
+
+
+@part
+def sticks_until(a: float, b: float, c: float) -> float:
+    """Where in [0, 1] a t^2 + 2 b t + c, not positive at 0, grows positive; 1 where it does not."""
+    root = b * b - a * c
+    if root < 0.0 or (b < 0.0 and a <= 0.0):
+        return 1.0
+    root = np.sqrt(root)
+    if b < 0.0:
+        return min((root - b) / a, 1.0)
+    if b + root > 0.0:
+        return min(-c / (b + root), 1.0)
+    return 0.0 if a > 0.0 else 1.0
+
+
+@part
+def rub(
+    contacts: Contacts, interval: Interval, p: int, before: float, after: float, push: float, by_after: float, room: Room
+) -> None:
+    """The mean friction of point p over a step and the way of its slider; its slope is added to that of the mean force.
+
+    The stretch e goes straight from `begin` to `finish` (their derivatives by x1 are `by_begin` and `by_finish`). Where the
+    scheme weighs the ends, friction is the law at `finish`, the weighted point. Along the line the point sticks from where it
+    touches,
+
+        T = k_t (e_a + t G)    until    |T| = L_a + t (L_b - L_a),    0 <= t <= 1,
+
+    with the limits of friction L where the touch begins and ends, and then slips: the law in the middle of what is left.
+    """
+    kt, theta, mu = contacts.tangential_stiffness[p], 1.0 - interval.start_weight, contacts.friction[p]
+    n, steepest = room.vectors[0], room.vectors[1]
+    begin, finish, by_begin, by_finish = room.vectors[2], room.vectors[3], room.matrices[2], room.matrices[3]
+    way, middle, force, way_j, middle_j = (
+        room.vectors[4], room.vectors[5], room.vectors[6], room.vectors[7], room.vectors[8]
+    )
+    rubbing, slope, slip = room.rubbing[p], room.slopes[p], room.slip[p]
+    d = len(room.space)
+    # how much of the step the touch lasts, the limits of friction there, and their derivatives by `after`
+    lasts, by_lasts = 1.0, 0.0
+    first, last, by_first, by_last = mu * push, mu * push, mu * by_after, mu * by_after
+    until, kept, drawn, rate = 0.0, 1.0, 0.0, 0.0  # the way that sticks; what is kept of `begin`
+    if interval.line:
+        mean, by_mean = mean_normal_force(before, after)
+        lean = push / mean if mean > 0.0 else 0.0  # the limit leans as the normal force does
+        by_lean = (by_after - lean * by_mean) / mean if mean > 0.0 else 0.0
+        first, by_first = mu * lean * max(before, 0.0), mu * by_lean * max(before, 0.0)
+        last, by_last = mu * lean * max(after, 0.0), mu * (by_lean * after + lean) if after > 0.0 else 0.0
+        if before < 0.0:
+            lasts, by_lasts = after / (after - before), -before / (after - before) ** 2
+        elif after < 0.0:
+            lasts, by_lasts = before / (before - after), before / (before - after) ** 2
+        for k in range(d):
+            drawn += (kt * begin[k]) ** 2
+        drawn = np.sqrt(drawn)
+        if drawn > first:  # e_a is within the limit
+            kept = first / drawn
+    for k in range(d):
+        way[k] = lasts * (finish[k] - begin[k])
+    if interval.line:
+        a, b, c = -((last - first) ** 2), -first * (last - first), min(kept * drawn - first, 0.0) * (kept * drawn + first)
+        for k in range(d):
+            a += (kt * way[k]) ** 2
+            b += kt * kt * kept * begin[k] * way[k]
+        until = sticks_until(a, b, c)
+        rate = a * until + b
+    # the law in the middle of what is left
+    rest = 0.5 if interval.line else 1.0
+    share = until + rest * (1.0 - until)
+    limit, trial, motion = first + share * (last - first), 0.0, STICK
+    for k in range(d):
+        middle[k] = kept * begin[k] + share * way[k]
+    if until < 1.0:
+        motion, trial = return_mapping(kt, limit, n, middle, force)
+    room.motion[p] = motion
+    for k in range(d):
+        rubbing[k] = kt * until * (kept * begin[k] + 0.5 * until * way[k])
+        slip[k] = 0.0
+        if until < 1.0:
+            rubbing[k] += (1.0 - until) * force[k]
+        if motion == SLIP:
+            slip[k] = (middle[k] - force[k] / kt) / theta
+        if interval.line:  # also what was let go before
+            slip[k] += finish[k] - kept * begin[k] - way[k]
+    for j in range(d):
+        first_j, last_j, lasts_j = by_first * steepest[j], by_last * steepest[j], by_lasts * steepest[j]
+        kept_j, until_j, along = 0.0, 0.0, 0.0
+        if kept < 1.0:
+            for k in range(d):
+                along += kt * kt * begin[k] * by_begin[k, j]
+            kept_j = (first_j - kept * along / drawn) / drawn
+        for k in range(d):
+            way_j[k] = lasts_j * (finish[k] - begin[k]) + lasts * (by_finish[k, j] - by_begin[k, j])
+            middle_j[k] = kept_j * begin[k] + kept * by_begin[k, j]  # of e_a, so far
+            slope[k, j] += lasts * kt * until * (middle_j[k] + 0.5 * until * way_j[k]) + lasts_j * rubbing[k]
+        if until == 1.0:
+            continue
+        if until > 0.0 and rate > 0.0:
+            bound, along = first + until * (last - first), 0.0
+            for k in range(d):
+                along += (kept * begin[k] + until * way[k]) * (middle_j[k] + until * way_j[k])
+            until_j = (bound * (first_j + until * (last_j - first_j)) - kt * kt * along) / rate
+        share_j = (1.0 - rest) * until_j
+        limit_j = first_j + share * (last_j - first_j) + share_j * (last - first)
+        along = 0.0
+        for k in range(d):
+            slope[k, j] += lasts * until_j * (kt * (kept * begin[k] + until * way[k]) - force[k])
+            middle_j[k] += share * way_j[k] + share_j * way[k]
+            along += force[k] * middle_j[k]
+        for k in range(d):
+            change = kt * middle_j[k]
+            if motion == SLIP:  # the limit, and what turns the force
+                change = 0.0
+                if limit > 0.0:
+                    change = (limit_j - along * kt / trial) / limit * force[k] + limit * kt / trial * middle_j[k]
+            slope[k, j] += lasts * (1.0 - until) * change
+    for k in range(d):
+        rubbing[k] *= lasts
 
 
 @part
@@ -679,9 +803,9 @@ def settle(
         The energy that friction dissipates, the work that the motion of the surface does on body and springs, and the energy
         of impacts that the step does not resolve (`lean_to_the_end`), J.
     """
-    kt, theta = contacts.tangential_stiffness[p], 1.0 - interval.start_weight
+    kt = contacts.tangential_stiffness[p]
     x0, x1, slider, force, normal = start.x[p], end.x[p], end.slider[p], end.friction[p], end.normal[p]
-    d = x0.size
+    d = len(room.space)
     length = interval.end - interval.begin
     mean, rubbing, push = room.mean[p], room.rubbing[p], room.push[p]
     n, stretch, there, carried = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
@@ -702,12 +826,8 @@ def settle(
         n[k] /= size
     # the slider moves on to the end of the step, and the law is applied there
     carry(contacts, p, length, start.slider[p], slider)
-    if room.motion[p] != STICK:
-        carry(contacts, p, theta * length, start.slider[p], carried)
-        for k in range(d):
-            weighted = interval.start_weight * x0[k] + theta * x1[k]
-            slider[k] += (weighted - rubbing[k] / kt - carried[k]) / theta
     for k in range(d):
+        slider[k] += room.slip[p, k]
         stretch[k] = x1[k] - slider[k]
     motion, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
     slips = motion == SLIP or room.motion[p] == SLIP
@@ -776,7 +896,7 @@ def resolve(
     Returns:
         True if the residual or the update fell to round-off; False if no iteration found a solution.
     """
-    points, d = free.shape
+    points, d = free.shape[0], len(room.space)
     for p in range(points):
         for k in range(d):
             room.guess[p, k] = end.x[p, k]
@@ -793,7 +913,7 @@ def relax(
     contacts: Contacts, interval: Interval, compliance: Array, free: Array, start: Touch, end: Touch, room: Room, first: bool
 ) -> None:
     """Ten sweeps over all points from where the last ones came to, at first from the guess, with the forces there."""
-    points, d = free.shape
+    points, d = free.shape[0], len(room.space)
     for p in range(points):
         for k in range(d):
             end.x[p, k] = room.guess[p, k]
@@ -817,7 +937,7 @@ def newton(
 
     Only the points that touch are unknowns: the others follow from their forces.
     """
-    points, d = free.shape
+    points, d = free.shape[0], len(room.space)
     x, x0, mean, slopes, touching = end.x, start.x, room.mean, room.slopes, room.touching
     residual, product, jacobian, update, pivots = room.residual, room.product, room.jacobian, room.update, room.pivots
     size, remained = np.inf, np.inf
@@ -897,9 +1017,10 @@ def sweep(
     """Solve point p, the forces of the others held: first its normal force, by bisection, then its friction.
 
     This nonlinear Gauss-Seidel iteration is slow, but does not cycle between states: the tangential force is projected on
-    the friction disc as a force, not found from a displacement that a wrong normal force has thrown far away.
+    the friction disc as a force, not found from a displacement that a wrong normal force has thrown far away. Friction is
+    taken at the weighted point, near the mean along the way: it leads to where Newton's iteration ends.
     """
-    points, d = free.shape
+    points, d = free.shape[0], len(room.space)
     a = interval.start_weight
     theta = 1.0 - a
     x, mean, rubbing = end.x[p], room.held[p], room.held_rubbing[p]
