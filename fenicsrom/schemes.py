@@ -28,7 +28,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
 from fenicsrom.online import amplitude, difference, doubt, peak_normal_force, settled, simulate
-from fenicsrom.report import COLOURS, new_figure, styled, write_rows
+from fenicsrom.report import COLOURS, new_figure, styled, text_table, write_rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 Array = NDArray[np.float64]
@@ -293,7 +293,7 @@ def sentences(found: Sequence[Series]) -> list[str]:
         return told
     groups = [group for s in ran for group in zip(*(s.of(scheme) for scheme in SCHEMES), strict=True)]
     shared = [group for group in groups if all(run.settled and not run.refused and run.errors.amplitude for run in group)]
-    best = [min(filter(_good, group), key=_size, default=None) for group in groups]
+    nearest = [min(good, key=_size).scheme for group in groups if (good := [run for run in group if _good(run)])]
     for k, scheme in enumerate(SCHEMES):
         runs = [group[k] for group in groups]
         usual = [run for run in runs if run.steps is not None and run.steps >= USUAL]
@@ -304,7 +304,7 @@ def sentences(found: Sequence[Series]) -> list[str]:
             f"{_words(scheme).capitalize()}: of {len(runs)} runs {sum(map(_good, runs))} settled, "
             f"{sum(not run.settled for run in returned)} did not, {len(runs) - len(returned)} were refused ({energy} for their "
             f"energy); at {USUAL} steps a period or more {sum(map(_good, usual))} of {len(usual)} settled. Nearest of the three "
-            f"{sum(run is not None and run.scheme == scheme for run in best)} times"
+            f"{nearest.count(scheme)} times"
             + (f", off by {100.0 * mean:.2g} % in the geometric mean of {len(shared)} that all settle in" if mean else "")
             + f"; ledger of what is not refused to {max((run.imbalance or 0.0 for run in returned), default=0.0):.0e}."
         )
@@ -351,9 +351,10 @@ def _about_tolerances(found: Sequence[Series]) -> list[str]:
         runs = [run for s in found for run in s.runs if run.tolerance is not None and run.scheme == scheme]
         got = [_size(run) / run.tolerance for run in runs if run.tolerance and _good(run)]
         if got:
+            refused, kept = sum(bool(run.refused) for run in runs), sum(x <= 1.0 for x in got)
             told.append(
-                f"Adaptive steps, {_words(scheme)}: of {len(runs)} runs {len(got)} settled, {sum(bool(run.refused) for run in runs)} "
-                f"were refused; {sum(x <= 1.0 for x in got)} are off by no more than the tolerance, {max(got):.2g} times it at most."
+                f"Adaptive steps, {_words(scheme)}: of {len(runs)} runs {len(got)} settled, {refused} were refused; {kept} are "
+                f"off by no more than the tolerance, {max(got):.2g} times it at most."
             )
     return told
 
@@ -418,7 +419,7 @@ def figure(found: Sequence[Series]) -> Any:
         axes[-1, k].set_xticks(counts, [str(count) for count in counts], fontsize=8)
         axes[-1, k].minorticks_off()
     for axis in axes[:, 0]:
-        _triangle(axis)
+        _triangle(axis, min(run.steps for run in ran[0].runs if run.steps))
     keys = [
         Line2D([], [], color=colour, marker=marker, label=_words(scheme))
         for scheme, colour, marker in zip(SCHEMES, COLOURS, MARKERS, strict=False)
@@ -441,14 +442,15 @@ def _line(axis: Any, runs: Sequence[Run], measure: str, colour: str, marker: str
         else:
             axis.plot(run.steps, y, color=colour, marker=marker, markersize=5, markerfacecolor=face, zorder=4)
     lost = [run.steps for run in runs if run.refused and getattr(run.errors, measure) is None]
-    place = 0.97 - 0.045 * MARKERS.index(marker)  # one below the other, where more have no motion at the same steps
-    axis.plot(lost, [place] * len(lost), "x", color=colour, markersize=7, transform=axis.get_xaxis_transform(), zorder=5)
+    place = 0.98 - 0.035 * MARKERS.index(marker)  # one below the other, where more have no motion at the same steps
+    axis.plot(lost, [place] * len(lost), "x", color=colour, markersize=7, transform=axis.get_xaxis_transform())
 
 
-def _triangle(axis: Any) -> None:
-    """A triangle of slope two in the lower left corner."""
+def _triangle(axis: Any, least: float) -> None:
+    """A triangle of slope two in the lower left corner, from the least number of steps to three times as many."""
     low, high = axis.get_ylim()
-    x0, x1 = STEPS[0], 3 * STEPS[0]
+    high *= 5.0  # for the marks of runs without a motion
+    x0, x1 = least, 3.0 * least
     y1 = low * (high / low) ** 0.06
     y0 = y1 * (x1 / x0) ** 2
     axis.plot([x0, x1, x0, x0], [y0, y1, y1, y0], color="#5b636b", linewidth=1.0)
@@ -463,23 +465,23 @@ def write(found: Sequence[Series], folder: Path) -> tuple[list[Path], list[tuple
     """Write `schemes.csv` and, if there is anything to draw, `schemes.png`.
 
     Returns:
-        The files, and two sections of the report: what the schemes come to, and every run.
+        The files, and the sections of the report: what the schemes come to, and every run.
 
     Raises:
         OSError: a file cannot be written.
     """
     lines = rows(found)
     if not lines:
-        return [], [("Schemes", [*sentences(found)])]
+        return [], [("Schemes", list(sentences(found)))]
     files = [folder / "schemes.csv", folder / "schemes.png"]
     write_rows(files[0], lines)
     with whole(files[1]) as temporary:
         figure(found).savefig(temporary, format="png", dpi=130)
     how = (
         f"The reduced model by every scheme, against {REFERENCE} steps a period of the discrete gradient: error in percent of "
-        "the amplitudes by steps a period, a dash where there is no motion, in brackets where a motion is refused, with a star (in the picture "
-        f"hollow) where it has not settled, and the order fitted from {ASYMPTOTIC} steps a period on. A steady amplitude is that of the largest step, "
-        "which misses the peak by chance."
+        "the amplitudes by steps a period; a dash where there is no motion, in brackets where a motion is refused, with a star "
+        f"(in the picture hollow) where it has not settled; and the order fitted from {ASYMPTOTIC} steps a period on. The "
+        "amplitude is that of the largest step, which misses the peak by chance."
     )
     changes = "; ".join(f"{s.name}: " + ", ".join(f"{count} {kind}" for kind, count in s.events) for s in found if s.events)
     drawn = (
@@ -496,3 +498,10 @@ def write(found: Sequence[Series], folder: Path) -> tuple[list[Path], list[tuple
 def every_run(lines: Sequence[dict[str, Any]]) -> list[list[Any]]:
     """All runs as a table, the head first."""
     return [[key.replace("_", " ") for key in lines[0]], *(list(line.values()) for line in lines)]
+
+
+def terminal(found: Sequence[Series]) -> str:
+    """The table of the steady amplitudes and the sentences, for the terminal."""
+    lines = table(found)
+    head = [] if len(lines) == 1 else ["Error of the amplitude in % by steps a period:", text_table(lines), ""]
+    return "\n".join([*head, *sentences(found)])

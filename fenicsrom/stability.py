@@ -733,9 +733,9 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
             sections.append((verdict.capitalize(), [table(chosen)]))
     files: list[Path] = []
     if matrix.by_scheme:
-        files, (short, long) = schemes.write(matrix.by_scheme, folder)
-        sections[2:2] = [short]
-        sections.append(long)
+        files, about = schemes.write(matrix.by_scheme, folder)
+        sections[2:2] = about[:1]
+        sections += about[1:]
     sections.append(
         ("Made by", [", ".join(f"{name} {number}" for name, number in provenance().items()) or "this program"])
     )
