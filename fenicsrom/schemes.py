@@ -262,14 +262,15 @@ def _cell(run: Run, measure: str) -> str | None:
 
 
 def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]]:
-    """An error in percent by case, scheme and steps a period, and its fitted order; the head first."""
+    """An error in percent by case, scheme and steps a period, and the fitted orders of it and of the path; the head first."""
     steps = list(dict.fromkeys(run.steps for s in found for run in s.runs if run.steps is not None))
-    rows: list[list[Any]] = [["case", "scheme", *map(str, steps), "order"]]
+    fitted = dict.fromkeys((measure, "path"))
+    rows: list[list[Any]] = [["case", "scheme", *map(str, steps), *(f"{name} order" for name in fitted)]]
     for s in found:
         for scheme in SCHEMES if s.runs else ():
-            order = s.order(scheme, measure)
+            orders = [s.order(scheme, name) for name in fitted]
             cells = [_cell(run, measure) for run in s.of(scheme)]
-            rows.append([s.name, _words(scheme), *cells, None if order is None else f"{order:.1f}"])
+            rows.append([s.name, _words(scheme), *cells, *(None if order is None else f"{order:.1f}" for order in orders)])
     return rows
 
 
@@ -480,8 +481,8 @@ def write(found: Sequence[Series], folder: Path) -> tuple[list[Path], list[tuple
     how = (
         f"The reduced model by every scheme, against {REFERENCE} steps a period of the discrete gradient: error in percent of "
         "the amplitudes by steps a period; a dash where there is no motion, in brackets where a motion is refused, with a star "
-        f"(in the picture hollow) where it has not settled; and the order fitted from {ASYMPTOTIC} steps a period on. The "
-        "amplitude is that of the largest step, which misses the peak by chance."
+        f"(in the picture hollow) where it has not settled; and the orders fitted from {ASYMPTOTIC} steps a period on, the "
+        f"path being the first {PATH} periods. The amplitude is that of the largest step, which misses the peak by chance."
     )
     changes = "; ".join(f"{s.name}: " + ", ".join(f"{count} {kind}" for kind, count in s.events) for s in found if s.events)
     drawn = (
