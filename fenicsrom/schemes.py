@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
-from fenicsrom.online import amplitude, difference, doubt, peak_normal_force, settled, simulate
+from fenicsrom.online import ENERGY_ERROR, amplitude, difference, doubt, peak_normal_force, settled, simulate
 from fenicsrom.report import COLOURS, new_figure, styled, text_table, write_rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
@@ -71,6 +71,7 @@ class Run:
         refused: why there is no result, or one not to be relied on; empty if there is one.
         errors: of the motion, if there is one.
         imbalance: of its energy ledger, relative.
+        created: the part of it that is energy from nowhere; the other is lost.
         settled: whether its amplitudes repeat.
         steady: whether the motion repeats.
         periods: number of periods run.
@@ -84,6 +85,7 @@ class Run:
     refused: str = ""
     errors: Errors = field(default_factory=Errors)
     imbalance: float | None = None
+    created: float | None = None
     settled: bool | None = None
     steady: bool | None = None
     periods: int | None = None
@@ -193,9 +195,16 @@ def _run(model: Any, scene: Scene, exact: Motion, instants: int) -> Run:
     return Run(
         time.scheme, time.steps_per_period, time.tolerance, str(doubt(model, scene, motion) or ""),
         errors_of(motion, exact, None if time.tolerance is not None else instants),
-        motion.relative_imbalance, settled(motion), motion.steady, motion.periods, motion.steps / motion.periods,
-        motion.seconds,
+        motion.relative_imbalance, _created(motion), settled(motion), motion.steady, motion.periods,
+        motion.steps / motion.periods, motion.seconds,
     )  # fmt: skip
+
+
+def _created(motion: Motion) -> float:
+    """Largest energy from nowhere, relative as in `Motion.relative_imbalance`."""
+    off = motion.imbalance
+    most = float(np.max(np.abs(off)))
+    return motion.relative_imbalance * max(float(np.max(off)), 0.0) / most if most > 0.0 else 0.0
 
 
 def errors_of(motion: Motion, exact: Motion, instants: int | None) -> Errors:
@@ -299,13 +308,14 @@ def sentences(found: Sequence[Series]) -> list[str]:
         runs = [group[k] for group in groups]
         usual = [run for run in runs if run.steps is not None and run.steps >= USUAL]
         returned = [run for run in runs if not run.refused]
-        energy = sum("energy" in run.refused for run in runs)  # the sentences of the other refusals have no such word
+        energy = [run for run in runs if "energy" in run.refused]  # the sentences of the other refusals have no such word
+        lossy = sum(run.created is not None and run.created <= ENERGY_ERROR for run in energy)
         mean = math.exp(sum(math.log(_size(group[k])) for group in shared) / len(shared)) if shared else None
         told.append(
             f"{_words(scheme).capitalize()}: of {len(runs)} runs {sum(map(_good, runs))} settled, "
-            f"{sum(not run.settled for run in returned)} did not, {len(runs) - len(returned)} were refused ({energy} for their "
-            f"energy); at {USUAL} steps a period or more {sum(map(_good, usual))} of {len(usual)} settled. Nearest of the three "
-            f"{nearest.count(scheme)} times"
+            f"{sum(not run.settled for run in returned)} did not, {len(runs) - len(returned)} were refused ({len(energy)} for "
+            f"their energy, {lossy} of which only lose some); at {USUAL} steps a period or more {sum(map(_good, usual))} of "
+            f"{len(usual)} settled. Nearest of the three {nearest.count(scheme)} times"
             + (f", off by {100.0 * mean:.2g} % in the geometric mean of {len(shared)} that all settle in" if mean else "")
             + f"; ledger of what is not refused to {max((run.imbalance or 0.0 for run in returned), default=0.0):.0e}."
         )
@@ -367,7 +377,8 @@ def rows(found: Sequence[Series]) -> list[dict[str, Any]]:
             "case": s.name, "scheme": run.scheme, "steps_per_period": run.steps, "tolerance": run.tolerance,
             "refused": run.refused, "settled": run.settled, "steady": run.steady, "periods": run.periods,
             **{f"{name}_error": error for name, error in run.errors._asdict().items()},
-            "imbalance": run.imbalance, "steps_taken_per_period": run.taken, "seconds": run.seconds,
+            "imbalance": run.imbalance, "created": run.created, "steps_taken_per_period": run.taken,
+            "seconds": run.seconds,
         }
         for s in found
         for run in s.runs
