@@ -337,7 +337,7 @@ def _about_orders(found: Sequence[Series]) -> str:
     known = {key: order for key, order in orders.items() if order is not None}
     low = {key: order for key, order in known.items() if order < SECOND}
     words = [
-        f"{name} ({', '.join(f'{low[name, scheme]:.1f}' for scheme in SCHEMES if (name, scheme) in low)})"
+        f"{name} ({', '.join(f'{low[name, scheme]:.2f}' for scheme in SCHEMES if (name, scheme) in low)})"
         for name in dict.fromkeys(name for name, _ in low)
     ]
     return (

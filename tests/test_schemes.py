@@ -136,7 +136,7 @@ def test_what_is_told_of_the_schemes() -> None:
     assert "of 6 runs 5 settled, 0 did not, 1 were refused (1 for their energy, 1 of which only lose some); at 200" in told[1]
     assert "at 200 steps a period or more 3 of 3 settled" in told[1]
     assert "Nearest of the three 5 times" in told[1] and "Nearest of the three 0 times" in told[2]
-    assert "0 of 3 fits" in told[4] and "not so: made (1.0, 1.0, 1.0)" in told[4]
+    assert "0 of 3 fits" in told[4] and "not so: made (1.00, 1.00, 1.00)" in told[4]
     assert "agree to 1.0e-07 (made)" in told[5]
     assert schemes.sentences([Series("none", failure="why")]) == ["none: why"]
 
