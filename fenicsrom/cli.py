@@ -281,12 +281,14 @@ def _stability(options: argparse.Namespace) -> int:
     path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
     folder = Path(options.output) if options.output else Path("out") / "stability"
     _writable(folder)
-    from fenicsrom import stability
+    from fenicsrom import schemes, stability
 
     matrix = stability.stability(path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True))
     files = stability.write(matrix, folder)
     print()
     print("\n".join(stability.sentences(matrix)))
+    if matrix.by_scheme:
+        print(f"\n{schemes.terminal(matrix.by_scheme)}")
     _files(files)
     return 1 if matrix.count(stability.WRONG) else 0
 

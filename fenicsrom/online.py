@@ -149,6 +149,16 @@ def spread(motion: Motion) -> Array:
     return np.asarray(np.sqrt(np.trapezoid((x - mean) ** 2, time, axis=0) / length))
 
 
+def difference(motion: Motion, other: Motion) -> float:
+    """Relative difference of two motions: of the amplitudes if both have settled, else of the root mean squares."""
+    if settled(motion) and settled(other):
+        a, b = amplitude(motion), amplitude(other)
+    else:
+        a, b = spread(motion), spread(other)
+    size = float(np.linalg.norm(b))
+    return float(np.linalg.norm(a - b)) / size if size > 0.0 else float(np.linalg.norm(a) > 0.0)
+
+
 def peak_normal_force(motion: Motion) -> float:
     """Largest normal contact force, N, over the last period and all points; 0 without contact."""
     return float(motion.force[motion.last_period(), :, 0].max(initial=0.0))

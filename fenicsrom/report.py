@@ -7,6 +7,7 @@ Figures are matplotlib `Figure` objects, made without pyplot: nothing is shown, 
 from __future__ import annotations
 
 import base64
+import csv
 import functools
 import html
 import io
@@ -575,6 +576,20 @@ def write_summary(path: str | Path, summary: Mapping[str, Any]) -> None:
     text = json.dumps(_plain(summary, ""), indent=2, ensure_ascii=False, allow_nan=False)
     with whole(path) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows of the same keys as CSV, the keys at the head.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]))
+    writer.writeheader()
+    writer.writerows(rows)
+    with whole(path) as temporary:
+        temporary.write_text(text.getvalue(), encoding="utf-8")
 
 
 def _plain(value: Any, where: str) -> Any:

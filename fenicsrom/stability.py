@@ -10,13 +10,11 @@ basis. Its verdict is one of
     silently wrong  off by more than its own estimate, energy from nowhere, unbounded, or any other exception
 
 The own estimates are `fenicsrom.online.step_errors` and `fenicsrom.study.basis_error`, which `fenicsrom run` prints and
-checks too.
+checks too. How far off each scheme is by its steps is found on a few of the cases by `fenicsrom.schemes`.
 """
 
 from __future__ import annotations
 
-import csv
-import io
 import multiprocessing
 import tempfile
 import textwrap
@@ -30,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fenicsrom import schemes
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
@@ -39,15 +38,15 @@ from fenicsrom.online import (
     check_basis_error,
     check_energy,
     check_time_error,
+    difference,
     peak_normal_force,
     provenance,
     refined,
     settled,
     simulate,
-    spread,
     step_errors,
 )
-from fenicsrom.report import html_report, new_figure, styled, write_summary
+from fenicsrom.report import html_report, new_figure, styled, write_rows, write_summary
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 
 if TYPE_CHECKING:
@@ -139,6 +138,8 @@ PAPER = {
     "high load": (LOAD + "force=333.3", CONTACT + "preload=200"),
     "500 N, 20 N": CRITICAL,
 }
+
+STUDIED = {**PAPER, "impact on 1e5 N/m": (*WALL, f"{CONTACT}gap=0.1", f"{KN}=1e5")}  # by every scheme
 
 BUCKLING = 2745.7  # N, Euler's load of the beam, clamped and free
 CASING = "{{kind='cylinder', point=[{centre!r}, 0.0], inside={inside}}}"
@@ -404,16 +405,6 @@ def own_basis_error(study: Study, scene: Scene, motion: Motion) -> float | None:
     return estimate
 
 
-def difference(motion: Motion, other: Motion) -> float:
-    """Relative difference of two motions: of the amplitudes if both have settled, else of the root mean squares."""
-    if settled(motion) and settled(other):
-        a, b = amplitude(motion), amplitude(other)
-    else:
-        a, b = spread(motion), spread(other)
-    size = float(np.linalg.norm(b))
-    return float(np.linalg.norm(a - b)) / size if size > 0.0 else float(np.linalg.norm(a) > 0.0)
-
-
 def unbounded(motion: Motion, scheme: str = "discrete-gradient") -> str:
     """What is not bounded or comes from nowhere; empty if nothing does."""
     arrays = (motion.displacement, motion.kinetic, motion.elastic, motion.force)
@@ -501,11 +492,12 @@ def _examine(
 
 @dataclass(eq=False)
 class Matrix:
-    """All findings of a scene."""
+    """All findings of a scene, and what its schemes of time integration come to."""
 
     scene: Scene
     findings: list[Finding]
     seconds: float
+    by_scheme: Sequence[schemes.Series] = ()
 
     def count(self, verdict: str) -> int:
         """Number of runs with a verdict."""
@@ -529,7 +521,8 @@ def stability(path: Path, changes: Sequence[str], say: Callable[[str], None], wo
     with tempfile.TemporaryDirectory(prefix="fenicsrom_") as folder:
         wanted = list(cases(Path(folder)))
         findings = run_all(wanted, table, scene.source, path.parent, say, workers)
-    return Matrix(scene, findings, clock.perf_counter() - begin)
+    seconds = clock.perf_counter() - begin
+    return Matrix(scene, findings, seconds, run_schemes(STUDIED, table, scene.source, path.parent, say, workers))
 
 
 def load(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Scene]:
@@ -561,19 +554,49 @@ def run_all(
         say(f"{len(found)}/{len(wanted)} {case.axis}, {case.value} ({case.model}): {finding.verdict}"
             + (f": {finding.why}" if finding.why else ""))  # fmt: skip
 
-    if workers == 1:
-        for job in jobs:
-            note(*_job(job))
-    else:
-        with multiprocessing.get_context("spawn").Pool(workers) as pool:
-            for k, finding in pool.imap_unordered(_job, jobs, chunksize=1):
-                note(k, finding)
+    for k, finding in _shared(_job, jobs, workers):
+        note(k, finding)
     return [found[k] for k in range(len(wanted))]
 
 
 def _job(job: tuple[int, Case, Mapping[str, Any], str, Path]) -> tuple[int, Finding]:
     k, case, table, source, folder = job
     return k, examine(case, table, source, folder)
+
+
+def run_schemes(
+    wanted: Mapping[str, Sequence[str]],
+    table: Mapping[str, Any],
+    source: str,
+    folder: Path,
+    say: Callable[[str], None],
+    workers: int,
+) -> list[schemes.Series]:
+    """Run the reduced model of each case, overrides by name, by every scheme; the series are in the order of the cases."""
+    jobs = [(name, changes, table, source, folder) for name, changes in wanted.items()]
+    found: dict[str, schemes.Series] = {}
+    for made in _shared(_series, jobs, workers):
+        found[made.name] = made
+        say(f"schemes {len(found)}/{len(jobs)} {made.name}: " + (made.failure or f"{len(made.runs)} runs"))
+    return [found[name] for name in wanted]
+
+
+def _series(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path]) -> schemes.Series:
+    name, changes, table, source, folder = job
+    try:
+        scene = scene_of(table, source, folder, changes)
+        return schemes.series(name, build(scene, "reduced")[0], scene)
+    except (SceneError, ConvergenceError, AccuracyError) as error:
+        return schemes.Series(name, failure=str(error))
+
+
+def _shared(work: Callable[[Any], Any], jobs: Sequence[Any], workers: int) -> Iterator[Any]:
+    """What the jobs come to, done in so many processes, as they are done."""
+    if workers == 1:
+        yield from map(work, jobs)
+        return
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap_unordered(work, jobs, chunksize=1)
 
 
 # ---------------------------------------------------------------------- the files
@@ -692,15 +715,11 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
         "verdicts": counts,
         "seconds": matrix.seconds,
         "runs": rows,
+        "schemes": schemes.summary(matrix.by_scheme),
         "provenance": provenance(),
     }
     write_summary(folder / "stability.json", summary)
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]))
-    writer.writeheader()
-    writer.writerows(rows)
-    with whole(folder / "stability.csv") as temporary:
-        temporary.write_text(text.getvalue(), encoding="utf-8")
+    write_rows(folder / "stability.csv", rows)
     how = (
         "A run counts as converged if its amplitudes settle and differ from those at half the step by no more than its "
         f"own estimate, which is made from the run at twice the step (differences below {FLOOR:g} count as none); the "
@@ -712,6 +731,11 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
         chosen = [finding for finding in matrix.findings if finding.verdict == verdict]
         if chosen:
             sections.append((verdict.capitalize(), [table(chosen)]))
+    files: list[Path] = []
+    if matrix.by_scheme:
+        files, about = schemes.write(matrix.by_scheme, folder)
+        sections[2:2] = about[:1]
+        sections += about[1:]
     sections.append(
         ("Made by", [", ".join(f"{name} {number}" for name, number in provenance().items()) or "this program"])
     )
@@ -719,4 +743,4 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
         temporary.write_text(
             html_report(f"Stability: {matrix.scene.title or matrix.scene.source}", sections), encoding="utf-8"
         )
-    return [folder / name for name in ("report.html", "stability.json", "stability.csv", "stability.png")]
+    return [folder / name for name in ("report.html", "stability.json", "stability.csv", "stability.png")] + files

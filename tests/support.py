@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.contact import ContactPoints, Contacts, planes
+from fenicsrom.integrate import Motion
+from fenicsrom.online import simulate
 from fenicsrom.reduced import (
     ElasticPolynomial,
     ReducedModel,
@@ -166,6 +168,17 @@ def linear_model(
     loads = np.zeros((n, 0)) if loads is None else np.asarray(loads, float).reshape(n, -1)
     probe = np.eye(probes, n)
     return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n, max(probes, 2)), probe, np.zeros(probes))
+
+
+def oscillator(steps: int = 40, force: float = 1.0, damping: float = 0.5) -> tuple[ReducedModel, Scene, Motion]:
+    """A linear oscillator of two coordinates, shaken, run until it is steady."""
+    scene = beam_scene(
+        2, ("loads.0.frequency=1.0", f"time.steps_per_period={steps}", f"material.mass_damping={damping}"),
+        contacts=None, probe={"group": "tip"}, geometrically_nonlinear=False,
+    )  # fmt: skip
+    signals = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
+    model = linear_model(np.eye(2), np.diag([60.0, 30.0]), damping=damping, loads=[[1.0], [0.3]], signals=signals)
+    return model, scene, simulate(model, scene)
 
 
 def random_polynomial(n: int, dimension: int = 2, seed: int = 0, points: int = 40) -> ElasticPolynomial:

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, oscillator
 
 from fenicsrom import online, stability
 from fenicsrom.errors import AccuracyError, SceneError
 from fenicsrom.integrate import Motion
-from fenicsrom.signals import harmonic
 from fenicsrom.stability import AXES, CONVERGED, REFUSED, UNSTEADY, WRONG, Case, Finding, Matrix
 
 DEMOS = Path(__file__).parent.parent / "demos"
@@ -150,17 +149,6 @@ def stability_basis(study):  # type: ignore[no-untyped-def]
 
 
 # ------------------------------------------------------------------ what the checks see
-
-
-def oscillator(steps: int = 40, force: float = 1.0, damping: float = 0.5) -> tuple[object, object, Motion]:
-    """A linear oscillator of two coordinates, shaken, run until it is steady."""
-    scene = beam_scene(
-        2, ("loads.0.frequency=1.0", f"time.steps_per_period={steps}", f"material.mass_damping={damping}"),
-        contacts=None, probe={"group": "tip"}, geometrically_nonlinear=False,
-    )  # fmt: skip
-    signals = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
-    model = linear_model(np.eye(2), np.diag([60.0, 30.0]), damping=damping, loads=[[1.0], [0.3]], signals=signals)
-    return model, scene, online.simulate(model, scene)
 
 
 def test_the_estimate_covers_the_error() -> None:
@@ -301,6 +289,7 @@ def test_the_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: py
     names = [("friction", "10"), ("contact direction", "at the clamp")]
     few = [Case(axis, value, AXES[axis][value]) for axis, value in names]
     monkeypatch.setattr(stability, "cases", lambda folder: iter(few))
+    monkeypatch.setattr(stability, "STUDIED", {})
     assert main(["stability", "--output", str(tmp_path / "out")]) == 0
     told = capsys.readouterr().out
     assert "2 runs in" in told and "1 converged, 0 not steady, 1 refused, 0 silently wrong" in told
