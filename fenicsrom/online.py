@@ -7,8 +7,6 @@ about the contacts but where they are, and the time integration.
 
 from __future__ import annotations
 
-import json
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.contact import ContactPoints, contacts_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.files import whole
+from fenicsrom.files import read_archive, write_archive
 from fenicsrom.integrate import Motion, end_of, integrate
 from fenicsrom.reduced import ElasticPolynomial, ReducedModel, reduced_model
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
@@ -348,22 +346,20 @@ def save_model(path: Path, stored: StoredModel) -> None:
         "provenance": stored.provenance,
     }
     model = stored.model
-    with whole(path) as temporary, open(temporary, "wb") as file:
-        np.savez(
-            file,
-            header=np.array(json.dumps(header)),
-            frequencies_hz=stored.frequencies_hz,
-            mass=model.mass,
-            damping=np.array(model.damping),
-            **model.elastic._asdict(),
-            loads=model.loads,
-            **{f"point_{name}": array for name, array in model.points._asdict().items()},
-            contact_rows=model.contact_rows,
-            contact_offset=model.contact_offset,
-            probe=model.probe,
-            probe_offset=model.probe_offset,
-            turning=model.turning,
-        )
+    arrays = {
+        "frequencies_hz": stored.frequencies_hz,
+        "mass": model.mass,
+        "damping": np.array(model.damping),
+        **model.elastic._asdict(),
+        "loads": model.loads,
+        **{f"point_{name}": array for name, array in model.points._asdict().items()},
+        "contact_rows": model.contact_rows,
+        "contact_offset": model.contact_offset,
+        "probe": model.probe,
+        "probe_offset": model.probe_offset,
+        "turning": model.turning,
+    }
+    write_archive(path, header, arrays)
 
 
 def load_model(path: Path) -> StoredModel:
@@ -372,32 +368,10 @@ def load_model(path: Path) -> StoredModel:
     Raises:
         SceneError: the file is missing, damaged, of another format, or its arrays do not fit together.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                data = {name: np.array(file[name]) for name in file.files}
-            header = json.loads(str(data["header"][()]))
-        if header.get("format") != FORMAT:
-            raise SceneError(f"{path}: format = {header.get('format')!r}: must be {FORMAT!r}")
+    with read_archive(path, "a reduced model", FORMAT) as (header, data):
         scene = parse_scene(header["scene"], str(header["source"]), None)
         labels = tuple(str(label) for label in header["labels"])
         return _assemble(path, data, header, scene, labels)
-    except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
-    except SceneError as error:
-        sentence = str(error) if str(error).startswith(f"{path}: ") else f"{path}: {error}"
-        raise SceneError(_one_line(sentence)) from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
-    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise SceneError(_one_line(f"{path}: is not a reduced model written by this program ({reason})")) from None
-
-
-def _one_line(text: str) -> str:
-    """The first line of a text, shortened, without what cannot be printed."""
-    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
 
 
 def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]) -> StoredModel:
