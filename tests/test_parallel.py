@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import needs_mpirun, on_ranks
 
 pytest.importorskip("dolfinx")
-
-import fenicsrom
 
 CHAIN = """
 import sys
@@ -64,24 +60,6 @@ if comm.rank == 0:
         kept=kept.derivatives, weights=list(kept.weights.values()), **model.elastic._asdict(),
     )
 """
-
-
-needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-
-
-def on_ranks(ranks: int, *command: str, cache: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """A Python command on some ranks, which must end well; its cache of full motions elsewhere if wanted."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
-    if cache:
-        environment["XDG_CACHE_HOME"] = str(cache)
-    start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-    done = subprocess.run(
-        [*start, sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 SCENE = str(Path(__file__).parent.parent / "demos" / "slip_liftoff_2d.toml")
