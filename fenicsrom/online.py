@@ -28,10 +28,9 @@ Array = NDArray[np.float64]
 
 TIME_ERROR = 0.1  # estimated relative error by the time step above which a motion is refused
 UNSETTLED_ERROR = 1.0  # the same of a motion that does not settle, whose root mean squares wander
-RESTS = 1e-6  # of the largest displacement: what moves less does not move
 PHASES = 200  # at which two periods are compared
 BASIS_ERROR = 0.05  # relative difference from a basis with more derivatives above which a motion is refused
-NOTHING = 1e-9  # of the largest displacement: an amplitude that is rounding
+RESTS = 1e-6  # of the largest displacement: an amplitude below it is rest; steadiness is told no finer either
 SETTLED = 1e-3  # relative change of the amplitudes from period to period below which they are taken as settled
 ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
 
@@ -114,8 +113,8 @@ def coarser(scene: Scene) -> Scene:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether what moves is rounding, `NOTHING` of the displacement."""
-    return bool(np.linalg.norm(amplitude(motion)) <= NOTHING * np.max(np.abs(motion.displacement), initial=0.0))
+    """Whether a motion ends at rest: what still moves is `RESTS` of the displacement, or less."""
+    return bool(np.linalg.norm(amplitude(motion)) <= RESTS * np.max(np.abs(motion.displacement), initial=0.0))
 
 
 def settled(motion: Motion) -> bool:
@@ -188,8 +187,6 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     peak, resolved = peak_normal_force(motion), motion.end is None or np.all(motion.end.state.trial.room.lean < 0.5)
     apart = 2.0 * abs(peak - peak_normal_force(other))
     force = 0.0 if peak == apart == 0.0 else apart / peak if resolved and peak > 0.0 else np.inf
-    if np.max(np.ptp(motion.displacement, axis=0)) <= RESTS * np.max(np.abs(motion.displacement)):
-        return StepErrors(0.0, force)
     if not settled(motion):
         size, apart = (float(np.linalg.norm(x)) for x in (spread(motion), spread(motion) - spread(other)))
         return StepErrors(2.0 * apart / size if size > 0.0 else 0.0, force)

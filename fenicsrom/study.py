@@ -447,9 +447,7 @@ def more_modes(study: Study) -> ReducedBasis | None:
 def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
     """Estimate of the relative error of a settled motion by its basis: how far the amplitudes of a richer model are from its.
 
-    And how far the displacement it starts with, where the preload has buckled it.
-
-    Infinite if that does not settle.
+    And how far the displacement it starts with, where the preload has buckled it. Infinite if that does not settle.
 
     Raises:
         ConvergenceError: the richer model fails.
@@ -457,10 +455,10 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
     other = simulate(richer, scene)
     if not settled(other):
         return float("inf")
-    if at_rest(motion) and at_rest(other):
-        return 0.0
-    size = float(np.linalg.norm(amplitude(other)))
-    apart = float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else 0.0
+    apart = 0.0
+    if not (at_rest(motion) and at_rest(other)):
+        size = float(np.linalg.norm(amplitude(other)))
+        apart = float(np.linalg.norm(amplitude(motion) - amplitude(other))) / size if size > 0.0 else float("inf")
     if motion.buckled or other.buckled:  # how far it has buckled too
         start, other_start = motion.displacement[0], other.displacement[0]
         apart = max(apart, float(np.linalg.norm(start - other_start) / np.linalg.norm(other_start)))

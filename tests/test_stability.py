@@ -174,6 +174,22 @@ def test_the_estimate_covers_the_error() -> None:
         assert error < estimate < 15.0 * error
 
 
+def test_what_rests_has_no_error_but_that_of_where() -> None:
+    """Six steps are too few for an amplitude, but not for one of 1e-9 of the displacement."""
+    from fenicsrom.study import basis_error
+
+    model, scene, moving = oscillator(6, force=1e-8)
+    assert online.step_errors(model, scene, moving).amplitude > online.TIME_ERROR and not online.at_rest(moving)
+    bent = model._replace(probe_offset=np.ones(2))  # type: ignore[attr-defined]
+    motion = online.simulate(bent, scene)
+    assert online.at_rest(motion) and online.settled(replace(motion, steady=False))
+    assert online.step_errors(bent, scene, motion) == (0.0, 0.0)
+    elsewhere = bent._replace(probe_offset=np.full(2, 1.25))
+    assert basis_error(elsewhere, scene, motion) == 0.0
+    assert basis_error(elsewhere, scene, replace(motion, buckled=1)) == pytest.approx(0.2)
+    assert basis_error(model._replace(loads=2.0 * model.loads), scene, moving) == pytest.approx(0.5, rel=1e-3)  # type: ignore
+
+
 def test_long_steps_are_refused_by_name() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
