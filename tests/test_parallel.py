@@ -92,6 +92,48 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
     assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
 
 
+ALONE = """
+import sys
+from mpi4py import MPI
+from fenicsrom import cli
+from fenicsrom.errors import SceneError
+
+read = cli.read_scene
+def read_scene(*given):
+    if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
+        raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
+    return read(*given)
+cli.read_scene = read_scene
+sys.exit(cli.main(["run", sys.argv[1], "--output", sys.argv[3]]))
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_refuse_once(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[geometry]\nmesh = 'x.geo'\n")
+    said = on_ranks(2, "-m", "fenicsrom", "run", str(bad), code=2).stderr
+    assert said.count("fenicsrom: ") == said.count("geometry.dimension is missing") == 1
+    said = on_ranks(2, "-m", "fenicsrom", "run", SCENE, "--set", "geometry.parameters.height=-1", code=2).stderr
+    assert said.count("fenicsrom: ") == said.count("height") == 1
+
+
+@pytest.mark.slow
+@needs_mpirun
+@pytest.mark.parametrize(
+    ("sentence", "ranks", "expected"),
+    [
+        ("it is wrong", "0", ["it is wrong"]), ("it is wrong", "1", ["it is wrong"]), ("it is wrong", "0 1", ["it is wrong"]),
+        ("wrong on {rank}", "0 1", ["wrong on 0", "wrong on 1"]),
+    ],
+)  # fmt: skip
+def test_what_one_rank_refuses_is_said(sentence: str, ranks: str, expected: list[str], tmp_path: Path) -> None:
+    """The rank that goes on is stopped: it would wait for the other."""
+    done = on_ranks(2, "-c", ALONE, SCENE, sentence, str(tmp_path), *ranks.split(), code=2, timeout=100)
+    assert sorted(line[11:] for line in done.stderr.splitlines() if line.startswith("fenicsrom: ")) == expected
+
+
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_write_what_moves_once(tmp_path: Path) -> None:
