@@ -201,7 +201,7 @@ def _run(options: argparse.Namespace) -> int:
         for sentence in online.out_of_reach(found.motions["reduced"], found.solid.points) if "reduced" in found.motions else []:
             print(sentence)
         if found.errors:
-            print(results.estimate_sentence(found.errors))
+            print(results.estimate_sentence(found))
         if errors := results.errors_of(found.motions):
             print(results.error_sentence(errors))
         if "full" in found.motions and "reduced" in found.motions:

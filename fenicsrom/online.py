@@ -109,7 +109,8 @@ def coarser(scene: Scene) -> Scene:
     if time.steps_per_period is not None:
         return replace(scene, time=replace(time, steps_per_period=max(time.steps_per_period // 2, 2)))
     assert time.step is not None
-    return replace(scene, time=replace(time, step=2.0 * time.step))
+    assert time.duration is not None
+    return replace(scene, time=replace(time, step=min(2.0 * time.step, time.duration)))
 
 
 def at_rest(motion: Motion) -> bool:
@@ -137,26 +138,35 @@ def settled(motion: Motion) -> bool:
     return True
 
 
-def spread(motion: Motion) -> Array:
-    """Root mean square over the second half of a motion, about its mean, of each direction of the first point, m."""
-    late = motion.time >= 0.5 * motion.time[-1]
-    time, x = motion.time[late], motion.displacement[late, 0]
+def wanders(motion: Motion) -> bool:
+    """Whether a motion should repeat and does not settle."""
+    return motion.period is not None and not settled(motion)
+
+
+def spread(motion: Motion, since: float = 0.0) -> Array:
+    """Root mean square of a motion about its mean, of each point and direction, (P d,), m.
+
+    Over the second half of a motion that should repeat, else over all from a time on, s.
+    """
+    late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
+    time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
     length = max(time[-1] - time[0], 1e-300)
     mean = np.trapezoid(x, time, axis=0) / length
     return np.asarray(np.sqrt(np.trapezoid((x - mean) ** 2, time, axis=0) / length))
 
 
-def peak_normal_force(motion: Motion) -> float:
-    """Largest normal contact force, N, over the last period and all points; 0 without contact."""
-    return float(motion.force[motion.last_period(), :, 0].max(initial=0.0))
+def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
+    """Largest normal contact force, N, of all points over the last period, else from a time on, s; 0 without contact."""
+    part = motion.last_period() if motion.period is not None else motion.time >= since
+    return float(motion.force[part, :, 0].max(initial=0.0))
 
 
 class StepErrors(NamedTuple):
     """Estimates of relative errors by the time step.
 
     Attributes:
-        amplitude: of the amplitudes of a motion that has settled, of the root mean squares of one that has not; infinite if
-            no other motion could be had.
+        amplitude: of the amplitudes of a motion that has settled, of the root mean squares of one that has not, or that has
+            no period; infinite if no other motion could be had.
         peak_force: of the largest normal force; infinite too where the step does not resolve the contact.
     """
 
@@ -167,6 +177,7 @@ class StepErrors(NamedTuple):
 def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     """Estimate the errors of a motion by its time step, from a run with twice the step.
 
+    Amplitudes are compared where both settle, else root mean squares: of a run of a duration, over what it recorded.
     They are twice the difference: six times the error of a scheme of second order, twice that of one of first order, to
     which the switching of contacts may bring it. Impacts make amplitudes jump to and fro as the step changes: that of the
     amplitudes is at least a third of the distance between the last periods. Peaks of the force that a stiff contact has
@@ -184,11 +195,13 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
         return StepErrors(np.inf, np.inf)
     if at_rest(motion) and at_rest(other):
         return StepErrors(0.0, 0.0)
+    since = float(motion.time[0])  # what a resumed run recorded
     peak, resolved = peak_normal_force(motion), motion.end is None or np.all(motion.end.state.trial.room.lean < 0.5)
-    apart = 2.0 * abs(peak - peak_normal_force(other))
+    apart = 2.0 * abs(peak - peak_normal_force(other, since))
     force = 0.0 if peak == apart == 0.0 else apart / peak if resolved and peak > 0.0 else np.inf
     if not settled(motion):
-        size, apart = (float(np.linalg.norm(x)) for x in (spread(motion), spread(motion) - spread(other)))
+        ours, theirs = spread(motion), spread(other, since)
+        size, apart = float(np.linalg.norm(ours)), float(np.linalg.norm(ours - theirs))
         return StepErrors(2.0 * apart / size if size > 0.0 else 0.0, force)
     if not settled(other):
         return StepErrors(np.inf, force)
@@ -209,22 +222,22 @@ def _last_period(motion: Motion) -> Array:
     return np.array([np.interp(phases, motion.time[part], column) for column in columns]).T
 
 
-def check_time_error(scene: Scene, estimate: float, settles: bool = True) -> None:
-    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`; `UNSETTLED_ERROR` if it does not settle.
+def check_time_error(scene: Scene, estimate: float, wandering: bool = False) -> None:
+    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`; `UNSETTLED_ERROR` if it wanders.
 
     Raises:
         AccuracyError: it is.
     """
-    allowed = TIME_ERROR if settles else UNSETTLED_ERROR
+    allowed = UNSETTLED_ERROR if wandering else TIME_ERROR
     if estimate <= allowed:
         return
     time = scene.time
     name = next(name for name in ("tolerance", "steps_per_period", "step") if getattr(time, name) is not None)
     other = "eight times the tolerance" if name == "tolerance" else "twice the step"
-    size = f"an error of about {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles"
+    size = f"an error of about {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles, or none"
     raise AccuracyError(
         f"time.{name} = {getattr(time, name):g}: the steps are too long: {other} gives {size} "
-        f"(at most {100.0 * allowed:g} % is taken as converged{'' if settles else ', of a motion that does not settle'}): "
+        f"(at most {100.0 * allowed:g} % is taken as converged{', of a motion that does not settle' if wandering else ''}): "
         f"a richer basis is no help, {name} = {getattr(enough(scene, estimate).time, name):g} is likely enough"
     )
 
@@ -280,8 +293,7 @@ def doubt(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
     """Why a motion is not to be relied on, as far as the model alone can tell; None if nothing speaks against it."""
     try:
         check_energy(motion)
-        if motion.period is not None:
-            check_time_error(scene, step_errors(model, scene, motion).amplitude, settled(motion))
+        check_time_error(scene, step_errors(model, scene, motion).amplitude, wanders(motion))
     except AccuracyError as error:
         return error
     return None

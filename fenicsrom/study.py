@@ -34,6 +34,7 @@ from fenicsrom.online import (
     settled,
     simulate,
     step_errors,
+    wanders,
 )
 from fenicsrom.plan import Stage, plan
 from fenicsrom.reduced import project, project_intrusively
@@ -398,11 +399,10 @@ def check(study: Study) -> None:
             model = name
             check_energy(motion)
         model, motion = "reduced", study.motions["reduced"]
-        if motion.period is not None:
-            study.errors["time step"], force = step_errors(study.model, scene, motion)
-            if scene.contacts:
-                study.errors["peak force by the time step"] = force
-            check_time_error(scene, study.errors["time step"], settled(motion))
+        study.errors["time step"], force = step_errors(study.model, scene, motion)
+        if scene.contacts:
+            study.errors["peak force by the time step"] = force
+        check_time_error(scene, study.errors["time step"], wanders(motion))
         if settled(motion):
             richer = complete(study, motion.buckled > 0)
             if richer is not None:

@@ -174,6 +174,52 @@ def test_the_estimate_covers_the_error() -> None:
         assert error < estimate < 15.0 * error
 
 
+def struck(step: float, touching: bool) -> tuple[object, object, Motion]:
+    """The oscillator struck once, before a wall that it meets, or in the open; its motion decays within the run."""
+    hit = {"group": "tip", "direction": [1.0, 0.0], "force": 1.0, "pulse": {"start": 0.1, "duration": 0.8}}
+    wall = {"group": "tip", "at": "centre", "normal": [1.0, 0.0], "preload": 0.0, "gap": 2e-3, "friction": 0.3,
+            "normal_stiffness": 40.0, "tangential_stiffness": 20.0}  # fmt: skip
+    scene = beam_scene(
+        2, ("material.mass_damping=2.0",), loads=[hit], contacts=[wall] if touching else None, probe={"group": "tip"},
+        geometrically_nonlinear=False, time={"duration": 3.0, "step": step},
+    )  # fmt: skip
+    model = linear_model(
+        np.eye(2), np.diag([60.0, 30.0]), damping=2.0, loads=[[1.0], [0.3]], signals=online.signals(scene),
+        masters=2 if touching else 0,
+    )  # fmt: skip
+    return model, scene, online.simulate(model, scene)
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_the_estimate_of_a_run_of_a_duration_covers_its_error(touching: bool) -> None:
+    model, scene, exact = struck(1e-4, touching)
+    assert online.wanders(exact) is False and not online.settled(exact)
+    for step in (0.02, 0.01, 0.005):
+        model, scene, motion = struck(step, touching)
+        found = online.step_errors(model, scene, motion)
+        size = np.linalg.norm(online.spread(exact))
+        error = float(np.linalg.norm(online.spread(motion) - online.spread(exact)) / size)
+        assert error < found.amplitude < 30.0 * error
+        force, right = online.peak_normal_force(motion), online.peak_normal_force(exact)
+        assert (force > 0.0) == touching and abs(force - right) <= max(found.peak_force, 0.02) * force
+        assert found.peak_force < 0.1
+    model, scene, motion = struck(0.2, touching)
+    with pytest.raises(AccuracyError, match=r"time\.step = 0\.2: the steps are too long: twice the step gives an error"):
+        online.check_time_error(scene, online.step_errors(model, scene, motion).amplitude, online.wanders(motion))
+    doubt = online.doubt(model, scene, motion)
+    assert doubt is not None and "the steps are too long" in str(doubt)
+
+
+def test_a_resumed_run_is_judged_by_what_it_recorded() -> None:
+    model, scene, motion = struck(0.01, True)
+    late = motion.time >= 1.5
+    names = ("time", "displacement", "force")
+    resumed = replace(motion, **{name: getattr(motion, name)[late] for name in names})
+    assert 0.0 < online.peak_normal_force(resumed) < 0.5 * online.peak_normal_force(motion)
+    whole, part = online.step_errors(model, scene, motion), online.step_errors(model, scene, resumed)
+    assert part.peak_force < 0.1 and part.amplitude < 10.0 * whole.amplitude
+
+
 def test_what_rests_has_no_error_but_that_of_where() -> None:
     """Six steps are too few for an amplitude, but not for one of 1e-9 of the displacement."""
     from fenicsrom.study import basis_error
