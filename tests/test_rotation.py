@@ -589,6 +589,9 @@ found = campbell.campbell(scene, comm, lambda line: None)
 gyroscopic = projected_gyroscopic(solid, basis.vectors)
 energy = solid.energy(0.5 * solid.equilibrium)
 largest = solid.largest(solid.equilibrium[:, None])
+known = [modes.omega, gyroscopic, energy, largest, found.frequencies_hz, found.mac, *model.elastic]
+for other in comm.allgather(known):  # each rank knows the same
+    assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
 if comm.rank == 0:
     np.savez(
         sys.argv[1], ranks=comm.size, omega=modes.omega, labels=basis.labels, gyroscopic=np.abs(gyroscopic), energy=energy,
