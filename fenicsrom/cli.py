@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,9 @@ from typing import Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.scene import Scene, read_scene
+
+REFUSED = 77  # tag of the messages in which ranks tell each other what is wrong
+PATIENCE = 10.0  # s that a rank waits for such a message, before it takes it that the others go on
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,17 +32,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ConvergenceError, AccuracyError) as error:
         return _refuse(str(error), 1)
     except OSError as error:
-        code = _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
-        if _ranks()[1] > 1:  # the other ranks may be waiting for this one
-            sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(code)
-        return code
+        return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except ModuleNotFoundError as error:
         needed = "a stored model needs no dolfinx: fenicsrom run --from reduced_model.npz"
         return _refuse(f"this command needs the Python module {error.name}, which is not installed ({needed})", 1)
     except Terminated:
-        return _refuse("terminated", 143)
+        return _stopped("terminated", 143)
     except KeyboardInterrupt:
-        return _refuse("interrupted", 130)
+        return _stopped("interrupted", 130)
 
 
 class Terminated(BaseException):
@@ -86,15 +87,46 @@ def _terminable() -> Iterator[None]:
 
 
 def _refuse(sentence: str, code: int) -> int:
-    if _ranks()[0] == 0:
-        print(f"fenicsrom: {sentence}", file=sys.stderr)
+    """Say what is wrong, once: unless a rank before this one says the same. Ranks that go on, and would wait, are stopped."""
+    comm = _ranks()
+    if comm is None:
+        return _say(sentence, code)
+    sent = [comm.isend(sentence, rank, REFUSED) for rank in range(comm.size) if rank != comm.rank]
+    last = time.monotonic() + PATIENCE
+    heard = _heard(comm, range(comm.rank), last)
+    if sentence not in heard:
+        _say(sentence, code)
+    if None in heard + _heard(comm, range(comm.rank + 1, comm.size), last):
+        comm.Abort(code)
+    for request in sent:
+        request.wait()
     return code
 
 
-def _ranks() -> tuple[int, int]:
-    """Rank and number of ranks; 0 and 1 where MPI is not in use."""
+def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
+    """What these ranks say to be wrong; None for each that has said nothing by this time of the monotonic clock, s."""
+    found = []
+    for rank in ranks:
+        while not (there := comm.iprobe(rank, REFUSED)) and time.monotonic() < last:
+            time.sleep(0.01)
+        found.append(comm.recv(source=rank, tag=REFUSED) if there else None)
+    return found
+
+
+def _stopped(word: str, code: int) -> int:
+    comm = _ranks()
+    return _say(word, code) if comm is None or comm.rank == 0 else code
+
+
+def _say(sentence: str, code: int) -> int:
+    print(f"fenicsrom: {sentence}", file=sys.stderr, flush=True)
+    return code
+
+
+def _ranks() -> Any:
+    """The communicator of all ranks; None where MPI is not in use, or there is one only."""
     mpi = sys.modules.get("mpi4py.MPI")
-    return (mpi.COMM_WORLD.rank, mpi.COMM_WORLD.size) if mpi else (0, 1)
+    return mpi.COMM_WORLD if mpi and mpi.COMM_WORLD.size > 1 else None
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -148,9 +180,7 @@ def _run(options: argparse.Namespace) -> int:
         raise SceneError("fenicsrom run: --resume needs the model too: --from reduced_model.npz, or the scene file")
     if options.scene is None:
         raise SceneError("fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model")
-    scene = read_scene(options.scene, options.overrides)
-    folder = _folder(options, options.scene)
-    comm, say = _start(folder)
+    comm, say, scene, folder = _start(options)
     from fenicsrom import online, results, study
 
     resume = Path(options.resume) if options.resume else None
@@ -171,7 +201,7 @@ def _run(options: argparse.Namespace) -> int:
         for sentence in online.out_of_reach(found.motions["reduced"], found.solid.points) if "reduced" in found.motions else []:
             print(sentence)
         if found.errors:
-            print(results.estimate_sentence(found.errors))
+            print(results.estimate_sentence(found))
         if errors := results.errors_of(found.motions):
             print(results.error_sentence(errors))
         if "full" in found.motions and "reduced" in found.motions:
@@ -180,6 +210,7 @@ def _run(options: argparse.Namespace) -> int:
             print(f"The reduced model took 1/{ratio:.0f} of the full model's time for a step.")
         _files(files)
     if found.unfinished:
+        comm.barrier()  # the first rank has its files to write
         raise found.unfinished[1]
     return 0
 
@@ -225,9 +256,7 @@ def _rerun(options: argparse.Namespace) -> int:
 
 
 def _modes(options: argparse.Namespace) -> int:
-    scene = read_scene(options.scene, options.overrides)
-    folder = _folder(options, options.scene)
-    comm, say = _start(folder)
+    comm, say, scene, folder = _start(options)
     from fenicsrom import results, study
 
     found = study.offline(scene, comm, study.Stopwatch(say), modes_only=True)
@@ -246,9 +275,7 @@ def _modes(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    scene = read_scene(options.scene, options.overrides)
-    folder = _folder(options, options.scene)
-    comm, say = _start(folder)
+    comm, say, scene, folder = _start(options)
     from fenicsrom import compare, compare_report
 
     found = compare.compare(scene, comm, say)
@@ -260,9 +287,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _campbell(options: argparse.Namespace) -> int:
-    scene = read_scene(options.scene, options.overrides)
-    folder = _folder(options, options.scene)
-    comm, say = _start(folder)
+    comm, say, scene, folder = _start(options)
     from fenicsrom import campbell
 
     found = campbell.campbell(scene, comm, say)
@@ -271,6 +296,7 @@ def _campbell(options: argparse.Namespace) -> int:
         _found(scene, campbell.terminal(found), found.warnings)
         _files(files)
     if found.unfinished:
+        comm.barrier()
         raise found.unfinished
     return 0
 
@@ -302,11 +328,17 @@ def _plan(options: argparse.Namespace) -> int:
     return 0
 
 
-def _start(folder: Path) -> tuple[Any, Any]:
-    """The communicator and where progress goes; the output folder is made first, so that a run is not lost for want of it."""
+def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
+    """The communicator, where progress goes, the scene and the output folder.
+
+    MPI comes first, so that a scene that is wrong is called so once; the folder is made before anything is computed, so that
+    a run is not lost for want of it.
+    """
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
     if comm.rank == 0:
         _writable(folder)
 
@@ -314,7 +346,7 @@ def _start(folder: Path) -> tuple[Any, Any]:
         if comm.rank == 0:
             print(line, file=sys.stderr, flush=True)
 
-    return comm, say
+    return comm, say, scene, folder
 
 
 def _writable(folder: Path) -> None:

@@ -24,9 +24,8 @@ import json
 import os
 import platform
 import time as clock
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -38,7 +37,7 @@ import scipy.stats
 from numpy.typing import NDArray
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.files import whole
+from fenicsrom.files import read_archive, write_archive
 from fenicsrom.integrate import Motion, scheme
 from fenicsrom.modes import ComponentModes, SolvedModes, first_modes, solve_modes
 from fenicsrom.online import provenance, simulate
@@ -523,22 +522,16 @@ def write_cached(path: Path, key: str, motion: Motion, note: dict[str, Any]) -> 
     Raises:
         OSError: it cannot be written.
     """
-    header = json.dumps({"key": key, "note": note, **{name: getattr(motion, name) for name in _NUMBERS}})
-    with whole(path) as temporary, open(temporary, "wb") as file:
-        np.savez_compressed(file, header=np.array(header), **{name: getattr(motion, name) for name in _ARRAYS})
+    header = {"format": key, "note": note, **{name: getattr(motion, name) for name in _NUMBERS}}
+    write_archive(path, header, {name: getattr(motion, name) for name in _ARRAYS}, compress=True)
 
 
 def read_cached(path: Path, key: str) -> tuple[Motion, dict[str, Any]] | None:
     """The motion kept under a key and the note with it; None if there is none, or the file is damaged."""
-    try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as data:
-            header = json.loads(str(data["header"]))
-            arrays = {name: data[name] for name in _ARRAYS}
-        if header["key"] != key or any(len(array) != header["steps"] + 1 for array in arrays.values()):
-            return None
-        return Motion(**arrays, **{name: header[name] for name in _NUMBERS}), header["note"]
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zipfile.LargeZipFile):
-        return None
+    with suppress(SceneError), read_archive(path, "a motion", key) as (header, arrays):
+        if all(len(arrays[name]) == header["steps"] + 1 for name in _ARRAYS):
+            return Motion(**{name: arrays[name] for name in _ARRAYS}, **{name: header[name] for name in _NUMBERS}), header["note"]
+    return None
 
 
 def machine() -> dict[str, Any]:

@@ -1,14 +1,20 @@
-"""Files and folders that appear whole or not at all."""
+"""Files and folders that appear whole or not at all, and archives of arrays that are read with distrust."""
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import shutil
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+from fenicsrom.errors import SceneError
 
 
 @contextmanager
@@ -80,6 +86,60 @@ def whole_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
     finally:
         if first:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Any], compress: bool = False) -> None:
+    """Write arrays as an `.npz` with a header of what JSON can hold; the file appears whole or not at all.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    write = np.savez_compressed if compress else np.savez
+    with whole(path) as temporary, open(temporary, "wb") as file:
+        write(file, header=np.array(json.dumps(header)), **arrays)
+
+
+@contextmanager
+def read_archive(path: Path, what: str, form: str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+    """Read what `write_archive` wrote, or what pretends to be: pickles are refused.
+
+    The body makes of header and arrays what they stand for; whatever it raises means that the file is damaged.
+
+    Args:
+        path: the file.
+        what: it should be, such as "a checkpoint".
+        form: what its header should have under "format".
+
+    Yields:
+        The header, and the arrays by their names.
+
+    Raises:
+        SceneError: the file is missing, damaged or of another format; one line that begins with its path.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                arrays = {name: np.array(file[name]) for name in file.files}
+            header = json.loads(str(arrays.pop("header")[()]))
+        if header.get("format") != form:
+            raise SceneError(f"{path}: format = {header.get('format')!r}: must be {form!r}")
+        yield header, arrays
+    except FileNotFoundError:
+        raise SceneError(f"{path}: cannot be read: no such file") from None
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
+    except SceneError as error:
+        sentence = str(error) if str(error).startswith(f"{path}: ") else f"{path}: the scene in it is damaged ({error})"
+        raise SceneError(_one_line(sentence)) from None
+    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise SceneError(_one_line(f"{path}: is not {what} written by this program ({reason})")) from None
+
+
+def _one_line(text: str) -> str:
+    """The first line of a text, shortened, without what cannot be printed."""
+    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,8 @@ QUADRATIC = {1: 8, 2: 9, 3: 10, 4: 11, 5: 12}  # gmsh type with all nodes of deg
 DEGENERATE = 1e-12  # smallest Jacobian determinant, relative to the size of the cell to the power of its dimension
 STRAIGHT = 1e-6  # largest distance of a node from its place in the straight cell, relative to the size of the cell
 ON_PLANE = 1e-6  # default tolerance of a picking plane, relative to the extent of the mesh
+FARTHEST = 1e15  # coordinate of a geometry, in its own unit, beyond which gmsh crashes or fills all memory
+MOST_CELLS = 1e5  # of the size that is asked for, along the body
 ROUNDING = 1e-9  # distance that counts as none, relative to the extent of the mesh
 
 SUFFIXES = {".geo": "geo", ".msh": "msh", ".step": "step", ".stp": "step",
@@ -513,7 +515,7 @@ def _load(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         _set_parameters(gmsh, geometry)
     sets = {}
     with _errors(gmsh, source):
-        if form == "msh":
+        if form in ("msh", "step"):
             _survive(source)
         if form in ("geo", "msh"):
             gmsh.merge(source)
@@ -523,6 +525,8 @@ def _load(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
             gmsh.model.occ.synchronize()
         else:
             sets = _import(gmsh, geometry.mesh, form, geometry.curved)
+    if form in ("geo", "step"):
+        _check_reach(gmsh, geometry)
     if gmsh.model.getDimension() != d:
         raise SceneError(f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} for this file")
     if form == "step":
@@ -537,8 +541,29 @@ def _load(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
     return sets
 
 
+def _check_reach(gmsh: Any, geometry: Geometry) -> None:
+    """Refuse a body that is nowhere, reaches too far, or takes too many cells: gmsh would crash, or fill all memory.
+
+    Raises:
+        SceneError: it is such a body.
+    """
+    source, places = str(geometry.mesh), [gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getEntities(0)]
+    with suppress(Exception):  # of gmsh, which has no type of its own: the box is empty
+        places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
+    wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
+    if wrong:
+        where = ", ".join(f"{value:.6g}" for value in wrong[0])
+        raise SceneError(f"{source}: it reaches to ({where}): coordinates must be numbers of at most {FARTHEST:g}")
+    extent = float(np.ptp(places or np.zeros((1, 3)), axis=0).max())
+    if extent == 0.0:
+        raise SceneError(f"{source}: there is no body in it that has a size")
+    if geometry.size is not None and geometry.size * MOST_CELLS < extent:
+        allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
+        raise SceneError(f"{source}: geometry.size = {geometry.size:g}: {allowed}")
+
+
 def _survive(source: str) -> None:
-    """Read a .msh file in a process of its own first: a damaged one can crash gmsh, or keep it busy for ever.
+    """Read a .msh or .step file in a process of its own first: a damaged one can crash gmsh, or keep it busy for ever.
 
     Raises:
         SceneError: it does.

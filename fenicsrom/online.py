@@ -7,8 +7,6 @@ about the contacts but where they are, and the time integration.
 
 from __future__ import annotations
 
-import json
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
@@ -20,7 +18,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.contact import ContactPoints, contacts_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.files import whole
+from fenicsrom.files import read_archive, write_archive
 from fenicsrom.integrate import Motion, end_of, integrate
 from fenicsrom.reduced import ElasticPolynomial, ReducedModel, reduced_model
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
@@ -30,10 +28,9 @@ Array = NDArray[np.float64]
 
 TIME_ERROR = 0.1  # estimated relative error by the time step above which a motion is refused
 UNSETTLED_ERROR = 1.0  # the same of a motion that does not settle, whose root mean squares wander
-RESTS = 1e-6  # of the largest displacement: what moves less does not move
 PHASES = 200  # at which two periods are compared
 BASIS_ERROR = 0.05  # relative difference from a basis with more derivatives above which a motion is refused
-NOTHING = 1e-9  # of the largest displacement: an amplitude that is rounding
+RESTS = 1e-6  # of the largest displacement: an amplitude below it is rest; steadiness is told no finer either
 SETTLED = 1e-3  # relative change of the amplitudes from period to period below which they are taken as settled
 ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
 
@@ -112,12 +109,13 @@ def coarser(scene: Scene) -> Scene:
     if time.steps_per_period is not None:
         return replace(scene, time=replace(time, steps_per_period=max(time.steps_per_period // 2, 2)))
     assert time.step is not None
-    return replace(scene, time=replace(time, step=2.0 * time.step))
+    assert time.duration is not None
+    return replace(scene, time=replace(time, step=min(2.0 * time.step, time.duration)))
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether what moves is rounding, `NOTHING` of the displacement."""
-    return bool(np.linalg.norm(amplitude(motion)) <= NOTHING * np.max(np.abs(motion.displacement), initial=0.0))
+    """Whether a motion ends at rest: what still moves is `RESTS` of the displacement, or less."""
+    return bool(np.linalg.norm(amplitude(motion)) <= RESTS * np.max(np.abs(motion.displacement), initial=0.0))
 
 
 def settled(motion: Motion) -> bool:
@@ -140,10 +138,18 @@ def settled(motion: Motion) -> bool:
     return True
 
 
-def spread(motion: Motion) -> Array:
-    """Root mean square over the second half of a motion, about its mean, of each direction of the first point, m."""
-    late = motion.time >= 0.5 * motion.time[-1]
-    time, x = motion.time[late], motion.displacement[late, 0]
+def wanders(motion: Motion) -> bool:
+    """Whether a motion should repeat and does not settle."""
+    return motion.period is not None and not settled(motion)
+
+
+def spread(motion: Motion, since: float = 0.0) -> Array:
+    """Root mean square of a motion about its mean, of each point and direction, (P d,), m.
+
+    Over the second half of a motion that should repeat, else over all from a time on, s.
+    """
+    late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
+    time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
     length = max(time[-1] - time[0], 1e-300)
     mean = np.trapezoid(x, time, axis=0) / length
     return np.asarray(np.sqrt(np.trapezoid((x - mean) ** 2, time, axis=0) / length))
@@ -159,17 +165,18 @@ def difference(motion: Motion, other: Motion) -> float:
     return float(np.linalg.norm(a - b)) / size if size > 0.0 else float(np.linalg.norm(a) > 0.0)
 
 
-def peak_normal_force(motion: Motion) -> float:
-    """Largest normal contact force, N, over the last period and all points; 0 without contact."""
-    return float(motion.force[motion.last_period(), :, 0].max(initial=0.0))
+def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
+    """Largest normal contact force, N, of all points over the last period, else from a time on, s; 0 without contact."""
+    part = motion.last_period() if motion.period is not None else motion.time >= since
+    return float(motion.force[part, :, 0].max(initial=0.0))
 
 
 class StepErrors(NamedTuple):
     """Estimates of relative errors by the time step.
 
     Attributes:
-        amplitude: of the amplitudes of a motion that has settled, of the root mean squares of one that has not; infinite if
-            no other motion could be had.
+        amplitude: of the amplitudes of a motion that has settled, of the root mean squares of one that has not, or that has
+            no period; infinite if no other motion could be had.
         peak_force: of the largest normal force; infinite too where the step does not resolve the contact.
     """
 
@@ -180,6 +187,7 @@ class StepErrors(NamedTuple):
 def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     """Estimate the errors of a motion by its time step, from a run with twice the step.
 
+    Amplitudes are compared where both settle, else root mean squares: of a run of a duration, over what it recorded.
     They are twice the difference: six times the error of a scheme of second order, twice that of one of first order, to
     which the switching of contacts may bring it. Impacts make amplitudes jump to and fro as the step changes: that of the
     amplitudes is at least a third of the distance between the last periods. Peaks of the force that a stiff contact has
@@ -197,13 +205,13 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
         return StepErrors(np.inf, np.inf)
     if at_rest(motion) and at_rest(other):
         return StepErrors(0.0, 0.0)
+    since = float(motion.time[0])  # what a resumed run recorded
     peak, resolved = peak_normal_force(motion), motion.end is None or np.all(motion.end.state.trial.room.lean < 0.5)
-    apart = 2.0 * abs(peak - peak_normal_force(other))
+    apart = 2.0 * abs(peak - peak_normal_force(other, since))
     force = 0.0 if peak == apart == 0.0 else apart / peak if resolved and peak > 0.0 else np.inf
-    if np.max(np.ptp(motion.displacement, axis=0)) <= RESTS * np.max(np.abs(motion.displacement)):
-        return StepErrors(0.0, force)
     if not settled(motion):
-        size, apart = (float(np.linalg.norm(x)) for x in (spread(motion), spread(motion) - spread(other)))
+        ours, theirs = spread(motion), spread(other, since)
+        size, apart = float(np.linalg.norm(ours)), float(np.linalg.norm(ours - theirs))
         return StepErrors(2.0 * apart / size if size > 0.0 else 0.0, force)
     if not settled(other):
         return StepErrors(np.inf, force)
@@ -224,24 +232,31 @@ def _last_period(motion: Motion) -> Array:
     return np.array([np.interp(phases, motion.time[part], column) for column in columns]).T
 
 
-def check_time_error(scene: Scene, estimate: float, settles: bool = True) -> None:
-    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`; `UNSETTLED_ERROR` if it does not settle.
+def check_time_error(scene: Scene, estimate: float, wandering: bool = False) -> None:
+    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`; `UNSETTLED_ERROR` if it wanders.
 
     Raises:
         AccuracyError: it is.
     """
-    allowed = TIME_ERROR if settles else UNSETTLED_ERROR
+    allowed = UNSETTLED_ERROR if wandering else TIME_ERROR
     if estimate <= allowed:
         return
     time = scene.time
     name = next(name for name in ("tolerance", "steps_per_period", "step") if getattr(time, name) is not None)
     other = "eight times the tolerance" if name == "tolerance" else "twice the step"
-    size = f"an error of about {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles"
+    size = f"an error of about {100.0 * estimate:.2g} %" if np.isfinite(estimate) else "no motion that settles, or none"
     raise AccuracyError(
         f"time.{name} = {getattr(time, name):g}: the steps are too long: {other} gives {size} "
-        f"(at most {100.0 * allowed:g} % is taken as converged{'' if settles else ', of a motion that does not settle'}): "
+        f"(at most {100.0 * allowed:g} % is taken as converged{', of a motion that does not settle' if wandering else ''}): "
         f"a richer basis is no help, {name} = {getattr(enough(scene, estimate).time, name):g} is likely enough"
+        f"{'' if np.isfinite(estimate) else other_scheme(scene)}"
     )
+
+
+def other_scheme(scene: Scene) -> str:
+    """What to try where a motion does not settle: the end of a sentence."""
+    conserves = scene.time.scheme == "discrete-gradient"
+    return '; or time.scheme = "generalised-alpha", which damps the waves that the steps do not resolve' if conserves else ""
 
 
 def enough(scene: Scene, estimate: float) -> Scene:
@@ -282,7 +297,8 @@ def check_energy(motion: Motion) -> None:
     """
     energy = float(np.max(motion.kinetic + np.abs(motion.elastic)))
     work = float(np.max(np.abs(motion.work - motion.work[0])))
-    for sign, share, found in ((1.0, energy, "largest energy"), (-1.0, energy + work, "largest energy and the work of the loads")):
+    both = "largest energy and the work of the loads"
+    for sign, share, found in ((1.0, energy, "largest energy"), (-1.0, energy + work, both)):
         off = float(np.max(sign * motion.imbalance))
         if not off <= ENERGY_ERROR * share:
             kind = "comes from nowhere" if sign > 0.0 else "is lost"
@@ -304,8 +320,7 @@ def doubt(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
     """Why a motion is not to be relied on, as far as the model alone can tell; None if nothing speaks against it."""
     try:
         check_energy(motion)
-        if motion.period is not None:
-            check_time_error(scene, step_errors(model, scene, motion).amplitude, settled(motion))
+        check_time_error(scene, step_errors(model, scene, motion).amplitude, wanders(motion))
     except AccuracyError as error:
         return error
     return None
@@ -367,22 +382,20 @@ def save_model(path: Path, stored: StoredModel) -> None:
         "provenance": stored.provenance,
     }
     model = stored.model
-    with whole(path) as temporary, open(temporary, "wb") as file:
-        np.savez(
-            file,
-            header=np.array(json.dumps(header)),
-            frequencies_hz=stored.frequencies_hz,
-            mass=model.mass,
-            damping=np.array(model.damping),
-            **model.elastic._asdict(),
-            loads=model.loads,
-            **{f"point_{name}": array for name, array in model.points._asdict().items()},
-            contact_rows=model.contact_rows,
-            contact_offset=model.contact_offset,
-            probe=model.probe,
-            probe_offset=model.probe_offset,
-            turning=model.turning,
-        )
+    arrays = {
+        "frequencies_hz": stored.frequencies_hz,
+        "mass": model.mass,
+        "damping": np.array(model.damping),
+        **model.elastic._asdict(),
+        "loads": model.loads,
+        **{f"point_{name}": array for name, array in model.points._asdict().items()},
+        "contact_rows": model.contact_rows,
+        "contact_offset": model.contact_offset,
+        "probe": model.probe,
+        "probe_offset": model.probe_offset,
+        "turning": model.turning,
+    }
+    write_archive(path, header, arrays)
 
 
 def load_model(path: Path) -> StoredModel:
@@ -391,32 +404,10 @@ def load_model(path: Path) -> StoredModel:
     Raises:
         SceneError: the file is missing, damaged, of another format, or its arrays do not fit together.
     """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                data = {name: np.array(file[name]) for name in file.files}
-            header = json.loads(str(data["header"][()]))
-        if header.get("format") != FORMAT:
-            raise SceneError(f"{path}: format = {header.get('format')!r}: must be {FORMAT!r}")
+    with read_archive(path, "a reduced model", FORMAT) as (header, data):
         scene = parse_scene(header["scene"], str(header["source"]), None)
         labels = tuple(str(label) for label in header["labels"])
         return _assemble(path, data, header, scene, labels)
-    except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
-    except SceneError as error:
-        sentence = str(error) if str(error).startswith(f"{path}: ") else f"{path}: {error}"
-        raise SceneError(_one_line(sentence)) from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
-    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise SceneError(_one_line(f"{path}: is not a reduced model written by this program ({reason})")) from None
-
-
-def _one_line(text: str) -> str:
-    """The first line of a text, shortened, without what cannot be printed."""
-    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
 
 
 def _assemble(path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]) -> StoredModel:

@@ -159,6 +159,11 @@ class Workspace(NamedTuple):
     load: Array
 
 
+def negative_eigenvalues(matrix: Array) -> int:
+    """Number of negative eigenvalues of the symmetric part of a matrix (n, n)."""
+    return int(np.sum(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)) < 0.0))
+
+
 class ReducedModel(NamedTuple):
     """Everything the online stage needs of n coordinates and m contact displacements.
 
@@ -238,7 +243,7 @@ class ReducedModel(NamedTuple):
 
     def negative_directions(self, slope: Array) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        return int(np.sum(np.linalg.eigvalsh(0.5 * (slope + slope.T)) < 0.0))
+        return negative_eigenvalues(slope)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
@@ -552,7 +557,7 @@ class DenseModel:
 
     def negative_directions(self, slope: Array) -> int:
         """Number of negative eigenvalues of a stiffness."""
-        return int(np.sum(np.linalg.eigvalsh(0.5 * (slope + slope.T)) < 0.0))
+        return negative_eigenvalues(slope)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""

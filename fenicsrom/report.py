@@ -296,7 +296,7 @@ def plot_points(motions: Mapping[str, Motion], points: Mapping[str, Sequence[Map
     hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
     directions = motions[first].displacement.shape[2]
     loops = len(_LOOPS[directions])
-    figure = new_figure(10.8, 7.2)
+    figure = new_figure(3.6 * loops, 7.2)
     above, below = figure.subfigures(2, 1)
     axes = above.subplots(1, 3)
     curves = {

@@ -7,9 +7,7 @@ the same model, and under a scene in which nothing is changed but when it ends: 
 from __future__ import annotations
 
 import hashlib
-import json
 import time as clock
-import warnings
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -19,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.errors import SceneError
-from fenicsrom.files import whole
+from fenicsrom.files import read_archive, write_archive
 from fenicsrom.integrate import TIME, Checkpoint, Motion, no_record, no_state
 from fenicsrom.reduced import ReducedModel
 from fenicsrom.scene import Scene, parse_scene, scene_table
@@ -52,8 +50,7 @@ def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: C
         "format": FORMAT, "model": fingerprint(model), "source": scene.source, "scene": scene_table(scene),
         "spans": checkpoint.spans, "buckled": checkpoint.buckled, "size": checkpoint.size,
     }  # fmt: skip
-    with whole(path) as temporary, open(temporary, "wb") as file:
-        np.savez(file, header=np.array(json.dumps(header)), **_arrays(checkpoint))
+    write_archive(path, header, _arrays(checkpoint))
 
 
 def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
@@ -108,28 +105,11 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
 
 def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
     """Header, scene and arrays of a checkpoint."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                data = {name: np.array(file[name]) for name in file.files}
-            header = json.loads(str(data["header"][()]))
-        if header["format"] != FORMAT:
-            raise SceneError(f"{path}: format = {header['format']!r}: must be {FORMAT!r}")
+    with read_archive(path, "a checkpoint", FORMAT) as (header, data):
         kinds = {"model": str, "spans": int, "buckled": int, "size": float}
         if not all(type(header[key]) is kind for key, kind in kinds.items()) or data["last_time"].ndim != 1:
-            raise ValueError
+            raise SceneError(f"{path}: its header does not fit a checkpoint: the file is damaged")
         return header, parse_scene(header["scene"], str(header["source"]), None), data
-    except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
-    except SceneError as error:
-        if str(error).startswith(f"{path}: "):
-            raise
-        raise SceneError(f"{path}: the scene in it is damaged ({error})") from None
-    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
-        raise SceneError(f"{path}: is not a checkpoint written by this program ({type(error).__name__})") from None
 
 
 def changed_key(made: Scene, wanted: Scene) -> str | None:

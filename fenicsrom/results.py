@@ -15,7 +15,7 @@ from fenicsrom.contact import ContactPoints, contacts_of, unit_normals
 from fenicsrom.errors import SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
-from fenicsrom.online import StoredModel, out_of_reach, provenance, save_model
+from fenicsrom.online import StoredModel, out_of_reach, provenance, save_model, settled
 from fenicsrom.reduced import ReducedModel
 from fenicsrom.report import (
     errors_percent,
@@ -403,7 +403,7 @@ def report_sections(study: Study, pictures: list[tuple[str, Path]]) -> list[tupl
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     if study.errors:
-        found.append(estimate_sentence(study.errors))
+        found.append(estimate_sentence(study))
     if study.unfinished:
         found.append(f"The {study.unfinished[0]} model has no result to rely on: {study.unfinished[1]}")
     found += [f"Warning: {warning}" for warning in study.solid.warnings]
@@ -449,12 +449,13 @@ def equilibrium_sentence(deflection: Array) -> str:
     return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
-def estimate_sentence(errors: Mapping[str, float]) -> str:
+def estimate_sentence(study: Study) -> str:
     """The estimated errors in a sentence."""
-    sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in errors.items()}
+    sizes = {name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown" for name, value in study.errors.items()}
     parts = [f"{size} by the {name}" for name, size in sizes.items() if not name.startswith("peak")]
     peak = [f"; of the {name.replace(' by', f', {size}, by')}" for name, size in sizes.items() if name.startswith("peak")]
-    return f"Estimated error of the reduced model's amplitude (all directions together): {', '.join(parts)}{''.join(peak)}."
+    what = "amplitude" if settled(study.motions["reduced"]) else "root mean square displacement"
+    return f"Estimated error of the reduced model's {what} (all directions together): {', '.join(parts)}{''.join(peak)}."
 
 
 def write_rerun(stored: StoredModel, scene: Scene, motion: Motion, folder: Path) -> list[Path]:

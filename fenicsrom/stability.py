@@ -45,6 +45,7 @@ from fenicsrom.online import (
     settled,
     simulate,
     step_errors,
+    wanders,
 )
 from fenicsrom.report import html_report, new_figure, styled, write_rows, write_summary
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
@@ -450,7 +451,7 @@ def _examine(
     if wrong := unbounded(motion, scene.time.scheme):
         return WRONG, wrong
     numbers["estimate"], numbers["force_estimate"] = estimate, force_estimate = step_errors(model, scene, motion)
-    check_time_error(scene, estimate, settled(motion))
+    check_time_error(scene, estimate, wanders(motion))
     if settled(motion):
         numbers["basis_estimate"] = own_basis_error(study, scene, motion) if study else None
     fine = simulate(model, refined(scene))

@@ -1,14 +1,20 @@
-"""What several test files share: differences, slopes, small scenes and small models."""
+"""What several test files share: differences, slopes, small scenes and small models, runs on several ranks."""
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
+import fenicsrom
 from fenicsrom.contact import ContactPoints, Contacts, planes
 from fenicsrom.integrate import Motion
 from fenicsrom.online import simulate
@@ -213,3 +219,33 @@ def one_contact(dimension: int = 2, **values: Any) -> Contacts:
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
     """Settings of a run of a number of equal steps."""
     return Time(scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius)
+
+
+# ------------------------------------------------------------------ ranks
+
+needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+
+
+def on_ranks(
+    ranks: int, *command: str, cache: Path | None = None, code: int = 0, timeout: float = 300.0
+) -> subprocess.CompletedProcess[str]:
+    """Run a Python command on some ranks, where it finds this program and these tests.
+
+    Args:
+        ranks: how many; without mpirun if one.
+        command: what follows `python3`.
+        cache: where it keeps full motions; as ever without.
+        code: that it must end with.
+        timeout: s.
+    """
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
+    paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+    if cache:
+        environment["XDG_CACHE_HOME"] = str(cache)
+    start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    done = subprocess.run(
+        [*start, sys.executable, *command], env=environment, capture_output=True, text=True, timeout=timeout, check=False
+    )
+    assert done.returncode == code, done.stderr
+    return done

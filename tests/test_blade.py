@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from support import STOCKY, beam_scene, dense, free_unknowns, make_solid
+from support import STOCKY, beam_scene, dense, free_unknowns, make_solid, needs_mpirun, on_ranks
 
 pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
-from test_parallel import needs_mpirun, on_ranks
 
 from fenicsrom.basis import ReducedBasis
 from fenicsrom.contact import contacts_of

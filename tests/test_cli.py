@@ -143,6 +143,10 @@ def test_stored_model_without_dolfinx(results, tmp_path):
         ("material.young=1e9", "material cannot change on a stored reduced model"),
         ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal cannot change"),
         ("contacts.0.friction=-1", "contacts[0].friction"),
+        ("geometry.thickness=0.05", "geometry cannot change on a stored reduced model"),
+        ("supports.0.group='tip'", "supports cannot change on a stored reduced model"),
+        ("basis.modes=2", "basis cannot change on a stored reduced model"),
+        ("geometrically_nonlinear=false", "geometrically_nonlinear cannot change on a stored reduced model"),
     ],
 )
 def test_stored_model_keeps_what_it_was_made_from(results, tmp_path, capsys, override, sentence):

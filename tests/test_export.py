@@ -5,9 +5,6 @@ import os
 import resource
 import shutil
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +14,7 @@ fem = pytest.importorskip("dolfinx.fem")
 pyvista = pytest.importorskip("pyvista")
 
 from dolfinx import mesh as dmesh  # noqa: E402
+from support import needs_mpirun, on_ranks  # noqa: E402
 
 from fenicsrom import export  # noqa: E402
 
@@ -326,10 +324,8 @@ def test_without_anything_to_draw_with_there_is_a_warning_and_no_animation(tmp_p
 
 
 PARALLEL = """
-import sys
 import numpy as np
 from mpi4py import MPI
-sys.path.insert(0, {tests!r})
 from test_export import export, of_space, space_on
 space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
 u = of_space(space, 2)
@@ -349,15 +345,9 @@ except OSError as error:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="needs mpirun")
+@needs_mpirun
 def test_two_ranks_write_one_grid(tmp_path):
-    code = PARALLEL.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
-    package = str(Path(export.__file__).parents[1])
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
-    command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", code]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    done = on_ranks(2, "-c", PARALLEL.format(folder=str(tmp_path)))
     assert done.stdout.count("refused:") == 2 and "rank 1 failed" in done.stdout
     assert sorted(p.name for p in tmp_path.iterdir()) == ["line0.npy", "line1.npy", "modes", "motion"]
     whole = space_on("tetrahedron")

@@ -28,6 +28,7 @@ from support import beam_scene, random_model
 
 from fenicsrom.errors import SceneError
 from fenicsrom.online import StoredModel, load_model, rescene, save_model, simulate
+from fenicsrom.paths import shared_meshes
 
 
 def drawn(few: int, many: int, **inputs: st.SearchStrategy[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
@@ -253,22 +254,25 @@ def test_a_bomb_is_not_unpacked(stored: Path, tmp_path: Path) -> None:
 # ------------------------------------------------------------------ meshes
 
 READER = """
-import faulthandler, sys
+import json, os, resource, sys
 from pathlib import Path
+answers = os.fdopen(os.dup(1), "w")
+os.dup2(2, 1)  # what libraries say is no answer
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
 from fenicsrom.mesh import build_mesh
 from fenicsrom.scene import Geometry
+resource.setrlimit(resource.RLIMIT_AS, (2**33, resource.RLIM_INFINITY))
 for line in sys.stdin:
-    path, dimension = line.split()
+    given = json.loads(line)
     try:
-        mesh = build_mesh(Geometry(mesh=Path(path), dimension=int(dimension), thickness=1.0), MPI.COMM_SELF)
+        mesh = build_mesh(Geometry(mesh=Path(given.pop("mesh")), thickness=1.0, **given), MPI.COMM_SELF)
         d = mesh.domain.topology.dim
-        print("mesh", mesh.domain.topology.index_map(d).size_local, len(mesh.warnings), flush=True)
+        print("mesh", mesh.domain.topology.index_map(d).size_local, len(mesh.warnings), file=answers, flush=True)
     except SceneError as error:
-        print("refused", str(error).replace("\\n", "|"), flush=True)
+        print("refused", str(error).replace("\\n", "|"), file=answers, flush=True)
     except BaseException as error:
-        print("raised", type(error).__name__, str(error).replace("\\n", "|"), flush=True)
+        print("raised", type(error).__name__, str(error).replace("\\n", "|"), file=answers, flush=True)
 """
 
 
@@ -284,12 +288,13 @@ class Reader:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
 
-    def read(self, path: Path, dimension: int = 2, seconds: float = 60.0) -> str:
+    def read(self, path: Path, dimension: int = 2, seconds: float = 60.0, **geometry: Any) -> str:
         """What came of a mesh: `mesh CELLS WARNINGS`, `refused SENTENCE`, `raised ..`, `crashed` or `hangs`."""
         if self.process.poll() is not None:
             self.start()
         assert self.process.stdin is not None and self.process.stdout is not None
-        print(path, dimension, file=self.process.stdin, flush=True)
+        given = {"mesh": str(path), "dimension": dimension, **geometry}
+        print(json.dumps(given), file=self.process.stdin, flush=True)
         ready, _, _ = select.select([self.process.stdout], [], [], seconds)
         if not ready:
             self.stop()
@@ -424,6 +429,58 @@ def test_a_damaged_mesh_is_refused_or_read(
     path.write_bytes(damage(text(square()).encode(), done))
     answer = reader.read(path)
     assert answer.startswith(("refused ", "mesh ")), answer
+
+
+SIZES = ["1e300", "-1e300", "1e16", "1e-300", "0", "nan", "inf"]
+SHEET = """
+DefineConstant[ size = 1 ];
+Point(1) = {0, 0, 0, 0.5}; Point(2) = {size, 0, 0, 0.5}; Point(3) = {size, 1, 0, 0.5}; Point(4) = {0, 1, 0, 0.5};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+"""
+BLOCK = 'SetFactory("OpenCASCADE"); DefineConstant[ size = 1 ]; Box(1) = {0, 0, 0, size, 1, 1}; MeshSize{:} = 0.5;'
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("name", ["sheet", "block", "beam2d", "beam3d", "blade"])
+def test_a_geometry_of_absurd_size_is_refused(reader: Reader, tmp_path: Path, name: str, size: str) -> None:
+    """Without a check some of these crash gmsh, and some make it fill all memory."""
+    path, parameter = shared_meshes() / f"{name}.geo", "span" if name == "blade" else "length"
+    if name in ("sheet", "block"):
+        path, parameter = tmp_path / f"{name}.geo", "size"
+        path.write_text({"sheet": SHEET, "block": BLOCK}[name])
+    answer = reader.read(path, 2 if name in ("sheet", "beam2d") else 3, parameters={parameter: float(size)}, seconds=20.0)
+    assert answer.startswith(f"refused {path}: ") and answer.isprintable(), answer
+    if size == "1e300" and name != "block":
+        assert answer.endswith("coordinates must be numbers of at most 1e+15")
+
+
+@pytest.mark.parametrize(
+    ("size", "sentence"),
+    [
+        ("1.E300", "has a size"), ("1.E19", "at most 1e+15"), ("1.E-300", ""), ("0.", ""),
+        ("1.E16", "size = 0.001: must be at least 1e+08 for a body of 1e+13 m"),
+        pytest.param("1e300", "", marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_a_step_file_of_absurd_size_is_refused(reader: Reader, tmp_path: Path, size: str, sentence: str) -> None:
+    """The last of them is no number in a .step file: gmsh never comes to an end of it."""
+    gmsh = pytest.importorskip("gmsh")
+    path = tmp_path / "block.step"
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        gmsh.model.occ.addBox(0, 0, 0, 7, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    content = path.read_text()
+    assert "(7.," in content
+    path.write_text(content.replace("(7.,", f"({size},"))
+    answer = reader.read(path, 3, size=1e-3, seconds=90.0)
+    assert answer.startswith(f"refused {path}: ") and answer.isprintable() and sentence in answer, answer
 
 
 # ------------------------------------------------------------------ ends that come too early

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -19,6 +16,7 @@ import meshio
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from support import needs_mpirun, on_ranks
 
 from fenicsrom.errors import SceneError
 from fenicsrom.mesh import Mesh, build_mesh, unclamped_pieces
@@ -513,7 +511,7 @@ if comm.rank == 0:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@needs_mpirun
 def test_two_ranks(tmp_path: Path) -> None:
     import json
 
@@ -531,14 +529,9 @@ def test_two_ranks(tmp_path: Path) -> None:
         table(shared_meshes() / "blade.geo", box, {"group": "tip_nodes"}, **blade),
     ]
     (tmp_path / "scenes.json").write_text(json.dumps(tables))
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    package = str(Path(build_mesh.__code__.co_filename).parents[1])
-    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
-    call = [sys.executable, "-c", TWO_RANKS, str(tmp_path / "scenes.json"), str(tmp_path / "cut.inp")]
     found = []
-    for launcher in ([], ["mpirun", "--oversubscribe", "-n", "2"]):
-        done = subprocess.run([*launcher, *call], env=environment, capture_output=True, text=True, timeout=200)
-        assert done.returncode == 0, done.stderr
+    for ranks in (1, 2):
+        done = on_ranks(ranks, "-c", TWO_RANKS, str(tmp_path / "scenes.json"), str(tmp_path / "cut.inp"))
         found.append(json.loads(done.stdout.partition("FOUND")[2]))
     for one, two in zip(*found, strict=True):
         assert one[0] == two[0] and one[3:] == two[3:]

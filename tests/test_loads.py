@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import STOCKY, beam_scene, make_solid
+from support import STOCKY, beam_scene, make_solid, needs_mpirun, on_ranks
 
-import fenicsrom
 from fenicsrom.errors import SceneError
 from fenicsrom.scene import Load, Place, parse_scene, read_scene
 
@@ -364,18 +359,12 @@ if comm.rank == 0:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@needs_mpirun
 def test_two_ranks_give_the_same_loads(tmp_path: Path) -> None:
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
     tables = []
     for ranks in (1, 2):
         target = tmp_path / f"{ranks}.npz"
-        start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-        command = [*start, sys.executable, "-c", CHAIN, str(target)]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
-        assert done.returncode == 0, done.stderr
+        on_ranks(ranks, "-c", CHAIN, str(target))
         with np.load(target) as file:
             assert int(file["ranks"]) == ranks
             tables.append(file["table"])

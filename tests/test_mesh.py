@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +17,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
+from support import needs_mpirun, on_ranks
 
 from fenicsrom import mesh as mesh_module
 from fenicsrom.errors import SceneError
@@ -168,7 +165,7 @@ def test_a_mesh_of_absurd_size_does_not_disturb_the_next() -> None:
     """Gmsh scales its tolerances by the extent of the last model of the process: points of the next would fall together."""
     before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
     with pytest.raises(SceneError, match="inverted or degenerate"):
-        beam(2, length=1e30)
+        beam(2, length=1e15)
     for dimension in (2, 3):
         after = beam(dimension)
         assert not after.warnings
@@ -535,15 +532,9 @@ print("rank", comm.rank, "is right")
 """
 
 
-@pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+@needs_mpirun
 def test_two_ranks(tmp_path: Path) -> None:
     doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]
     pieces = write_msh(tmp_path / "two.msh", doubled, [squares()[0], (QUADRILATERAL, 1, (6, 4, 5, 7)), *squares()[2:]])
-    package = str(Path(mesh_module.__file__).parents[1])
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    environment |= {"PYTHONPATH": os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))}
-    arguments = [str(shared_meshes() / "beam3d.geo"), str(pieces)]
-    command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", TWO_RANKS, *arguments]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    done = on_ranks(2, "-c", TWO_RANKS, str(shared_meshes() / "beam3d.geo"), str(pieces))
     assert done.stdout.count("is right") == 2

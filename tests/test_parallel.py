@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support import needs_mpirun, on_ranks
 
 pytest.importorskip("dolfinx")
-
-import fenicsrom
 
 CHAIN = """
 import sys
@@ -57,6 +53,9 @@ def gathered(block):
 everything = [modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force]
 table = gathered(np.column_stack(everything))
 y, unit, compliance = full.responses(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
+known = [modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic]
+for other in comm.allgather(known):  # each rank knows the same
+    assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
 if comm.rank == 0:
     np.savez(
         target, ranks=comm.size, table=table, omega=modes.omega, energy=energy, compliance=compliance, mass=model.mass,
@@ -64,24 +63,6 @@ if comm.rank == 0:
         kept=kept.derivatives, weights=list(kept.weights.values()), **model.elastic._asdict(),
     )
 """
-
-
-needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
-
-
-def on_ranks(ranks: int, *command: str, cache: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """A Python command on some ranks, which must end well; its cache of full motions elsewhere if wanted."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
-    environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
-    if cache:
-        environment["XDG_CACHE_HOME"] = str(cache)
-    start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-    done = subprocess.run(
-        [*start, sys.executable, *command], env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return done
 
 
 SCENE = str(Path(__file__).parent.parent / "demos" / "slip_liftoff_2d.toml")
@@ -112,6 +93,48 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
             assert b["error_percent"][name] == pytest.approx(error, rel=1e-2, abs=1e-4), name
     assert one["combinations"][0]["error_percent"]["amplitude_tangential"] > 50.0
     assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
+
+
+ALONE = """
+import sys
+from mpi4py import MPI
+from fenicsrom import cli
+from fenicsrom.errors import SceneError
+
+read = cli.read_scene
+def read_scene(*given):
+    if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
+        raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
+    return read(*given)
+cli.read_scene = read_scene
+sys.exit(cli.main(["run", sys.argv[1], "--output", sys.argv[3]]))
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_refuse_once(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[geometry]\nmesh = 'x.geo'\n")
+    said = on_ranks(2, "-m", "fenicsrom", "run", str(bad), code=2).stderr
+    assert said.count("fenicsrom: ") == said.count("geometry.dimension is missing") == 1
+    said = on_ranks(2, "-m", "fenicsrom", "run", SCENE, "--set", "geometry.parameters.height=-1", code=2).stderr
+    assert said.count("fenicsrom: ") == said.count("height") == 1
+
+
+@pytest.mark.slow
+@needs_mpirun
+@pytest.mark.parametrize(
+    ("sentence", "ranks", "expected"),
+    [
+        ("it is wrong", "0", ["it is wrong"]), ("it is wrong", "1", ["it is wrong"]), ("it is wrong", "0 1", ["it is wrong"]),
+        ("wrong on {rank}", "0 1", ["wrong on 0", "wrong on 1"]),
+    ],
+)  # fmt: skip
+def test_what_one_rank_refuses_is_said(sentence: str, ranks: str, expected: list[str], tmp_path: Path) -> None:
+    """The rank that goes on is stopped: it would wait for the other."""
+    done = on_ranks(2, "-c", ALONE, SCENE, sentence, str(tmp_path), *ranks.split(), code=2, timeout=100)
+    assert sorted(line[11:] for line in done.stderr.splitlines() if line.startswith("fenicsrom: ")) == expected
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Numbers, figures and reports from motions known in closed form, and files that appear whole or not at all."""
 
+import itertools
 import json
 import re
 import resource
@@ -235,11 +236,28 @@ def texts(figure):
     )
 
 
+def illegible(figure):
+    """The titles, labels and legends of a figure that are cut off, and the pairs of them that lie on one another."""
+    from matplotlib.figure import FigureBase
+    from matplotlib.legend import Legend
+
+    figure.draw_without_rendering()
+    whole = figure.bbox.padded(1.0)
+    found = [text for axis in figure.axes for text in (axis.xaxis.label, axis.yaxis.label, axis.title, axis._left_title)]
+    found = [text for text in found if text.get_text()]
+    found += figure.findobj(Legend) + [part._suptitle for part in figure.findobj(FigureBase) if part._suptitle]
+    boxes = [item.get_window_extent() for item in found]
+    cut = [str(item) for item, box in zip(found, boxes, strict=True) if min(*box.min - whole.min, *whole.max - box.max) < 0.0]
+    pairs = itertools.combinations(zip(found, boxes, strict=True), 2)
+    return cut + [f"{a} on {b}" for (a, one), (b, other) in pairs if one.padded(-1.0).overlaps(other.padded(-1.0))]
+
+
 def drawn(figure, tmp_path):
     """Draw a figure and return the picture."""
     from matplotlib.image import imread
 
     figure.savefig(tmp_path / "figure.png")
+    assert not illegible(figure)
     picture = imread(tmp_path / "figure.png")
     assert picture.shape[1] > 900 and picture[..., :3].std() > 0.02
     return picture
@@ -258,7 +276,9 @@ def test_motion_is_drawn_over_its_last_two_periods_in_mm(tmp_path):
         np.testing.assert_allclose(curves[0], curves[1], atol=1e-9)  # phases agree though the runs differ in length
     assert "time / period" in texts(figure) and "mm" in texts(figure)
     drawn(figure, tmp_path)
-    assert len(report.plot_motion({"full": jenkins(3), "beam": jenkins(2)}).axes) == 3
+    solid = report.plot_motion({"full": jenkins(3), "beam": jenkins(2)})
+    assert len(solid.axes) == 3
+    drawn(solid, tmp_path)
 
 
 def test_contact_is_drawn_as_states_and_loops(tmp_path):
@@ -342,7 +362,9 @@ def test_modes_are_drawn_by_kind_with_a_line_a_label(tmp_path):
             assert np.abs(line.get_ydata()).max() == pytest.approx(1)
     assert axial[2].lines[0].get_ydata()[-1] == pytest.approx(3 / 12)
     drawn(figure, tmp_path)
-    assert len(report.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]])).axes) == 9
+    solid = report.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]]))
+    assert len(solid.axes) == 9
+    drawn(solid, tmp_path)
 
 
 def test_a_mode_that_does_not_move_is_drawn_as_zero():

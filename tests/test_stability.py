@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, oscillator
+from support import beam_scene, linear_model, oscillator
 
 from fenicsrom import online, stability
 from fenicsrom.errors import AccuracyError, SceneError
@@ -163,6 +163,68 @@ def test_the_estimate_covers_the_error() -> None:
         assert error < estimate < 15.0 * error
 
 
+def struck(step: float, touching: bool) -> tuple[object, object, Motion]:
+    """The oscillator struck once, before a wall that it meets, or in the open; its motion decays within the run."""
+    hit = {"group": "tip", "direction": [1.0, 0.0], "force": 1.0, "pulse": {"start": 0.1, "duration": 0.8}}
+    wall = {"group": "tip", "at": "centre", "normal": [1.0, 0.0], "preload": 0.0, "gap": 2e-3, "friction": 0.3,
+            "normal_stiffness": 40.0, "tangential_stiffness": 20.0}  # fmt: skip
+    scene = beam_scene(
+        2, ("material.mass_damping=2.0",), loads=[hit], contacts=[wall] if touching else None, probe={"group": "tip"},
+        geometrically_nonlinear=False, time={"duration": 3.0, "step": step},
+    )  # fmt: skip
+    model = linear_model(
+        np.eye(2), np.diag([60.0, 30.0]), damping=2.0, loads=[[1.0], [0.3]], signals=online.signals(scene),
+        masters=2 if touching else 0,
+    )  # fmt: skip
+    return model, scene, online.simulate(model, scene)
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_the_estimate_of_a_run_of_a_duration_covers_its_error(touching: bool) -> None:
+    model, scene, exact = struck(1e-4, touching)
+    assert online.wanders(exact) is False and not online.settled(exact)
+    for step in (0.02, 0.01, 0.005):
+        model, scene, motion = struck(step, touching)
+        found = online.step_errors(model, scene, motion)
+        size = np.linalg.norm(online.spread(exact))
+        error = float(np.linalg.norm(online.spread(motion) - online.spread(exact)) / size)
+        assert error < found.amplitude < 30.0 * error
+        force, right = online.peak_normal_force(motion), online.peak_normal_force(exact)
+        assert (force > 0.0) == touching and abs(force - right) <= max(found.peak_force, 0.02) * force
+        assert found.peak_force < 0.1
+    model, scene, motion = struck(0.2, touching)
+    with pytest.raises(AccuracyError, match=r"time\.step = 0\.2: the steps are too long: twice the step gives an error"):
+        online.check_time_error(scene, online.step_errors(model, scene, motion).amplitude, online.wanders(motion))
+    doubt = online.doubt(model, scene, motion)
+    assert doubt is not None and "the steps are too long" in str(doubt)
+
+
+def test_a_resumed_run_is_judged_by_what_it_recorded() -> None:
+    model, scene, motion = struck(0.01, True)
+    late = motion.time >= 1.5
+    names = ("time", "displacement", "force")
+    resumed = replace(motion, **{name: getattr(motion, name)[late] for name in names})
+    assert 0.0 < online.peak_normal_force(resumed) < 0.5 * online.peak_normal_force(motion)
+    whole, part = online.step_errors(model, scene, motion), online.step_errors(model, scene, resumed)
+    assert part.peak_force < 0.1 and part.amplitude < 10.0 * whole.amplitude
+
+
+def test_what_rests_has_no_error_but_that_of_where() -> None:
+    """Six steps are too few for an amplitude, but not for one of 1e-9 of the displacement."""
+    from fenicsrom.study import basis_error
+
+    model, scene, moving = oscillator(6, force=1e-8)
+    assert online.step_errors(model, scene, moving).amplitude > online.TIME_ERROR and not online.at_rest(moving)
+    bent = model._replace(probe_offset=np.ones(2))  # type: ignore[attr-defined]
+    motion = online.simulate(bent, scene)
+    assert online.at_rest(motion) and online.settled(replace(motion, steady=False))
+    assert online.step_errors(bent, scene, motion) == (0.0, 0.0)
+    elsewhere = bent._replace(probe_offset=np.full(2, 1.25))
+    assert basis_error(elsewhere, scene, motion) == 0.0
+    assert basis_error(elsewhere, scene, replace(motion, buckled=1)) == pytest.approx(0.2)
+    assert basis_error(model._replace(loads=2.0 * model.loads), scene, moving) == pytest.approx(0.5, rel=1e-3)  # type: ignore
+
+
 def test_long_steps_are_refused_by_name() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
@@ -187,7 +249,7 @@ def test_shorter_steps_are_advised_in_the_key_that_was_given() -> None:
     _, scene, _ = oscillator(8)
     for key, value, advised in (("tolerance", 0.032, 0.0005), ("step", 0.1, 0.025)):
         time = replace(scene.time, steps_per_period=None, **{key: value})
-        with pytest.raises(AccuracyError, match=rf"{key} = {advised:g} is likely enough"):
+        with pytest.raises(AccuracyError, match=rf'{key} = {advised:g} is likely enough; or time.scheme = "generalised-alpha"'):
             online.check_time_error(replace(scene, time=time), float("inf"))
 
 
