@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fenicsrom import contact
 from fenicsrom.contact import Contacts
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.reduced import negative_eigenvalues
 from fenicsrom.signals import largest
 
 Array = NDArray[np.float64]
@@ -130,8 +131,7 @@ class _Statics:
         _, _, compliance = self.model.responses(0.0, 0.0, slope, zero)
         springs = self._springs(q)
         if springs.shape[1]:  # of K + sum k n n^T: those of K, and of k^-1 + n^T K^-1 n
-            inner = np.eye(springs.shape[1]) + springs.T @ compliance @ springs
-            found += int(np.sum(np.linalg.eigvalsh(0.5 * (inner + inner.T)) < 0.0))
+            found += negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ compliance @ springs)
         return found
 
     def _springs(self, q: Array) -> Array:
