@@ -953,8 +953,8 @@ def integrate(
     if off > allowed * throughput:
         raise AccuracyError(
             f"time integration: the energy ledger is off by {100.0 * off / throughput:.3g} % of the energy and work, more than "
-            f"{100.0 * allowed:.3g} % (scheme {settings.scheme}, {motion.steps} steps): take shorter steps or the "
-            "discrete gradient",
+            f"{100.0 * allowed:.3g} % (scheme {settings.scheme}, {motion.steps} steps): take shorter steps"
+            f"{'' if settings.scheme == 'discrete-gradient' else ' or the discrete gradient'}",
             motion,
         )
     return motion
