@@ -97,6 +97,7 @@ def _refuse(sentence: str, code: int) -> int:
     if sentence not in heard:
         _say(sentence, code)
     if None in heard + _heard(comm, range(comm.rank + 1, comm.size), last):
+        time.sleep(1.0)  # mpirun passes on what is said, but not once it stops the ranks
         comm.Abort(code)
     for request in sent:
         request.wait()
