@@ -491,6 +491,18 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
 
 
 @part
+def touch_lasts(before: float, after: float) -> tuple[float, float]:
+    """For how much of a straight step a point touches, its y as above, and the derivative by `after`."""
+    if before < 0.0 and after <= 0.0:
+        return 0.0, 0.0
+    if before < 0.0:
+        return after / (after - before), -before / (after - before) ** 2
+    if after < 0.0:
+        return before / (before - after), before / (before - after) ** 2
+    return 1.0, 0.0
+
+
+@part
 def leaning_normal_force(before: float, after: float, lean: float) -> tuple[float, float]:
     """The mean normal force of a step that may be too long for the contact, and its derivative by `after`: as above.
 
@@ -721,10 +733,7 @@ def rub(
         by_lean = (by_after - lean * by_mean) / mean if mean > 0.0 else 0.0
         first, by_first = mu * lean * max(before, 0.0), mu * by_lean * max(before, 0.0)
         last, by_last = mu * lean * max(after, 0.0), mu * (by_lean * after + lean) if after > 0.0 else 0.0
-        if before < 0.0:
-            lasts, by_lasts = after / (after - before), -before / (after - before) ** 2
-        elif after < 0.0:
-            lasts, by_lasts = before / (before - after), before / (before - after) ** 2
+        lasts, by_lasts = touch_lasts(before, after)
         for k in range(d):
             drawn += (kt * begin[k]) ** 2
         drawn = np.sqrt(drawn)
@@ -1060,16 +1069,31 @@ def sweep(
             high = push
     limit = contacts.friction[p] * (push + held * max(before, 0.0))
     carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
-    softness, size, across = 0.0, 0.0, 0.0
+    softness, size, across, over = 0.0, 0.0, 0.0, 0.0
     for k in range(d):
         softness += compliance[row + k, row + k]  # at least that of any direction
         stretch[k] = a * start.x[p, k] + theta * x[k] - stretch[k]
         size += n[k] ** 2
     for k in range(d):
         across += n[k] * stretch[k] / size
+        over += n[k] * (start.x[p, k] - start.slider[p, k]) / size
+    lasts, kept, drawn = 1.0, 1.0, 0.0  # as in `rub`: of the step, and of the stretch at its start
+    if interval.line and push > 0.0:
+        after = preload + kn * penetration(contacts, p, x, interval.end)
+        lasts, _ = touch_lasts(before, after)
+        full, _ = mean_normal_force(before, after)
+        first = limit / full * max(before, 0.0) if full > 0.0 else 0.0
+        for k in range(d):
+            drawn += (kt * (start.x[p, k] - start.slider[p, k] - over * n[k])) ** 2
+        drawn = np.sqrt(drawn)
+        if drawn > first:
+            kept = first / drawn
+    softness *= lasts * lasts * theta
     total = 0.0
     for k in range(d):
-        spare[k] = (stretch[k] - across * n[k] + theta * softness * rubbing[k]) / (1.0 / kt + theta * softness)
+        begin = start.x[p, k] - start.slider[p, k] - over * n[k]
+        middle = kept * begin + lasts * (stretch[k] - across * n[k] - begin)
+        spare[k] = (lasts * middle + softness * rubbing[k]) / (1.0 / kt + softness)
         total += spare[k] ** 2
     total = np.sqrt(total)
     factor = limit / total if total > limit else 1.0

@@ -25,6 +25,7 @@ from fenicsrom.contact import (
     direction,
     energy,
     frame,
+    lean_to_the_end,
     leaning_normal_force,
     mean_normal_force,
     no_contacts,
@@ -527,6 +528,27 @@ def test_contact_problem_is_solved_at_any_stiffness(points: int, d: int, stiffne
     # a mean along the step that starts far off is hard on friction: now and then the step has to be halved
     assert unsolved <= (3 if line else 0), "the iteration cycles"
     assert seen == {OPEN, SLIP, STICK}
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_stiff_contact_that_is_let_go_is_solved(d: int) -> None:
+    """Where the mean force leans to the end, and with it the limit of friction, most of the friction before is let go."""
+    rng, unsolved, slid = np.random.default_rng(21), 0, 0
+    for _ in range(400):
+        k, friction = 10.0 ** rng.uniform(1.0, 5.0), rng.uniform(0.1, 1.0)
+        contacts = one_contact(d, normal_stiffness=k, tangential_stiffness=0.5 * k, friction=friction)
+        raw = rng.uniform(0.1, 1.0)
+        x = np.array([[raw / k, *rng.uniform(-1.0, 1.0, d - 1)]])
+        start = touch(1, d)
+        at_rest(contacts, x, x + np.array([0.0, *(rng.uniform(-2.0, 2.0, d - 1) * friction * raw / k)]), 0.0, start, room(1, d))
+        free = x + 10.0 ** rng.uniform(-6.0, 0.0) * rng.uniform(-1.0, 1.0, (1, d))
+        end, found, interval, compliance = touch(1, d), room(1, d), Interval(0.0, 1.0, 0.5, True), np.eye(d)
+        end.x[:] = x
+        lean_to_the_end(contacts, interval, compliance, start, found)
+        unsolved += not resolve(contacts, interval, compliance, free, start, end, found)
+        slid += found.motion[0] == SLIP
+    assert unsolved <= 2, "the iteration cycles"
+    assert slid > 100
 
 
 def brute_force(problem: dict[str, Any]) -> list[Array]:
