@@ -18,8 +18,8 @@ of the point, as the scheme asks. Along the way every change of state is located
 closing, and, with the limit of friction that goes with the normal force, where stick turns to slip (`rub`). What is left of the
 step slips under the law at its middle: exact for a point that slides to and fro, of second order for one that turns as it
 slides. Where the contact is too stiff for the step, the mean normal force leans to that at the end, which takes energy from
-what would ring (`lean_to_the_end`). The weighted schemes apply the law at the weighted point x_w = a x0 + (1 - a) x1, from
-which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
+what would ring (`lean_to_the_end`); when a touch begins leans with it (`touch_lasts`). The weighted schemes apply the law at
+the weighted point x_w = a x0 + (1 - a) x1, from which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
 
 At the end the law is applied once more. In the discrete gradient friction so dissipates in every step, whatever its size: with
 the mean force T and, in the slipping part, T_s at its middle and the way dw of the slider,
@@ -491,15 +491,18 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
 
 
 @part
-def touch_lasts(before: float, after: float) -> tuple[float, float]:
-    """For how much of a straight step a point touches, its y as above, and the derivative by `after`."""
-    if before < 0.0 and after <= 0.0:
-        return 0.0, 0.0
-    if before < 0.0:
-        return after / (after - before), -before / (after - before) ** 2
-    if after < 0.0:
-        return before / (before - after), before / (before - after) ** 2
-    return 1.0, 0.0
+def touch_lasts(before: float, after: float, lean: float) -> tuple[float, float]:
+    """For how much of a straight step a point touches, its y as above, and the derivative by `after`.
+
+    Where the normal force leans to the end, so does the touch that it closes with: it is that of the whole step that ends there,
+    along all of which the point slides under it. Without, an impact too short for the step would pass without friction.
+    """
+    span = after - before
+    if before < 0.0 < after:
+        return lean + (1.0 - lean) * after / span, -(1.0 - lean) * before / span**2
+    if after < 0.0 < before:
+        return -before / span, before / span**2
+    return (1.0, 0.0) if before >= 0.0 and after >= 0.0 else (0.0, 0.0)
 
 
 @part
@@ -729,11 +732,13 @@ def rub(
     until, kept, drawn, rate = 0.0, 1.0, 0.0, 0.0  # the way that sticks; what is kept of `begin`
     if interval.line:
         mean, by_mean = mean_normal_force(before, after)
+        lasts, by_lasts = touch_lasts(before, after, room.lean[p])
         lean = push / mean if mean > 0.0 else 0.0  # the limit leans as the normal force does
         by_lean = (by_after - lean * by_mean) / mean if mean > 0.0 else 0.0
         first, by_first = mu * lean * max(before, 0.0), mu * by_lean * max(before, 0.0)
         last, by_last = mu * lean * max(after, 0.0), mu * (by_lean * after + lean) if after > 0.0 else 0.0
-        lasts, by_lasts = touch_lasts(before, after)
+        if before < 0.0:  # from nothing, so that its mean is that of the normal force
+            last, by_last = 2.0 * mu * push / lasts, 2.0 * mu * (by_after - push * by_lasts / lasts) / lasts
         for k in range(d):
             drawn += (kt * begin[k]) ** 2
         drawn = np.sqrt(drawn)
@@ -1080,7 +1085,7 @@ def sweep(
     lasts, kept, drawn = 1.0, 1.0, 0.0  # as in `rub`: of the step, and of the stretch at its start
     if interval.line and push > 0.0:
         after = preload + kn * penetration(contacts, p, x, interval.end)
-        lasts, _ = touch_lasts(before, after)
+        lasts, _ = touch_lasts(before, after, room.lean[p])
         full, _ = mean_normal_force(before, after)
         first = limit / full * max(before, 0.0) if full > 0.0 else 0.0
         for k in range(d):

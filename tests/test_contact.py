@@ -636,6 +636,19 @@ def test_block_slides_to_rest(scheme: str) -> None:
     assert slide(1e6, scheme)[0] == pytest.approx(distance, rel=5e-4)
 
 
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7, 1e9])
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_an_impact_within_a_step_rubs_as_hard_as_it_pushes(stiffness: float, share: float) -> None:
+    """A mass that strikes a wall at 45 degrees slides all the while: its impulses are as its forces, mu to one."""
+    mass = linear_model(np.eye(2), 1e-9 * np.eye(2), masters=2)
+    wall = one_contact(gap=0.1 + 0.01 * share, normal_stiffness=stiffness, tangential_stiffness=0.5 * stiffness, friction=0.2)
+    start = np.zeros(2), np.ones(2)
+    motion = integrate(mass, wall, fixed_steps("discrete-gradient", 40, 0.4), None, dimension=2, start=start)
+    normal, friction = np.diff(motion.time) @ motion.mean_force[1:, 0]
+    assert normal > 0.99
+    assert friction == pytest.approx(0.2 * normal, rel=2e-3)
+
+
 def test_no_contacts_are_none() -> None:
     assert all(values.shape[0] == 0 for values in no_contacts())
     assert energy(no_contacts(), touch(0, 2)) == 0.0
