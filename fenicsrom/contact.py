@@ -18,8 +18,8 @@ of the point, as the scheme asks. Along the way every change of state is located
 closing, and, with the limit of friction that goes with the normal force, where stick turns to slip (`rub`). What is left of the
 step slips under the law at its middle: exact for a point that slides to and fro, of second order for one that turns as it
 slides. Where the contact is too stiff for the step, the mean normal force leans to that at the end, which takes energy from
-what would ring (`lean_to_the_end`). The weighted schemes apply the law at the weighted point x_w = a x0 + (1 - a) x1, from
-which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
+what would ring (`lean_to_the_end`); when a touch begins leans with it (`touch_lasts`). The weighted schemes apply the law at
+the weighted point x_w = a x0 + (1 - a) x1, from which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
 
 At the end the law is applied once more. In the discrete gradient friction so dissipates in every step, whatever its size: with
 the mean force T and, in the slipping part, T_s at its middle and the way dw of the slider,
@@ -491,6 +491,21 @@ def mean_normal_force(before: float, after: float) -> tuple[float, float]:
 
 
 @part
+def touch_lasts(before: float, after: float, lean: float) -> tuple[float, float]:
+    """For how much of a straight step a point touches, its y as above, and the derivative by `after`.
+
+    Where the normal force leans to the end, so does the touch that it closes with: it is that of the whole step that ends there,
+    along all of which the point slides under it. Without, an impact too short for the step would pass without friction.
+    """
+    span = after - before
+    if before < 0.0 < after:
+        return lean + (1.0 - lean) * after / span, -(1.0 - lean) * before / span**2
+    if after < 0.0 < before:
+        return -before / span, before / span**2
+    return (1.0, 0.0) if before >= 0.0 and after >= 0.0 else (0.0, 0.0)
+
+
+@part
 def leaning_normal_force(before: float, after: float, lean: float) -> tuple[float, float]:
     """The mean normal force of a step that may be too long for the contact, and its derivative by `after`: as above.
 
@@ -717,14 +732,13 @@ def rub(
     until, kept, drawn, rate = 0.0, 1.0, 0.0, 0.0  # the way that sticks; what is kept of `begin`
     if interval.line:
         mean, by_mean = mean_normal_force(before, after)
+        lasts, by_lasts = touch_lasts(before, after, room.lean[p])
         lean = push / mean if mean > 0.0 else 0.0  # the limit leans as the normal force does
         by_lean = (by_after - lean * by_mean) / mean if mean > 0.0 else 0.0
         first, by_first = mu * lean * max(before, 0.0), mu * by_lean * max(before, 0.0)
         last, by_last = mu * lean * max(after, 0.0), mu * (by_lean * after + lean) if after > 0.0 else 0.0
-        if before < 0.0:
-            lasts, by_lasts = after / (after - before), -before / (after - before) ** 2
-        elif after < 0.0:
-            lasts, by_lasts = before / (before - after), before / (before - after) ** 2
+        if before < 0.0:  # from nothing, so that its mean is that of the normal force
+            last, by_last = 2.0 * mu * push / lasts, 2.0 * mu * (by_after - push * by_lasts / lasts) / lasts
         for k in range(d):
             drawn += (kt * begin[k]) ** 2
         drawn = np.sqrt(drawn)
@@ -1060,16 +1074,31 @@ def sweep(
             high = push
     limit = contacts.friction[p] * (push + held * max(before, 0.0))
     carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
-    softness, size, across = 0.0, 0.0, 0.0
+    softness, size, across, over = 0.0, 0.0, 0.0, 0.0
     for k in range(d):
         softness += compliance[row + k, row + k]  # at least that of any direction
         stretch[k] = a * start.x[p, k] + theta * x[k] - stretch[k]
         size += n[k] ** 2
     for k in range(d):
         across += n[k] * stretch[k] / size
+        over += n[k] * (start.x[p, k] - start.slider[p, k]) / size
+    lasts, kept, drawn = 1.0, 1.0, 0.0  # as in `rub`: of the step, and of the stretch at its start
+    if interval.line and push > 0.0:
+        after = preload + kn * penetration(contacts, p, x, interval.end)
+        lasts, _ = touch_lasts(before, after, room.lean[p])
+        full, _ = mean_normal_force(before, after)
+        first = limit / full * max(before, 0.0) if full > 0.0 else 0.0
+        for k in range(d):
+            drawn += (kt * (start.x[p, k] - start.slider[p, k] - over * n[k])) ** 2
+        drawn = np.sqrt(drawn)
+        if drawn > first:
+            kept = first / drawn
+    softness *= lasts * lasts * theta
     total = 0.0
     for k in range(d):
-        spare[k] = (stretch[k] - across * n[k] + theta * softness * rubbing[k]) / (1.0 / kt + theta * softness)
+        begin = start.x[p, k] - start.slider[p, k] - over * n[k]
+        middle = kept * begin + lasts * (stretch[k] - across * n[k] - begin)
+        spare[k] = (lasts * middle + softness * rubbing[k]) / (1.0 / kt + softness)
         total += spare[k] ** 2
     total = np.sqrt(total)
     factor = limit / total if total > limit else 1.0

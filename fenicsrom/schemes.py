@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import whole
 from fenicsrom.integrate import Motion
-from fenicsrom.online import ENERGY_ERROR, amplitude, difference, doubt, peak_normal_force, settled, simulate
+from fenicsrom.online import amplitude, difference, doubt, peak_normal_force, settled, simulate
 from fenicsrom.report import COLOURS, new_figure, styled, text_table, write_rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
@@ -309,7 +309,7 @@ def sentences(found: Sequence[Series]) -> list[str]:
         usual = [run for run in runs if run.steps is not None and run.steps >= USUAL]
         returned = [run for run in runs if not run.refused]
         energy = [run for run in runs if "energy" in run.refused]  # the sentences of the other refusals have no such word
-        lossy = sum(run.created is not None and run.created <= ENERGY_ERROR for run in energy)
+        lossy = sum("is lost" in run.refused for run in energy)
         mean = math.exp(sum(math.log(_size(group[k])) for group in shared) / len(shared)) if shared else None
         told.append(
             f"{_words(scheme).capitalize()}: of {len(runs)} runs {sum(map(_good, runs))} settled, "

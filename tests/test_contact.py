@@ -25,6 +25,7 @@ from fenicsrom.contact import (
     direction,
     energy,
     frame,
+    lean_to_the_end,
     leaning_normal_force,
     mean_normal_force,
     no_contacts,
@@ -529,6 +530,27 @@ def test_contact_problem_is_solved_at_any_stiffness(points: int, d: int, stiffne
     assert seen == {OPEN, SLIP, STICK}
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_stiff_contact_that_is_let_go_is_solved(d: int) -> None:
+    """Where the mean force leans to the end, and with it the limit of friction, most of the friction before is let go."""
+    rng, unsolved, slid = np.random.default_rng(21), 0, 0
+    for _ in range(400):
+        k, friction = 10.0 ** rng.uniform(1.0, 5.0), rng.uniform(0.1, 1.0)
+        contacts = one_contact(d, normal_stiffness=k, tangential_stiffness=0.5 * k, friction=friction)
+        raw = rng.uniform(0.1, 1.0)
+        x = np.array([[raw / k, *rng.uniform(-1.0, 1.0, d - 1)]])
+        start = touch(1, d)
+        at_rest(contacts, x, x + np.array([0.0, *(rng.uniform(-2.0, 2.0, d - 1) * friction * raw / k)]), 0.0, start, room(1, d))
+        free = x + 10.0 ** rng.uniform(-6.0, 0.0) * rng.uniform(-1.0, 1.0, (1, d))
+        end, found, interval, compliance = touch(1, d), room(1, d), Interval(0.0, 1.0, 0.5, True), np.eye(d)
+        end.x[:] = x
+        lean_to_the_end(contacts, interval, compliance, start, found)
+        unsolved += not resolve(contacts, interval, compliance, free, start, end, found)
+        slid += found.motion[0] == SLIP
+    assert unsolved <= 2, "the iteration cycles"
+    assert slid > 100
+
+
 def brute_force(problem: dict[str, Any]) -> list[Array]:
     """All solutions of a planar problem without start weight: each combination of states is linear; keep what fits."""
     contacts, free = problem["contacts"], problem["free"]
@@ -612,6 +634,19 @@ def test_block_slides_to_rest(scheme: str) -> None:
     errors = [abs(slide(k, scheme)[0] - distance) for k in stiff]
     assert slope(1 / stiff, errors) == pytest.approx(1.0, abs=0.02)
     assert slide(1e6, scheme)[0] == pytest.approx(distance, rel=5e-4)
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7, 1e9])
+@pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
+def test_an_impact_within_a_step_rubs_as_hard_as_it_pushes(stiffness: float, share: float) -> None:
+    """A mass that strikes a wall at 45 degrees slides all the while: its impulses are as its forces, mu to one."""
+    mass = linear_model(np.eye(2), 1e-9 * np.eye(2), masters=2)
+    wall = one_contact(gap=0.1 + 0.01 * share, normal_stiffness=stiffness, tangential_stiffness=0.5 * stiffness, friction=0.2)
+    start = np.zeros(2), np.ones(2)
+    motion = integrate(mass, wall, fixed_steps("discrete-gradient", 40, 0.4), None, dimension=2, start=start)
+    normal, friction = np.diff(motion.time) @ motion.mean_force[1:, 0]
+    assert normal > 0.99
+    assert friction == pytest.approx(0.2 * normal, rel=2e-3)
 
 
 def test_no_contacts_are_none() -> None:

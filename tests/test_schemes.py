@@ -128,12 +128,14 @@ def test_what_does_not_settle_tells_of_the_path_only() -> None:
 def test_what_is_told_of_the_schemes() -> None:
     """Counts, and which order is not the second."""
     found = made(1.0)
-    lost = {"refused": "the energy ledger is off", "errors": Errors(), "created": 1e-3}
-    runs = [replace(run, **lost) if run.steps == 25 else run for run in found.runs]
+    lost = {"refused": "the energy ledger is off: 2e-02 is lost", "errors": Errors(), "created": 1e-3}
+    given = lost | {"refused": "friction gives energy to the motion"}
+    runs = [replace(run, **(given if run.scheme == SCHEMES[2] else lost)) if run.steps == 25 else run for run in found.runs]
     runs[1] = replace(runs[1], errors=Errors(amplitude=1e-9))
     told = schemes.sentences([replace(found, runs=tuple(runs), agreement=Errors(amplitude=1e-7)), Series("none", failure="why")])
     assert told[0] == "none: why"
     assert "of 6 runs 5 settled, 0 did not, 1 were refused (1 for their energy, 1 of which only lose some); at 200" in told[1]
+    assert "(1 for their energy, 0 of which only lose some)" in told[3]
     assert "at 200 steps a period or more 3 of 3 settled" in told[1]
     assert "Nearest of the three 5 times" in told[1] and "Nearest of the three 0 times" in told[2]
     assert "0 of 3 fits" in told[4] and "not so: made (1.00, 1.00, 1.00)" in told[4]

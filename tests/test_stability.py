@@ -225,6 +225,24 @@ def test_what_rests_has_no_error_but_that_of_where() -> None:
     assert basis_error(model._replace(loads=2.0 * model.loads), scene, moving) == pytest.approx(0.5, rel=1e-3)  # type: ignore
 
 
+@pytest.mark.parametrize("tolerance", [0.9, 0.999])
+def test_a_tolerance_so_large_that_the_next_is_no_larger_is_refused(tolerance: float) -> None:
+    """Off by an eighth, it once was taken as exact: what it was compared with had the same tolerance."""
+    model, scene, _ = oscillator()
+    scene = replace(scene, time=replace(scene.time, steps_per_period=None, tolerance=tolerance))
+    assert online.step_errors(model, scene, online.simulate(model, scene)).amplitude > online.UNSETTLED_ERROR
+
+
+def test_a_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, scene, motion = oscillator()
+    once = replace(scene.time, steps_per_period=None, periods=None, steady_tolerance=None, duration=1.0, step=1.0)
+    single = replace(scene, time=once)
+    assert online.step_errors(model, single, replace(motion, period=None)) == (np.inf, np.inf)
+    still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
+    monkeypatch.setattr(online, "simulate", lambda *_: still)
+    assert online.step_errors(model, single, still) == (0.0, 0.0)
+
+
 def test_long_steps_are_refused_by_name() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
@@ -268,6 +286,8 @@ def test_energy_from_nowhere_is_refused() -> None:
     gift = np.where(np.arange(motion.time.size) % 2 == 1, -0.1, 0.0) * motion.damped[-1]
     with pytest.raises(AccuracyError, match="friction gives energy"):
         online.check_energy(replace(motion, rubbed=gift, work=motion.work + gift))
+    with pytest.raises(AccuracyError, match="friction gives energy"):  # what was damped before the first record is no excuse
+        online.check_energy(replace(motion, rubbed=gift, work=motion.work + gift, damped=motion.damped + 1e5 * motion.damped[-1]))
 
 
 def test_only_what_repeats_is_settled() -> None:
