@@ -302,6 +302,7 @@ def test_modes_command(tmp_path, capsys):
     assert (tmp_path / "derivatives.vtu").exists() and not (tmp_path / "history.npz").exists()
 
 
+@pytest.mark.slow
 def test_interrupted_run_leaves_no_half_written_file(tmp_path):
     """SIGINT during a long run: exit code 130, and every file there is can be read."""
     arguments = ["-m", "fenicsrom", "run", str(SCENE), "--output", str(tmp_path), "--set", "time.steps_per_period=20000"]

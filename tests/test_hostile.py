@@ -523,6 +523,7 @@ def put(files: dict[str, bytes], folder: Path) -> None:
         (folder / name).write_bytes(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("room", [100, 3000, 60_000])
 def test_a_full_disk_leaves_old_files_or_new_ones(
     stored: Path, finished: dict[str, bytes], tmp_path: Path, room: int
@@ -538,6 +539,7 @@ def test_a_full_disk_leaves_old_files_or_new_ones(
     assert left.keys() == finished.keys()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.4, 1.0])
 def test_termination_leaves_old_files_or_new_ones(
     stored: Path, finished: dict[str, bytes], tmp_path: Path, delay: float

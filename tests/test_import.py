@@ -118,6 +118,7 @@ def integral(mesh: Mesh, integrand: Any, measure: ufl.Measure | None = None) -> 
     return float(mesh.domain.comm.allreduce(fem.assemble_scalar(fem.form(integrand * measure))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "suffix"), FILES)
 def test_stiffness_is_that_of_gmsh(tmp_path: Path, kind: str, suffix: str) -> None:
     d, curved = CELLS[kind], kind in QUADRATIC
