@@ -1,11 +1,13 @@
-"""How many times faster the reduced model is: ratios of run time over the same steps, on this machine.
+"""How many times faster the reduced model is: ratios of run time over the same steps, on this
+machine.
 
     python3 demos/benchmark.py
 
-Medians of five runs of one period from rest (200 steps; three of 300 for the blade, whose full model takes a quarter of a
-second for a step), of 25 for the reduced model, one after the other, compiled
-code warm, one thread unless OMP_NUM_THREADS says otherwise; the spread is half the distance of the quartiles. Models of
-one body take the same steps; the largest difference of their tip displacements is printed beside the ratio.
+Medians of five runs of one period from rest (200 steps; three of 300 for the blade, whose full
+model takes a quarter of a second for a step), of 25 for the reduced model, one after the other,
+compiled code warm, one thread unless OMP_NUM_THREADS says otherwise; the spread is half the
+distance of the quartiles. Models of one body take the same steps; the largest difference of their
+tip displacements is printed beside the ratio.
 """
 
 from __future__ import annotations
@@ -18,20 +20,23 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.compare import machine
-from fenicsrom.full import FullModel
-from fenicsrom.integrate import Motion
-from fenicsrom.mesh import build_mesh
-from fenicsrom.modes import component_modes
-from fenicsrom.online import simulate
-from fenicsrom.reduced import project, project_intrusively
+from fenicsrom.assess.compare import machine
+from fenicsrom.fem.full import FullModel
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.solid import Solid
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.simulate import simulate
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.projection import project, project_intrusively
+from fenicsrom.reduction.selection import Selection
+from fenicsrom.reduction.stages import Reduction, differentiate, enrich
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.selection import Selection
-from fenicsrom.solid import Solid
-from fenicsrom.study import Reduction, differentiate, enrich
 
 HERE = Path(__file__).parent
-SIX = {2: ("1V1V", "1V1S", "1V2S"), 3: ("1V1V", "1V1S")}  # with 1V and the static modes: six coordinates
+SIX = {
+    2: ("1V1V", "1V1S", "1V2S"),
+    3: ("1V1V", "1V1S"),
+}  # with 1V and the static modes: six coordinates
 
 
 def run(model: Any, scene: Scene, count: int = 5) -> tuple[Motion, list[float]]:
@@ -45,7 +50,10 @@ def compare(name: str, fast: tuple[Motion, list[float]], slow: tuple[Motion, lis
     (quick, few), (long, many) = fast, slow
     assert quick.steps == long.steps
     apart = np.abs(quick.displacement - long.displacement).max() / np.abs(long.displacement).max()
-    spread = [f"{50 * (np.quantile(s, 0.75) - np.quantile(s, 0.25)) / np.median(s):.0f} %" for s in (few, many)]
+    spread = [
+        f"{50 * (np.quantile(s, 0.75) - np.quantile(s, 0.25)) / np.median(s):.0f} %"
+        for s in (few, many)
+    ]
     print(
         f"{name}: {np.median(many) / np.median(few):.0f} times (spread {spread[0]}, {spread[1]}; "
         f"{long.steps} steps, {long.newton_iterations} and {quick.newton_iterations} iterations, apart {apart:.1e})",
@@ -69,14 +77,22 @@ def main() -> None:
         unknowns = solid.free
         name = f"{dimension}D, {basis.size} coordinates"
         compare(f"{name}, against {unknowns} unknowns", reduced, run(FullModel(solid), scene))
-        compare(f"{name}, polynomial against projection", reduced, run(project_intrusively(solid, basis), scene))
+        compare(
+            f"{name}, polynomial against projection",
+            reduced,
+            run(project_intrusively(solid, basis), scene),
+        )
     scene = read_scene(HERE / "blade_rub.toml", ["time.periods=1", "time.steady_tolerance=0.0"])
     solid = Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
     found = Reduction(solid, lambda stage: nullcontext())
     model = found.model
     simulate(model, scene)
     name = f"blade, {found.basis.size} coordinates, {len(solid.points.share)} contact points"
-    compare(f"{name}, against {solid.free} unknowns", run(model, scene, 25), run(FullModel(solid), scene, 3))
+    compare(
+        f"{name}, against {solid.free} unknowns",
+        run(model, scene, 25),
+        run(FullModel(solid), scene, 3),
+    )
 
 
 if __name__ == "__main__":

@@ -4,13 +4,13 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from fenicsrom.mesh import build_mesh
-from fenicsrom.modes import component_modes
-from fenicsrom.online import simulate
-from fenicsrom.report import amplitudes, contact_fractions
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.solid import Solid
+from fenicsrom.online.measures import amplitudes, contact_fractions
+from fenicsrom.online.simulate import simulate
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import read_scene
-from fenicsrom.solid import Solid
-from fenicsrom.study import choose, differentiate, enrich, reduce
 
 scene = read_scene(Path(__file__).parent / "slip_liftoff_2d.toml")
 mesh = build_mesh(scene.geometry, MPI.COMM_WORLD)
@@ -25,5 +25,7 @@ motion = simulate(model, scene)
 if __name__ == "__main__":
     amplitude, fraction = amplitudes(motion), contact_fractions(motion)
     print(f"{basis.size} coordinates: {' '.join(basis.labels)}")
-    print(f"tip amplitude {1e3 * amplitude['tangential'][0]:.2f} mm across, {1e3 * amplitude['normal']:.3f} mm along the beam")
+    print(
+        f"tip amplitude {1e3 * amplitude['tangential'][0]:.2f} mm across, {1e3 * amplitude['normal']:.3f} mm along the beam"
+    )
     print(f"open {fraction['open']:.0%} of the period, slipping {fraction['slip']:.0%}")

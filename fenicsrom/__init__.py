@@ -1,1 +1,3 @@
-"""Reduced-order models of geometrically nonlinear structures that rub, made from solid meshes on FEniCSx."""
+"""Reduced-order models of geometrically nonlinear structures that rub, made from solid meshes on
+FEniCSx.
+"""

@@ -35,7 +35,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except ModuleNotFoundError as error:
         needed = "a stored model needs no dolfinx: fenicsrom run --from reduced_model.npz"
-        return _refuse(f"this command needs the Python module {error.name}, which is not installed ({needed})", 1)
+        return _refuse(
+            f"this command needs the Python module {error.name}, which is not installed ({needed})",
+            1,
+        )
     except Terminated:
         return _stopped("terminated", 143)
     except KeyboardInterrupt:
@@ -50,8 +53,9 @@ class Terminated(BaseException):
 def _terminable() -> Iterator[None]:
     """Turn SIGTERM into `Terminated`, where signals are this thread's to handle.
 
-    A callback of the compiler swallows what is raised in it, with a word on stderr, and may fail for it later: it is raised
-    again every half second until it comes through, what it says of it is kept back, and any failure after it is its.
+    A callback of the compiler swallows what is raised in it, with a word on stderr, and may fail
+    for it later: it is raised again every half second until it comes through, what it says of it is
+    kept back, and any failure after it is its.
     """
     asked = False
 
@@ -87,7 +91,9 @@ def _terminable() -> Iterator[None]:
 
 
 def _refuse(sentence: str, code: int) -> int:
-    """Say what is wrong, once: unless a rank before this one says the same. Ranks that go on, and would wait, are stopped."""
+    """Say what is wrong, once: unless a rank before this one says the same. Ranks that go on, and
+    would wait, are stopped.
+    """
     comm = _ranks()
     if comm is None:
         return _say(sentence, code)
@@ -105,7 +111,9 @@ def _refuse(sentence: str, code: int) -> int:
 
 
 def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
-    """What these ranks say to be wrong; None for each that has said nothing by this time of the monotonic clock, s."""
+    """What these ranks say to be wrong; None for each that has said nothing by this time of the
+    monotonic clock, s.
+    """
     found = []
     for rank in ranks:
         while not (there := comm.iprobe(rank, REFUSED)) and time.monotonic() < last:
@@ -131,16 +139,29 @@ def _ranks() -> Any:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="fenicsrom", description="Reduced-order models of structures that rub.")
+    parser = argparse.ArgumentParser(
+        prog="fenicsrom", description="Reduced-order models of structures that rub."
+    )
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run a scene, or integrate a stored reduced model again")
     run.add_argument("scene", nargs="?", help="scene file (TOML)")
-    run.add_argument("--from", dest="stored", metavar="MODEL", help="a reduced_model.npz to integrate again, without a mesh")
-    run.add_argument("--resume", metavar="CHECKPOINT", help="a checkpoint.npz of the reduced model's run, to go on from")
+    run.add_argument(
+        "--from",
+        dest="stored",
+        metavar="MODEL",
+        help="a reduced_model.npz to integrate again, without a mesh",
+    )
+    run.add_argument(
+        "--resume",
+        metavar="CHECKPOINT",
+        help="a checkpoint.npz of the reduced model's run, to go on from",
+    )
     run.set_defaults(command=_run)
 
-    plan = commands.add_parser("plan", help="say what a scene will compute, what it leaves out, and why")
+    plan = commands.add_parser(
+        "plan", help="say what a scene will compute, what it leaves out, and why"
+    )
     plan.add_argument("scene", help="scene file (TOML)")
     plan.set_defaults(command=_plan)
 
@@ -148,25 +169,44 @@ def _parser() -> argparse.ArgumentParser:
     modes.add_argument("scene", help="scene file (TOML)")
     modes.set_defaults(command=_modes)
 
-    compare = commands.add_parser("compare", help="every basis against the full model: error against run time")
-    compare.add_argument("scene", help="scene file (TOML); its [compare] table says what to compare")
+    compare = commands.add_parser(
+        "compare", help="every basis against the full model: error against run time"
+    )
+    compare.add_argument(
+        "scene", help="scene file (TOML); its [compare] table says what to compare"
+    )
     compare.set_defaults(command=_compare)
 
-    campbell = commands.add_parser("campbell", help="frequencies against speed, with engine orders and critical speeds")
-    campbell.add_argument("scene", help="scene file (TOML) with a [rotation] table; its [campbell] table says what to draw")
+    campbell = commands.add_parser(
+        "campbell", help="frequencies against speed, with engine orders and critical speeds"
+    )
+    campbell.add_argument(
+        "scene",
+        help="scene file (TOML) with a [rotation] table; its [campbell] table says what to draw",
+    )
     campbell.set_defaults(command=_campbell)
 
-    stability = commands.add_parser("stability", help="a hundred extreme variants of a scene, and a verdict on each")
-    stability.add_argument("scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)")
+    stability = commands.add_parser(
+        "stability", help="a hundred extreme variants of a scene, and a verdict on each"
+    )
+    stability.add_argument(
+        "scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)"
+    )
     stability.set_defaults(command=_stability)
 
     for command in (run, plan, modes, compare, campbell, stability):
         command.add_argument(
-            "--set", action="append", default=[], metavar="KEY=VALUE", dest="overrides",
+            "--set",
+            action="append",
+            default=[],
+            metavar="KEY=VALUE",
+            dest="overrides",
             help="change a value of the scene, such as loads.0.force=200 (text in quotes); may be repeated",
-        )  # fmt: skip
+        )
     for command in (run, modes, compare, campbell, stability):
-        command.add_argument("--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)")
+        command.add_argument(
+            "--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)"
+        )
     return parser
 
 
@@ -178,11 +218,17 @@ def _run(options: argparse.Namespace) -> int:
     if options.stored:
         return _rerun(options)
     if options.scene is None and options.resume:
-        raise SceneError("fenicsrom run: --resume needs the model too: --from reduced_model.npz, or the scene file")
+        raise SceneError(
+            "fenicsrom run: --resume needs the model too: --from reduced_model.npz, or the scene file"
+        )
     if options.scene is None:
-        raise SceneError("fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model")
+        raise SceneError(
+            "fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model"
+        )
     comm, say, scene, folder = _start(options)
-    from fenicsrom import online, results, study
+    from fenicsrom import study
+    from fenicsrom.online import measures
+    from fenicsrom.post import results
 
     resume = Path(options.resume) if options.resume else None
     found = study.run(scene, comm, say, lambda made: results.restarts(made, folder, resume))
@@ -191,15 +237,23 @@ def _run(options: argparse.Namespace) -> int:
     if comm.rank == 0:
         table = results.terminal_table(found.motions, results.sizes(found)) if found.motions else ""
         _found(scene, table, found.solid.warnings)
-        if "reduced" in found.motions and (sentence := results.resumed_sentence(found.motions["reduced"])):
+        if "reduced" in found.motions and (
+            sentence := results.resumed_sentence(found.motions["reduced"])
+        ):
             print(sentence)
         if found.deflection is not None:
             print(results.equilibrium_sentence(found.deflection))
         if (basis := found.basis) is not None:
             print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
             condition = found.modes.flexibility_condition
-            print(f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled")
-        for sentence in online.out_of_reach(found.motions["reduced"], found.solid.points) if "reduced" in found.motions else []:
+            print(
+                f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled"
+            )
+        for sentence in (
+            measures.out_of_reach(found.motions["reduced"], found.solid.points)
+            if "reduced" in found.motions
+            else []
+        ):
             print(sentence)
         if found.errors:
             print(results.estimate_sentence(found))
@@ -219,33 +273,40 @@ def _run(options: argparse.Namespace) -> int:
 def _rerun(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from fenicsrom import online, restart, results
+    from fenicsrom.assess import verdicts
+    from fenicsrom.online import archive, simulate
+    from fenicsrom.online import checkpoints as restart
+    from fenicsrom.post import results
 
-    stored = online.load_model(Path(options.stored))
+    stored = archive.load_model(Path(options.stored))
     overrides = list(options.overrides)
     resume = Path(options.resume) if options.resume else None
-    if resume is not None:  # under the scene it was run under, which need not be the one the model was made from
+    if (
+        resume is not None
+    ):  # under the scene it was run under, which need not be the one the model was made from
         stored = replace(stored, scene=restart.load_scene(resume))
     if options.scene is not None:
         wanted = read_scene(options.scene, overrides)
-        if (key := online.changed_key(stored.scene, wanted)) is not None:
-            raise SceneError(f"{options.scene}: {key} is not what {options.stored} was made from: run the scene without --from")
-        model, scene = online.with_scene(stored, wanted)
+        if (key := archive.changed_key(stored.scene, wanted)) is not None:
+            raise SceneError(
+                f"{options.scene}: {key} is not what {options.stored} was made from: run the scene without --from"
+            )
+        model, scene = archive.with_scene(stored, wanted)
     else:
-        model, scene = online.rescene(stored, overrides)
+        model, scene = archive.rescene(stored, overrides)
     begin = restart.load_checkpoint(resume, model, scene) if resume is not None else None
     folder = _folder(options, options.scene or options.stored)
     _writable(folder)
     unfinished: ConvergenceError | AccuracyError | None = None
     try:
         keep = restart.keeper(folder / results.CHECKPOINT, model, scene)
-        motion = online.simulate(model, scene, resume=begin, checkpoint=keep)
+        motion = simulate.simulate(model, scene, resume=begin, checkpoint=keep)
     except (AccuracyError, ConvergenceError) as error:
         if error.partial is None:
             raise
         motion, unfinished = error.partial, error
     else:
-        unfinished = online.doubt(model, scene, motion)
+        unfinished = verdicts.rejection_reason(model, scene, motion)
     files = results.write_rerun(stored, scene, motion, folder)
     _found(scene, results.terminal_table({"reduced": motion}, {"reduced": stored.size}), [])
     if sentence := results.resumed_sentence(motion):
@@ -258,7 +319,8 @@ def _rerun(options: argparse.Namespace) -> int:
 
 def _modes(options: argparse.Namespace) -> int:
     comm, say, scene, folder = _start(options)
-    from fenicsrom import results, study
+    from fenicsrom import study
+    from fenicsrom.post import results
 
     found = study.offline(scene, comm, study.Stopwatch(say), modes_only=True)
     say("files ..")
@@ -277,7 +339,8 @@ def _modes(options: argparse.Namespace) -> int:
 
 def _compare(options: argparse.Namespace) -> int:
     comm, say, scene, folder = _start(options)
-    from fenicsrom import compare, compare_report
+    from fenicsrom.assess import compare
+    from fenicsrom.post import compare_report
 
     found = compare.compare(scene, comm, say)
     if comm.rank == 0:
@@ -289,7 +352,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _campbell(options: argparse.Namespace) -> int:
     comm, say, scene, folder = _start(options)
-    from fenicsrom import campbell
+    from fenicsrom.assess import campbell
 
     found = campbell.campbell(scene, comm, say)
     if comm.rank == 0:
@@ -303,14 +366,16 @@ def _campbell(options: argparse.Namespace) -> int:
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from fenicsrom.paths import shared_demos
+    from fenicsrom.scene.paths import shared_demos
 
     path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
     folder = Path(options.output) if options.output else Path("out") / "stability"
     _writable(folder)
-    from fenicsrom import schemes, stability
+    from fenicsrom.assess import schemes, stability
 
-    matrix = stability.stability(path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True))
+    matrix = stability.stability(
+        path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True)
+    )
     files = stability.write(matrix, folder)
     print()
     print("\n".join(stability.sentences(matrix)))
@@ -332,8 +397,8 @@ def _plan(options: argparse.Namespace) -> int:
 def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
     """The communicator, where progress goes, the scene and the output folder.
 
-    MPI comes first, so that a scene that is wrong is called so once; the folder is made before anything is computed, so that
-    a run is not lost for want of it.
+    MPI comes first, so that a scene that is wrong is called so once; the folder is made before
+    anything is computed, so that a run is not lost for want of it.
     """
     from mpi4py import MPI
 

@@ -6,11 +6,14 @@ from typing import Any
 
 
 class SceneError(ValueError):
-    """The input is wrong: one sentence naming the file, the key, the value and what is allowed (exit code 2)."""
+    """The input is wrong: one sentence naming the file, the key, the value and what is allowed
+    (exit code 2).
+    """
 
 
 class ConvergenceError(RuntimeError):
-    """An iteration did not converge: says when and where, and keeps what was computed (exit code 1).
+    """An iteration did not converge: says when and where, and keeps what was computed (exit code
+    1).
 
     Attributes:
         partial: what was computed before the failure (a `Motion`, a list of equilibria, or None).
@@ -23,7 +26,8 @@ class ConvergenceError(RuntimeError):
 
 
 class AccuracyError(RuntimeError):
-    """A result failed its own check (a residual, an orthogonality, the energy ledger): it is not returned (exit code 1).
+    """A result failed its own check (a residual, an orthogonality, the energy ledger): it is not
+    returned (exit code 1).
 
     Attributes:
         partial: what was computed, for inspection (a `Motion`), or None.

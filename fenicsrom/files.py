@@ -1,4 +1,6 @@
-"""Files and folders that appear whole or not at all, and archives of arrays that are read with distrust."""
+"""Files and folders that appear whole or not at all, and archives of arrays that are read with
+distrust.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,13 @@ from fenicsrom.errors import SceneError
 
 
 @contextmanager
-def whole(path: str | Path) -> Iterator[Path]:
+def atomic_write(path: str | Path) -> Iterator[Path]:
     """Write a file that appears under its name only when it is complete.
 
-    The body writes to the temporary path it is given, in the same folder (made if missing) and with the same suffix.
-    At the end the temporary file is flushed to the disk and takes the name in one step. Whatever stops the body (an
-    error, a full disk, an interrupt, an exit) removes it, and a file that had the name before stays as it was.
+    The body writes to the temporary path it is given, in the same folder (made if missing) and with
+    the same suffix. At the end the temporary file is flushed to the disk and takes the name in one
+    step. Whatever stops the body (an error, a full disk, an interrupt, an exit) removes it, and a
+    file that had the name before stays as it was.
 
     Args:
         path: the file to write.
@@ -50,16 +53,18 @@ def whole(path: str | Path) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
+def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
     """Write a folder that appears under its name only when everything in it is complete.
 
-    The body writes into a temporary folder beside `path`; at the end every file in it is flushed to the disk and the
-    folder takes the name, **replacing the folder that had it, with all its content**. Whatever stops the body removes
-    the temporary folder and leaves the older one as it was.
+    The body writes into a temporary folder beside `path`; at the end every file in it is flushed to
+    the disk and the folder takes the name, **replacing the folder that had it, with all its
+    content**. Whatever stops the body removes the temporary folder and leaves the older one as it
+    was.
 
     Args:
         path: the folder to write.
-        comm: an MPI communicator whose ranks all write into the folder. The call is collective, the body must not
+        comm: an MPI communicator whose ranks all write into the folder. The call is collective, the
+            body must not
             be: when one rank fails, the folder does not appear and every rank raises.
 
     Yields:
@@ -88,22 +93,28 @@ def whole_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
-def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Any], compress: bool = False) -> None:
-    """Write arrays as an `.npz` with a header of what JSON can hold; the file appears whole or not at all.
+def write_archive(
+    path: Path, header: Mapping[str, Any], arrays: Mapping[str, Any], compress: bool = False
+) -> None:
+    """Write arrays as an `.npz` with a header of what JSON can hold; the file appears whole or not
+    at all.
 
     Raises:
         OSError: it cannot be written.
     """
     write = np.savez_compressed if compress else np.savez
-    with whole(path) as temporary, open(temporary, "wb") as file:
+    with atomic_write(path) as temporary, open(temporary, "wb") as file:
         write(file, header=np.array(json.dumps(header)), **arrays)
 
 
 @contextmanager
-def read_archive(path: Path, what: str, form: str) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
+def read_archive(
+    path: Path, what: str, form: str
+) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
     """Read what `write_archive` wrote, or what pretends to be: pickles are refused.
 
-    The body makes of header and arrays what they stand for; whatever it raises means that the file is damaged.
+    The body makes of header and arrays what they stand for; whatever it raises means that the file
+    is damaged.
 
     Args:
         path: the file.
@@ -114,7 +125,8 @@ def read_archive(path: Path, what: str, form: str) -> Iterator[tuple[dict[str, A
         The header, and the arrays by their names.
 
     Raises:
-        SceneError: the file is missing, damaged or of another format; one line that begins with its path.
+        SceneError: the file is missing, damaged or of another format; one line that begins with its
+            path.
     """
     try:
         with warnings.catch_warnings():
@@ -130,11 +142,19 @@ def read_archive(path: Path, what: str, form: str) -> Iterator[tuple[dict[str, A
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
     except SceneError as error:
-        sentence = str(error) if str(error).startswith(f"{path}: ") else f"{path}: the scene in it is damaged ({error})"
+        sentence = (
+            str(error)
+            if str(error).startswith(f"{path}: ")
+            else f"{path}: the scene in it is damaged ({error})"
+        )
         raise SceneError(_one_line(sentence)) from None
-    except Exception as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
+    except (
+        Exception
+    ) as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise SceneError(_one_line(f"{path}: is not {what} written by this program ({reason})")) from None
+        raise SceneError(
+            _one_line(f"{path}: is not {what} written by this program ({reason})")
+        ) from None
 
 
 def _one_line(text: str) -> str:

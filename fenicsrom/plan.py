@@ -8,10 +8,20 @@ from fenicsrom.scene import Scene
 
 STILL = "nothing moves: the equilibrium is all"
 MOVING = (
-    "normal modes", "static modes", "linear transient", "nonlinear statics", "modal derivatives", "elastic polynomial",
-    "intrusive projection", "time integration", "full model", "beam model", "pictures", "ParaView modes",
+    "normal modes",
+    "static modes",
+    "linear transient",
+    "nonlinear statics",
+    "modal derivatives",
+    "elastic polynomial",
+    "intrusive projection",
+    "time integration",
+    "full model",
+    "beam model",
+    "pictures",
+    "ParaView modes",
     "ParaView motion",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -24,12 +34,17 @@ class Stage:
 
 
 def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
-    """The stages of a scene in their order; those of its modes are run for their own sake if they are all that is wanted."""
-    if scene.still and not modes_only:
-        return [Stage(stage.name, False, STILL) if stage.name in MOVING else stage for stage in plan(scene, True)]
+    """The stages of a scene in their order; those of its modes are run for their own sake if they
+    are all that is wanted.
+    """
+    if scene.static_only and not modes_only:
+        return [
+            Stage(stage.name, False, STILL) if stage.name in MOVING else stage
+            for stage in plan(scene, True)
+        ]
     basis, nonlinear, touching = scene.basis, scene.geometrically_nonlinear, bool(scene.contacts)
     by_motion = basis.derivatives in ("mmi", "mmi-nls")
-    selecting = nonlinear and by_motion and not scene.still
+    selecting = nonlinear and by_motion and not scene.static_only
     listed = nonlinear and not by_motion and basis.derivatives != "none"
     static = [load for load in scene.loads if load.static]
     d = scene.geometry.dimension
@@ -39,18 +54,24 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     def derivative_reason() -> str:
         if not nonlinear:
             return linear
-        if by_motion and scene.still:
+        if by_motion and scene.static_only:
             return STILL
         if basis.derivatives == "none":
             return "basis.derivatives is none"
-        return "basis.derivatives is " + (basis.derivatives if isinstance(basis.derivatives, str) else "a list of labels")
+        return "basis.derivatives is " + (
+            basis.derivatives if isinstance(basis.derivatives, str) else "a list of labels"
+        )
 
     def equilibrium_reason() -> str:
-        loads = f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
+        loads = (
+            f"{len(static)} static load{'s' * (len(static) > 1)}" if static else "no static load"
+        )
         return f"{loads}, centrifugal force" if rotation else loads
 
     def gyroscopic_reason() -> str:
-        return f"rotation.coriolis is {str(rotation.coriolis).lower()}" if rotation else "no rotation"
+        return (
+            f"rotation.coriolis is {str(rotation.coriolis).lower()}" if rotation else "no rotation"
+        )
 
     def masters_reason() -> str:
         if not touching:
@@ -77,16 +98,26 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
     return [
         Stage("mesh", True, f"{scene.geometry.mesh.name}, {d}D"),
         Stage("static equilibrium", bool(static) or rotation is not None, equilibrium_reason()),
-        Stage("rotating frame", rotation is not None, f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation"),
+        Stage(
+            "rotating frame",
+            rotation is not None,
+            f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation",
+        ),
         Stage("gyroscopic term", rotation is not None and rotation.coriolis, gyroscopic_reason()),
-        Stage("normal modes", basis.modes > 0, f"{basis.modes} {'free' if basis.method == 'rubin' else 'fixed'}-interface modes"),
+        Stage(
+            "normal modes",
+            basis.modes > 0,
+            f"{basis.modes} {'free' if basis.method == 'rubin' else 'fixed'}-interface modes",
+        ),
         Stage(
             "static modes",
             touching,
             masters_reason(),
         ),
         Stage("linear transient", selecting, derivative_reason()),
-        Stage("nonlinear statics", selecting and basis.derivatives == "mmi-nls", derivative_reason()),
+        Stage(
+            "nonlinear statics", selecting and basis.derivatives == "mmi-nls", derivative_reason()
+        ),
         Stage("modal derivatives", selecting or listed, derivative_reason()),
         Stage(
             "elastic polynomial",
@@ -99,14 +130,54 @@ def plan(scene: Scene, modes_only: bool = False) -> list[Stage]:
             linear if not nonlinear else f"basis.elastic_force is {basis.elastic_force}",
         ),
         Stage("contact forces", touching, points_reason()),
-        Stage("contact weighting", weighted, points_reason() if weighted or not touching else "no region of many nodes"),
-        Stage("second tangent direction", touching and d == 3, "no contact" if not touching else f"{d} dimensions"),
-        Stage("time integration", not scene.still, STILL if scene.still else f"{scene.time.scheme}"),
-        Stage("Newton iterations", nonlinear, "nonlinear elastic force" if nonlinear else linear + ": one solve a step"),
-        Stage("full model", scene.reference.full, "reference.full" if scene.reference.full else "not asked for"),
-        Stage("beam model", scene.reference.beam is not None, "reference.beam" if scene.reference.beam else "not asked for"),
-        Stage("pictures", scene.output.pictures, f"output.pictures = {str(scene.output.pictures).lower()}"),
-        Stage("ParaView modes", scene.output.paraview, f"output.paraview = {str(scene.output.paraview).lower()}"),
-        Stage("ParaView motion", scene.output.motion, f"output.motion = {str(scene.output.motion).lower()}"),
-        Stage("animation", scene.output.animation, f"output.animation = {str(scene.output.animation).lower()}"),
+        Stage(
+            "contact weighting",
+            weighted,
+            points_reason() if weighted or not touching else "no region of many nodes",
+        ),
+        Stage(
+            "second tangent direction",
+            touching and d == 3,
+            "no contact" if not touching else f"{d} dimensions",
+        ),
+        Stage(
+            "time integration",
+            not scene.static_only,
+            STILL if scene.static_only else f"{scene.time.scheme}",
+        ),
+        Stage(
+            "Newton iterations",
+            nonlinear,
+            "nonlinear elastic force" if nonlinear else linear + ": one solve a step",
+        ),
+        Stage(
+            "full model",
+            scene.reference.full,
+            "reference.full" if scene.reference.full else "not asked for",
+        ),
+        Stage(
+            "beam model",
+            scene.reference.beam is not None,
+            "reference.beam" if scene.reference.beam else "not asked for",
+        ),
+        Stage(
+            "pictures",
+            scene.output.pictures,
+            f"output.pictures = {str(scene.output.pictures).lower()}",
+        ),
+        Stage(
+            "ParaView modes",
+            scene.output.paraview,
+            f"output.paraview = {str(scene.output.paraview).lower()}",
+        ),
+        Stage(
+            "ParaView motion",
+            scene.output.motion,
+            f"output.motion = {str(scene.output.motion).lower()}",
+        ),
+        Stage(
+            "animation",
+            scene.output.animation,
+            f"output.animation = {str(scene.output.animation).lower()}",
+        ),
     ]

@@ -38,8 +38,19 @@ def bent3d() -> Any:
 
 def bent_scene(dimension: int, *overrides: str) -> Any:
     """A short beam with a static load that turns its tip by about 0.2 rad, and a harmonic one."""
-    sizes = ["length=1.0", "height=0.05", "elements_along=6", "load_at=0.5"] + ["width=0.04"] * (dimension == 3)
-    push = {"group": "tip", "direction": [0.3, 1.0, 0.5][:dimension], "force": 1.5e4 if dimension == 2 else 2e4}
-    shake = {"group": "load", "direction": [0.0, 1.0, 0.0][:dimension], "force": 10.0, "frequency": 30.0}
+    sizes = ["length=1.0", "height=0.05", "elements_along=6", "load_at=0.5"] + ["width=0.04"] * (
+        dimension == 3
+    )
+    push = {
+        "group": "tip",
+        "direction": [0.3, 1.0, 0.5][:dimension],
+        "force": 1.5e4 if dimension == 2 else 2e4,
+    }
+    shake = {
+        "group": "load",
+        "direction": [0.0, 1.0, 0.0][:dimension],
+        "force": 10.0,
+        "frequency": 30.0,
+    }
     parameters = tuple(f"geometry.parameters.{size}" for size in sizes)
     return beam_scene(dimension, (*parameters, *overrides), loads=[shake, push])

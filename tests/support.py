@@ -1,4 +1,5 @@
-"""What several test files share: differences, slopes, small scenes and small models, runs on several ranks."""
+"""What several test files share: differences, slopes, small scenes and small models, runs on
+several ranks."""
 
 from __future__ import annotations
 
@@ -15,26 +16,28 @@ import pytest
 from numpy.typing import NDArray
 
 import fenicsrom
-from fenicsrom.contact import ContactPoints, Contacts, planes
-from fenicsrom.integrate import Motion
-from fenicsrom.online import simulate
-from fenicsrom.reduced import (
-    ElasticPolynomial,
-    ReducedModel,
-    elastic_polynomial,
-    reduced_model,
-    strain_products,
-)
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.load_histories import LoadHistories, harmonic
+from fenicsrom.online.model import ReducedModel, reduced_model
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
+from fenicsrom.online.simulate import simulate
+from fenicsrom.online.surfaces import Contacts, planes
 from fenicsrom.scene import Scene, Time, override_table, parse_scene
-from fenicsrom.signals import Signals, harmonic
 
 Array = NDArray[np.float64]
 
 
 def assert_tangent(
-    f: Callable[[Array], Any], df: Callable[[Array], Any], x: Array, *, step: float = 1e-3, tolerance: float = 1e-8
+    f: Callable[[Array], Any],
+    df: Callable[[Array], Any],
+    x: Array,
+    *,
+    step: float = 1e-3,
+    tolerance: float = 1e-8,
 ) -> None:
-    """Compare a derivative with differences of fourth order, exact for polynomials of degree 4 at any step.
+    """Compare a derivative with differences of fourth order, exact for polynomials of degree 4 at
+    any step.
 
     Args:
         f: the function of x (n,), a number or (m,).
@@ -56,12 +59,16 @@ def assert_tangent(
     size = np.abs(given).max()
     assert np.abs(differences).max() > 0
     error = np.abs(given - differences).max()
-    assert error <= tolerance * size, f"derivative off by {error / size:.1e} of its largest entry {size:.3g}"
+    assert error <= tolerance * size, (
+        f"derivative off by {error / size:.1e} of its largest entry {size:.3g}"
+    )
 
 
 def slope(steps: Any, errors: Any) -> float:
     """Observed order: the slope of log(errors) against log(steps), by least squares."""
-    return float(np.polyfit(np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float)), 1)[0])
+    return float(
+        np.polyfit(np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float)), 1)[0]
+    )
 
 
 # ------------------------------------------------------------------ scenes
@@ -70,7 +77,8 @@ STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0, "mass_damping": 5.0
 
 
 def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: Any) -> Scene:
-    """The paper's case: a cantilever whose tip rubs against a wall, loaded at 0.7 of its length, at the centre nodes.
+    """The paper's case: a cantilever whose tip rubs against a wall, loaded at 0.7 of its length, at
+    the centre nodes.
 
     Args:
         dimension: 2 or 3.
@@ -78,24 +86,40 @@ def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: An
         tables: whole tables of the scene in place of those below; None leaves one out.
     """
     up, along = [[0.0, 1.0, 0.0][:dimension], [1.0, 0.0, 0.0][:dimension]]
-    geometry: dict[str, Any] = {"mesh": f"beam{dimension}d.geo", "dimension": dimension, "parameters": {}}
+    geometry: dict[str, Any] = {
+        "mesh": f"beam{dimension}d.geo",
+        "dimension": dimension,
+        "parameters": {},
+    }
     if dimension == 2:
         geometry["thickness"] = 0.0254
     table = {
         "geometry": geometry,
         "material": STEEL,
         "supports": [{"group": "root"}],
-        "loads": [{"group": "load", "at": "centre", "direction": up, "force": 111.29, "frequency": 3.2}],
-        "contacts": [
-            {"group": "tip", "at": "centre", "normal": along, "preload": 40.0, "friction": 0.5,
-             "normal_stiffness": 1e4, "tangential_stiffness": 1e4},
+        "loads": [
+            {"group": "load", "at": "centre", "direction": up, "force": 111.29, "frequency": 3.2}
         ],
-    } | tables  # fmt: skip
+        "contacts": [
+            {
+                "group": "tip",
+                "at": "centre",
+                "normal": along,
+                "preload": 40.0,
+                "friction": 0.5,
+                "normal_stiffness": 1e4,
+                "tangential_stiffness": 1e4,
+            },
+        ],
+    } | tables
     table = {name: value for name, value in table.items() if value is not None}
     return parse_scene(override_table(table, overrides, "test"), "test", Path.cwd())
 
 
-STOCKY = tuple(f"geometry.parameters.{size}" for size in ("length=1", "height=0.2", "elements_along=4", "load_at=0.5"))
+STOCKY = tuple(
+    f"geometry.parameters.{size}"
+    for size in ("length=1", "height=0.2", "elements_along=4", "load_at=0.5")
+)
 """Overrides that make the beam short and its mesh tiny."""
 
 
@@ -103,8 +127,8 @@ def make_solid(scene: Scene) -> Any:
     """Mesh and solid of a scene."""
     from mpi4py import MPI
 
-    from fenicsrom.mesh import build_mesh
-    from fenicsrom.solid import Solid
+    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.solid import Solid
 
     return Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
 
@@ -128,19 +152,28 @@ def random_field(solid: Any, size: float, seed: int = 0) -> Array:
     return field
 
 
-def enriched(solid: Any, method: str = "rubin", modes: int = 1, wanted: Any = None) -> tuple[Any, Any, Any]:
+def enriched(
+    solid: Any, method: str = "rubin", modes: int = 1, wanted: Any = None
+) -> tuple[Any, Any, Any]:
     """Modes, derivatives (all unless given by label) and basis of a solid."""
-    from fenicsrom.basis import build_basis
-    from fenicsrom.derivatives import all_pairs, modal_derivatives
-    from fenicsrom.modes import component_modes
+    from fenicsrom.reduction.basis import build_basis
+    from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
+    from fenicsrom.reduction.modes import component_modes
 
     found = component_modes(solid, method, modes)
     labels = all_pairs(found.labels) if wanted is None else list(wanted)
-    theta = modal_derivatives(found.vectors, found.labels, labels, solid.tangent_derivative, found.inverse)
+    theta = modal_derivatives(
+        found.vectors, found.labels, labels, solid.tangent_derivative, found.inverse
+    )
     basis = build_basis(
-        method, found.masters, found.rows, np.concatenate([found.normal, theta], axis=1),
-        [*found.labels[:modes], *labels], solid.mass_inner, solid.comm.allreduce,
-    )  # fmt: skip
+        method,
+        found.masters,
+        found.rows,
+        np.concatenate([found.normal, theta], axis=1),
+        [*found.labels[:modes], *labels],
+        solid.mass_inner,
+        solid.comm.allreduce,
+    )
     return found, theta, basis
 
 
@@ -153,7 +186,9 @@ def first(masters: int, n: int, dimension: int = 2) -> tuple[ContactPoints, Arra
     """Contact points whose displacements are the first coordinates, with their rows and offsets."""
     d = dimension if masters % dimension == 0 else masters
     count = masters // d if masters else 0
-    where = ContactPoints(np.arange(count), np.ones(count), np.zeros((count, d)), np.tile(np.eye(d), (count, 1, 1)))
+    where = ContactPoints(
+        np.arange(count), np.ones(count), np.zeros((count, d)), np.tile(np.eye(d), (count, 1, 1))
+    )
     return where, np.eye(masters, n), np.zeros(masters)
 
 
@@ -163,32 +198,60 @@ def linear_model(
     *,
     damping: float = 0.0,
     loads: Any = None,
-    signals: Signals = NO_LOADS,
+    load_histories: LoadHistories = NO_LOADS,
     masters: int = 0,
     probes: int = 2,
 ) -> ReducedModel:
-    """A linear model of dense matrices; its first coordinates are its contact displacements and its probe."""
+    """A linear model of dense matrices; its first coordinates are its contact displacements and its
+    probe."""
     mass, stiffness = np.atleast_2d(mass), np.atleast_2d(stiffness)
     n = mass.shape[0]
     elastic = ElasticPolynomial(np.zeros(n), stiffness, np.zeros((0, 0)), np.zeros((0, 0)))
     loads = np.zeros((n, 0)) if loads is None else np.asarray(loads, float).reshape(n, -1)
     probe = np.eye(probes, n)
-    return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n, max(probes, 2)), probe, np.zeros(probes))
+    return reduced_model(
+        mass,
+        damping,
+        elastic,
+        loads,
+        load_histories,
+        *first(masters, n, max(probes, 2)),
+        probe,
+        np.zeros(probes),
+    )
 
 
-def oscillator(steps: int = 40, force: float = 1.0, damping: float = 0.5) -> tuple[ReducedModel, Scene, Motion]:
+def oscillator(
+    steps: int = 40, force: float = 1.0, damping: float = 0.5
+) -> tuple[ReducedModel, Scene, Motion]:
     """A linear oscillator of two coordinates, shaken, run until it is steady."""
     scene = beam_scene(
-        2, ("loads.0.frequency=1.0", f"time.steps_per_period={steps}", f"material.mass_damping={damping}"),
-        contacts=None, probe={"group": "tip"}, geometrically_nonlinear=False,
-    )  # fmt: skip
-    signals = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
-    model = linear_model(np.eye(2), np.diag([60.0, 30.0]), damping=damping, loads=[[1.0], [0.3]], signals=signals)
+        2,
+        (
+            "loads.0.frequency=1.0",
+            f"time.steps_per_period={steps}",
+            f"material.mass_damping={damping}",
+        ),
+        contacts=None,
+        probe={"group": "tip"},
+        geometrically_nonlinear=False,
+    )
+    load_histories = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
+    model = linear_model(
+        np.eye(2),
+        np.diag([60.0, 30.0]),
+        damping=damping,
+        loads=[[1.0], [0.3]],
+        load_histories=load_histories,
+    )
     return model, scene, simulate(model, scene)
 
 
-def random_polynomial(n: int, dimension: int = 2, seed: int = 0, points: int = 40) -> ElasticPolynomial:
-    """The elastic polynomial of random displacement gradients: of an imagined body, but positive and conservative."""
+def random_polynomial(
+    n: int, dimension: int = 2, seed: int = 0, points: int = 40
+) -> ElasticPolynomial:
+    """The elastic polynomial of random displacement gradients: of an imagined body, but positive
+    and conservative."""
     rng = np.random.default_rng(seed)
     gradients = rng.standard_normal((points, 1 + n, dimension, dimension))
     gradients[:, 0] = 0.0
@@ -197,28 +260,49 @@ def random_polynomial(n: int, dimension: int = 2, seed: int = 0, points: int = 4
 
 
 def random_model(
-    n: int, *, seed: int = 0, damping: float = 0.0, masters: int = 0, force: float = 0.0, omega: float = 1.0
+    n: int,
+    *,
+    seed: int = 0,
+    damping: float = 0.0,
+    masters: int = 0,
+    force: float = 0.0,
+    omega: float = 1.0,
 ) -> ReducedModel:
     """A nonlinear model with a random mass matrix and polynomial, one load on all coordinates."""
     rng = np.random.default_rng(seed + 1)
     root = rng.standard_normal((n, n))
     mass = np.eye(n) + 0.2 * root @ root.T
-    signals = harmonic(np.array([force]), np.array([omega]), np.array([0.3]))
+    load_histories = harmonic(np.array([force]), np.array([omega]), np.array([0.3]))
     loads = rng.uniform(0.5, 1.0, (n, 1))
     elastic = random_polynomial(n, seed=seed)
-    return reduced_model(mass, damping, elastic, loads, signals, *first(masters, n), np.eye(2, n), np.zeros(2))
+    return reduced_model(
+        mass, damping, elastic, loads, load_histories, *first(masters, n), np.eye(2, n), np.zeros(2)
+    )
 
 
 def one_contact(dimension: int = 2, **values: Any) -> Contacts:
     """Parameters of one contact point before a plane, or of several if a value is a list."""
-    given = {"preload": 0.0, "gap": 0.0, "normal_stiffness": 1.0, "tangential_stiffness": 1.0, "friction": 0.0} | values
-    arrays = np.broadcast_arrays(*(np.atleast_1d(np.asarray(value, float)) for value in given.values()))
-    return planes(**{name: array.copy() for name, array in zip(given, arrays, strict=True)}, dimension=dimension)
+    given = {
+        "preload": 0.0,
+        "gap": 0.0,
+        "normal_stiffness": 1.0,
+        "tangential_stiffness": 1.0,
+        "friction": 0.0,
+    } | values
+    arrays = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(value, float)) for value in given.values())
+    )
+    return planes(
+        **{name: array.copy() for name, array in zip(given, arrays, strict=True)},
+        dimension=dimension,
+    )
 
 
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
     """Settings of a run of a number of equal steps."""
-    return Time(scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius)
+    return Time(
+        scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius
+    )
 
 
 # ------------------------------------------------------------------ ranks
@@ -238,14 +322,25 @@ def on_ranks(
         code: that it must end with.
         timeout: s.
     """
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))}
-    paths = [str(Path(fenicsrom.__file__).parents[1]), str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")]
+    environment = {
+        k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))
+    }
+    paths = [
+        str(Path(fenicsrom.__file__).parents[1]),
+        str(Path(__file__).parent),
+        os.environ.get("PYTHONPATH", ""),
+    ]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
     if cache:
         environment["XDG_CACHE_HOME"] = str(cache)
     start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
     done = subprocess.run(
-        [*start, sys.executable, *command], env=environment, capture_output=True, text=True, timeout=timeout, check=False
+        [*start, sys.executable, *command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
     )
     assert done.returncode == code, done.stderr
     return done

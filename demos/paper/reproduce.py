@@ -1,10 +1,11 @@
-"""Every number and curve the paper prints, on the beam and on the 2D solid: the tables of README.md, and pictures.
+"""Every number and curve the paper prints, on the beam and on the 2D solid: the tables of
+README.md, and pictures.
 
     python3 demos/paper/reproduce.py --output out/paper
 
-The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; all else is computed. The
-elastic force of the beam is no polynomial: its reduced models are intrusive projections. Parts may be named to make
-them alone; README.md then keeps its other tables.
+The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; all else
+is computed. The elastic force of the beam is no polynomial: its reduced models are intrusive
+projections. Parts may be named to make them alone; README.md then keeps its other tables.
 """
 
 from __future__ import annotations
@@ -20,19 +21,22 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom import report
-from fenicsrom.basis import build_basis
-from fenicsrom.compare import Outcome, Workshop, compare_bases, motion_errors
-from fenicsrom.derivatives import all_pairs
-from fenicsrom.files import whole
-from fenicsrom.integrate import Motion
-from fenicsrom.mesh import build_mesh
-from fenicsrom.modes import component_modes
-from fenicsrom.online import signals, simulate
-from fenicsrom.reduced import project_intrusively
+from fenicsrom.assess.compare import Outcome, Workshop, compare_bases, motion_errors
+from fenicsrom.fem.full import full_model
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.solid import Solid
+from fenicsrom.files import atomic_write
+from fenicsrom.online import measures
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.post import report
+from fenicsrom.reduction.basis import build_basis
+from fenicsrom.reduction.beam import beam_structure
+from fenicsrom.reduction.derivatives import all_pairs
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.projection import project_intrusively
+from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.solid import Solid
-from fenicsrom.study import beam_body, choose, differentiate, enrich, full_model, reduce
 
 HERE = Path(__file__).parent
 BODIES = ("beam", "solid")
@@ -53,7 +57,7 @@ def mesh() -> Any:
 
 def body(kind: str, of: Scene) -> Any:
     """The beam or the solid of a scene."""
-    return beam_body(of) if kind == "beam" else Solid(mesh(), of)
+    return beam_structure(of) if kind == "beam" else Solid(mesh(), of)
 
 
 @functools.cache
@@ -69,13 +73,21 @@ def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
     """The combinations of a scene's [compare] table against the full model."""
     force = ["projection"] if kind == "beam" else ["polynomial"]
     of = scene(name, *overrides, f"compare.elastic_force={force}")
-    reference = full(kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis."))))
+    reference = full(
+        kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis.")))
+    )
     workshop = Workshop(body(kind, of), {}, max(of.compare.modes))
-    return tuple(compare_bases(workshop, of, reference, lambda line: print(kind, line, flush=True), timing=False))
+    return tuple(
+        compare_bases(
+            workshop, of, reference, lambda line: print(kind, line, flush=True), timing=False
+        )
+    )
 
 
 def error(outcome: Outcome) -> str:
-    """Error of the tip amplitude and, in brackets, the size; a star where the motion never repeats."""
+    """Error of the tip amplitude and, in brackets, the size; a star where the motion never
+    repeats.
+    """
     if outcome.motion is None:
         return "stops"
     value = outcome.errors["amplitude_tangential"]
@@ -85,7 +97,7 @@ def error(outcome: Outcome) -> str:
 
 def millimetres(motion: Motion) -> tuple[float, float]:
     """Tip amplitudes across and along the beam, mm; a probe's first axis is x."""
-    found = report.amplitudes(motion)
+    found = measures.amplitudes(motion)
     return 1e3 * found["tangential"][0], 1e3 * found["normal"]
 
 
@@ -97,7 +109,15 @@ def amplitude_rows(cases: Sequence[tuple[str, str, tuple[str, ...], tuple[str, s
     found: Table = [["case", "paper U_y", "beam", "solid", "paper U_x", "beam", "solid"]]
     for label, name, overrides, printed in cases:
         ours = [millimetres(full(kind, name, *overrides)) for kind in BODIES]
-        found.append([label, printed[0], *(f"{o[0]:.2f}" for o in ours), printed[1], *(f"{o[1]:.3g}" for o in ours)])
+        found.append(
+            [
+                label,
+                printed[0],
+                *(f"{o[0]:.2f}" for o in ours),
+                printed[1],
+                *(f"{o[1]:.3g}" for o in ours),
+            ]
+        )
     return found
 
 
@@ -123,9 +143,14 @@ def table_2() -> Table:
         ("craig-bampton", ["1V1V", "1V1S", "1V2S", "1S2S", "2S2S"], ("0.57", "26.3")),
     ]
     loads = [("slip_liftoff", ()), ("high_load", ("loads.0.force=333.87",))]
-    found: Table = [["basis, 1V and", "111.29 N: paper", "beam", "solid", "333.87 N: paper", "beam", "solid"]]
+    found: Table = [
+        ["basis, 1V and", "111.29 N: paper", "beam", "solid", "333.87 N: paper", "beam", "solid"]
+    ]
     lists = [labels for _, labels, _ in rows]
-    common = ("compare.modes=[1]", f"compare.derivatives={[x for k, x in enumerate(lists) if x not in lists[:k]]}")
+    common = (
+        "compare.modes=[1]",
+        f"compare.derivatives={[x for k, x in enumerate(lists) if x not in lists[:k]]}",
+    )
     for method, labels, printed in rows:
         line: list[Any] = [f"{method}: {' '.join(labels)}"]
         for column, (name, overrides) in enumerate(loads):
@@ -133,9 +158,10 @@ def table_2() -> Table:
             for kind in BODIES:
                 outcomes = tried(kind, name, *overrides, *common)
                 line += [
-                    error(o) for o in outcomes
+                    error(o)
+                    for o in outcomes
                     if o.combination.method == method and o.combination.derivatives == tuple(labels)
-                ]  # fmt: skip
+                ]
         found.append(line)
     return found
 
@@ -151,8 +177,14 @@ def table_3() -> Table:
 
 
 def selection_table(name: str, modes: Sequence[int]) -> Table:
-    """Errors and sizes with derivatives chosen by MMI and MMI-NLS, for each number of normal modes."""
-    head = [f"{kind}, {method}: MMI / MMI-NLS" for kind in BODIES for method in ("Rubin", "Craig–Bampton")]
+    """Errors and sizes with derivatives chosen by MMI and MMI-NLS, for each number of normal
+    modes.
+    """
+    head = [
+        f"{kind}, {method}: MMI / MMI-NLS"
+        for kind in BODIES
+        for method in ("Rubin", "Craig–Bampton")
+    ]
     found: Table = [["normal modes", *head]]
     for count in modes:
         line: list[Any] = [count]
@@ -170,19 +202,29 @@ def selection_table(name: str, modes: Sequence[int]) -> Table:
 
 def plain_table(name: str, modes: Sequence[int]) -> Table:
     """Errors and sizes without derivatives."""
-    found: Table = [["normal modes", *(f"{kind}, {m}" for kind in BODIES for m in ("Rubin", "Craig–Bampton"))]]
+    found: Table = [
+        ["normal modes", *(f"{kind}, {m}" for kind in BODIES for m in ("Rubin", "Craig–Bampton"))]
+    ]
     for count in modes:
         line: list[Any] = [count]
         for kind in BODIES:
-            outcomes = tried(kind, name, f"compare.modes={list(modes)}", 'compare.derivatives=["none"]')
-            line += [error(o) for m in ("rubin", "craig-bampton") for o in outcomes
-                     if (o.combination.method, o.combination.modes) == (m, count)]  # fmt: skip
+            outcomes = tried(
+                kind, name, f"compare.modes={list(modes)}", 'compare.derivatives=["none"]'
+            )
+            line += [
+                error(o)
+                for m in ("rubin", "craig-bampton")
+                for o in outcomes
+                if (o.combination.method, o.combination.modes) == (m, count)
+            ]
         found.append(line)
     return found
 
 
 def threshold_table() -> Table:
-    """Where MMI-NLS beats MMI: Rubin under 333.3 N, by threshold; the derivatives only MMI-NLS keeps."""
+    """Where MMI-NLS beats MMI: Rubin under 333.3 N, by threshold; the derivatives only MMI-NLS
+    keeps.
+    """
     head = [f"{kind}: {what}" for kind in BODIES for what in ("MMI", "MMI-NLS", "in MMI-NLS alone")]
     found: Table = [["threshold", "normal modes", *head]]
     for threshold in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
@@ -199,24 +241,39 @@ def threshold_table() -> Table:
 
 
 def third_order_table() -> Table:
-    """What the beam lacks under 333.3 N: all derivatives of 1V, 1S, 2S, and the same with one vector of third order."""
+    """What the beam lacks under 333.3 N: all derivatives of 1V, 1S, 2S, and the same with one
+    vector of third order.
+    """
     of = scene("high_load")
     beam = body("beam", of)
     modes = component_modes(beam, "rubin", 1)
     labels = tuple(all_pairs(modes.labels))
     derivatives = differentiate(beam, modes, labels)
-    # the odd part of the nonlinear static deflection along the first mode, less its linear part, is of third order
-    force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (0.02 * beam.beam.length / beam.largest(modes.normal)[0])
+    # the odd part of the nonlinear static deflection along the first mode, less its linear part, is
+    # of third order
+    force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (
+        0.02 * beam.beam.length / beam.largest(modes.normal)[0]
+    )
     linear = beam.factor.solve(force[:, None])[:, 0]
     third = 0.5 * (beam.static(force, linear) - beam.static(-force, -linear)) - linear
     found: Table = [["beam, Rubin, 333.3 N", "size", "error %"]]
     for name, vectors, names in (
         ("1V and all derivatives", derivatives.vectors, labels),
-        ("the same and one vector of third order", np.column_stack([derivatives.vectors, third]), (*labels, "1V1V1V")),
+        (
+            "the same and one vector of third order",
+            np.column_stack([derivatives.vectors, third]),
+            (*labels, "1V1V1V"),
+        ),
     ):
         block = np.concatenate([modes.normal, vectors], axis=1)
         basis = build_basis(
-            "rubin", modes.masters, modes.rows, block, ["1V", *names], beam.mass_inner, beam.comm.allreduce
+            "rubin",
+            modes.masters,
+            modes.rows,
+            block,
+            ["1V", *names],
+            beam.mass_inner,
+            beam.comm.allreduce,
         )
         motion = simulate(project_intrusively(beam, basis), of)
         wrong = motion_errors(motion, full("beam", "high_load"))["amplitude_tangential"]
@@ -234,9 +291,11 @@ def state_table() -> Table:
     ):
         for kind in BODIES:
             motion = full(kind, name, *overrides)
-            shares = [f"{100 * share:.1f}" for share in report.contact_fractions(motion).values()]
-            energy = report.dissipated_per_period(motion)
-            found.append([label, kind, *shares, f"{report.peak_normal_force(motion):.1f}", f"{energy:.4g}"])
+            shares = [f"{100 * share:.1f}" for share in measures.contact_fractions(motion).values()]
+            energy = measures.dissipated_per_period(motion)
+            found.append(
+                [label, kind, *shares, f"{report.peak_normal_force(motion):.1f}", f"{energy:.4g}"]
+            )
     return found
 
 
@@ -254,12 +313,16 @@ def at(of: Scene, frequency: float, preload: float) -> Scene:
 
 @functools.cache
 def response(preload: int) -> dict[str, Any]:
-    """Amplitude by frequency, stepped up and down (each run goes on from the last), and a few full-model points."""
+    """Amplitude by frequency, stepped up and down (each run goes on from the last), and a few
+    full-model points.
+    """
     of = scene("slip_liftoff", "time.steady_tolerance=1e-4")
     solid = body("solid", of)
     modes = component_modes(solid, "rubin", of.basis.modes)
     selection = choose(solid, modes)
-    model = reduce(solid, enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives)))
+    model = reduce(
+        solid, enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives))
+    )
     low, high, step = RANGES[preload]
     up = np.arange(low, high + 0.5 * step, step)
     curves: dict[str, Any] = {}
@@ -268,7 +331,12 @@ def response(preload: int) -> dict[str, Any]:
         found = []
         for frequency in frequencies:
             now = at(of, float(frequency), preload)
-            last = simulate(model._replace(signals=signals(now)), now, start=last, keep_coordinates=True)
+            last = simulate(
+                model._replace(load_histories=load_histories(now)),
+                now,
+                start=last,
+                keep_coordinates=True,
+            )
             found.append((float(frequency), millimetres(last)[0]))
         curves[name] = sorted(found)
     curves["full"] = [
@@ -283,7 +351,14 @@ def response(preload: int) -> dict[str, Any]:
 def response_table() -> Table:
     """Resonances of fig. 4, and how far the reduced model is from full-model points."""
     found: Table = [
-        ["preload N", "resonance Hz", "mm, up", "mm, down", "up, down differ by %", "full model: Hz, off by %"]
+        [
+            "preload N",
+            "resonance Hz",
+            "mm, up",
+            "mm, down",
+            "up, down differ by %",
+            "full model: Hz, off by %",
+        ]
     ]
     for preload in RANGES:
         curves = response(preload)
@@ -293,7 +368,9 @@ def response_table() -> Table:
         points = ", ".join(
             f"{f:g}: {100 * abs(np.interp(f, *up.T) / a - 1):.2g}" for f, a in curves["full"]
         )
-        found.append([preload, f"{peak[0]:.2f}", f"{peak[1]:.2f}", f"{other[1]:.2f}", f"{apart:.1g}", points])
+        found.append(
+            [preload, f"{peak[0]:.2f}", f"{peak[1]:.2f}", f"{other[1]:.2f}", f"{apart:.1g}", points]
+        )
     return found
 
 
@@ -310,11 +387,16 @@ def response_figure() -> Any:
         curves = response(preload)
         axis.plot(*zip(*curves["up"], strict=True), color=colour, label=f"{preload} N")
         axis.plot(*zip(*curves["down"], strict=True), color=colour, linestyle="--")
-        axis.plot(*zip(*curves["full"], strict=True), color=colour, marker="o", linestyle="", markersize=6)
+        axis.plot(
+            *zip(*curves["full"], strict=True), color=colour, marker="o", linestyle="", markersize=6
+        )
     for axis in axes:
         axis.set(xlabel="frequency, Hz")
         axis.legend(title="preload")
-    axes[0].set(ylabel="tip amplitude, mm", title="reduced model up (lines) and down (dashed), full model (points)")
+    axes[0].set(
+        ylabel="tip amplitude, mm",
+        title="reduced model up (lines) and down (dashed), full model (points)",
+    )
     return figure
 
 
@@ -328,7 +410,9 @@ def deflection_figure(kind: str, name: str) -> Any:
     axis = figure.subplots()
     x = np.linspace(0, beam.beam.length, beam.beam.elements + 1)[1:]
     instants = np.linspace(0, motion.coordinates.shape[0] - 1, 9).astype(int)[:-1]
-    for (name, style), k in zip(report.line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True):
+    for (name, style), k in zip(
+        report.line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True
+    ):
         q = motion.coordinates[k]
         axis.plot(x + q[0::3], 1e3 * q[1::3], label=name, **style)
     axis.set(xlabel="position, m", ylabel="deflection, mm")
@@ -338,25 +422,36 @@ def deflection_figure(kind: str, name: str) -> Any:
 
 @report.styled
 def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Any:
-    """Figs. 8, 9 and 14: error against size, with and without derivatives, on the beam and the solid."""
+    """Figs. 8, 9 and 14: error against size, with and without derivatives, on the beam and the
+    solid.
+    """
     figure = report.new_figure(4.2 * len(parts) + 1.0, 6.4)
     axes = figure.subplots(2, len(parts), sharey=True, squeeze=False)
     colours = {"none": report.COLOURS[0], "mmi": report.COLOURS[1], "mmi-nls": report.COLOURS[2]}
     for column, (name, chosen, plain) in enumerate(parts):
         for row, kind in enumerate(BODIES):
             axis = axes[row][column]
-            outcomes = [*tried(kind, name, f"compare.modes={list(chosen)}"),
-                        *tried(kind, name, f"compare.modes={list(plain)}", 'compare.derivatives=["none"]')]  # fmt: skip
+            outcomes = [
+                *tried(kind, name, f"compare.modes={list(chosen)}"),
+                *tried(kind, name, f"compare.modes={list(plain)}", 'compare.derivatives=["none"]'),
+            ]
             for way, colour in colours.items():
                 for method, style in (("rubin", "o-"), ("craig-bampton", "s--")):
                     points = sorted(
                         (len(o.labels), max(o.errors["amplitude_tangential"] or 0.0, 1e-5))
                         for o in outcomes
-                        if o.errors and (o.combination.derivatives, o.combination.method) == (way, method)
+                        if o.errors
+                        and (o.combination.derivatives, o.combination.method) == (way, method)
                     )
                     if points:
                         label = f"{'Rubin' if method == 'rubin' else 'Craig–Bampton'}, {way}"
-                        axis.plot(*zip(*points, strict=True), style, color=colour, markersize=4, label=label)
+                        axis.plot(
+                            *zip(*points, strict=True),
+                            style,
+                            color=colour,
+                            markersize=4,
+                            label=label,
+                        )
             axis.set(yscale="log", title=f"{kind}: {scene(name).title}")
     for axis in axes[-1]:
         axis.set_xlabel("number of coordinates")
@@ -392,7 +487,10 @@ PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
         "figures 5 to 7, 12, 13",
         lambda: report.plot_motion({k: full(k, "slip_liftoff") for k in BODIES}),
     ),
-    "figure_06": ("figures 5 to 7, 12, 13", lambda: report.plot_contact({k: full(k, "slip_liftoff") for k in BODIES})),
+    "figure_06": (
+        "figures 5 to 7, 12, 13",
+        lambda: report.plot_contact({k: full(k, "slip_liftoff") for k in BODIES}),
+    ),
     "figure_07": (
         "figures 5 to 7, 12, 13",
         lambda: report.plot_contact({k: full(k, "slip_liftoff", LINEAR) for k in BODIES}),
@@ -402,8 +500,14 @@ PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
         lambda: selection_figure([("slip_liftoff", CHOSEN, PLAIN), ("high_load", CHOSEN, PLAIN)]),
     ),
     "figure_12": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "stick_slip")),
-    "figure_13": ("figures 5 to 7, 12, 13", lambda: report.plot_contact({k: full(k, "stick_slip") for k in BODIES})),
-    "figure_14": ("figure 14, no derivatives", lambda: selection_figure([("stick_slip", STICKING, STICKING_PLAIN)])),
+    "figure_13": (
+        "figures 5 to 7, 12, 13",
+        lambda: report.plot_contact({k: full(k, "stick_slip") for k in BODIES}),
+    ),
+    "figure_14": (
+        "figure 14, no derivatives",
+        lambda: selection_figure([("stick_slip", STICKING, STICKING_PLAIN)]),
+    ),
 }
 
 
@@ -419,14 +523,18 @@ def fill(readme: Path, name: str, text: str) -> None:
     pattern = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
     if not pattern.search(page):
         raise ValueError(f"{readme}: no markers of {name}")
-    with whole(readme) as temporary:
-        temporary.write_text(pattern.sub(lambda found: f"{found[1]}{text}\n{found[2]}", page), encoding="utf-8")
+    with atomic_write(readme) as temporary:
+        temporary.write_text(
+            pattern.sub(lambda found: f"{found[1]}{text}\n{found[2]}", page), encoding="utf-8"
+        )
 
 
 def main() -> None:
     """Make the parts named, or all."""
     parser = argparse.ArgumentParser(description="Reproduce the paper's tables and figures.")
-    parser.add_argument("parts", nargs="*", help=f"parts to make: {', '.join(PARTS)} (default: all)")
+    parser.add_argument(
+        "parts", nargs="*", help=f"parts to make: {', '.join(PARTS)} (default: all)"
+    )
     parser.add_argument("--output", default="out/paper", help="folder of the pictures")
     options = parser.parse_args()
     wanted = options.parts or list(PARTS)
@@ -434,7 +542,7 @@ def main() -> None:
         fill(HERE / "README.md", name, markdown(PARTS[name]()))
     for file, (part, draw) in PICTURES.items():
         if part in wanted:
-            with whole(Path(options.output) / f"{file}.png") as temporary:
+            with atomic_write(Path(options.output) / f"{file}.png") as temporary:
                 draw().savefig(temporary, format="png", dpi=130)
 
 

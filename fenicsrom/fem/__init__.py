@@ -1,0 +1,1 @@
+"""The solid on dolfinx: mesh, elasticity, statics, rotation and the full model."""

@@ -1,0 +1,35 @@
+"""Every branch on the version of dolfinx (0.9 to 0.11), and nothing else."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dolfinx.mesh
+import numpy as np
+from mpi4py import MPI
+
+try:
+    from dolfinx.io import gmsh as _gmsh_io
+except ImportError:  # dolfinx 0.9
+    from dolfinx.io import gmshio as _gmsh_io
+
+
+def model_to_mesh(
+    model: Any, comm: MPI.Comm, dimension: int
+) -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags, dolfinx.mesh.MeshTags]:
+    """Distribute the mesh of a gmsh model held by rank 0.
+
+    Args:
+        model: the gmsh model on rank 0 (anything elsewhere), nodes numbered from 1 without gaps,
+            every cell in exactly one physical group.
+        comm: the communicator of the mesh.
+        dimension: of space, 2 or 3.
+
+    Returns:
+        The mesh, the tags of its cells and the tags of its facets: the tags of the physical groups.
+    """
+    domain, cell_tags, facet_tags = _gmsh_io.model_to_mesh(model, comm, 0, gdim=dimension)[:3]
+    if facet_tags is None:  # after 0.9, where the model has no facets
+        nothing = np.empty(0, dtype=np.int32)
+        facet_tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, nothing, nothing)
+    return domain, cell_tags, facet_tags

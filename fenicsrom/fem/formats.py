@@ -1,0 +1,340 @@
+"""Mesh files of other programs, through meshio: Abaqus .inp, Nastran .bdf and VTK .vtu.
+
+Cells come in gmsh's order of nodes, sets and integer fields as groups. What meshio would pass over
+without a word, so that the mesh were wrong, is refused.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from fenicsrom.errors import SceneError
+
+Ints = npt.NDArray[Any]
+Marks = list[npt.NDArray[np.bool_]]
+Floats = npt.NDArray[np.float64]
+
+PART = "\x1f"  # between the name of a set and the number of its part
+VALUES = 256  # a field of integers with more values than this does not mark groups
+
+# meshio's names of cells (nodes as VTK orders them) -> gmsh type, and the nodes in gmsh's order
+# where it is another
+CELLS: dict[str, tuple[int, list[int] | None]] = {
+    "vertex": (15, None),
+    "line": (1, None),
+    "line3": (8, None),
+    "triangle": (2, None),
+    "triangle6": (9, None),
+    "quad": (3, None),
+    "quad8": (16, None),
+    "quad9": (10, None),
+    "tetra": (4, None),
+    "tetra4": (4, None),
+    "tetra10": (11, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]),
+    "hexahedron": (5, None),
+    "hexahedron20": (17, [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 16, 9, 17, 10, 18, 19, 12, 15, 13, 14]),
+    "hexahedron27": (
+        12,
+        [
+            0,
+            1,
+            2,
+            3,
+            4,
+            5,
+            6,
+            7,
+            8,
+            11,
+            16,
+            9,
+            17,
+            10,
+            18,
+            19,
+            12,
+            15,
+            13,
+            14,
+            24,
+            22,
+            20,
+            21,
+            23,
+            25,
+            26,
+        ],
+    ),
+    "wedge": (6, None),
+    "pyramid": (7, None),
+}
+# Faces of a hexahedron of 20 nodes in VTK's order, four corners and four midsides, in the order of
+# nodes 20 to 25 of 27
+FACES = [
+    [0, 4, 7, 3, 16, 15, 19, 11],
+    [1, 2, 6, 5, 9, 18, 13, 17],
+    [0, 1, 5, 4, 8, 17, 12, 16],
+    [3, 7, 6, 2, 19, 14, 18, 10],
+    [0, 1, 2, 3, 8, 9, 10, 11],
+    [4, 5, 6, 7, 12, 13, 14, 15],
+]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshFile:
+    """What a file holds.
+
+    Attributes:
+        points: coordinates of the nodes, shape (n, 3).
+        blocks: gmsh type, and node indices in gmsh's order, shape (k, nodes), of the cells of each
+        block.
+        groups: which cells of each block belong to each group.
+        nodes: node indices of each node set.
+    """
+
+    points: Floats
+    blocks: list[tuple[int, Ints]]
+    groups: dict[str, Marks]
+    nodes: dict[str, Ints]
+
+
+def read(path: Path, form: str, curved: bool) -> MeshFile:
+    """Read a file.
+
+    Args:
+        path: the file.
+        form: "abaqus", "nastran" or "vtu".
+        curved: whether the nodes that serendipity cells (of 8 and 20 nodes) lack are put in.
+
+    Returns:
+        Its mesh, as it is: cells of any dimension and mixed types.
+
+    Raises:
+        SceneError: meshio is missing, the file cannot be read, or it has no cells, unknown ones, or
+            ones without nodes.
+    """
+    mesh = _parse(path, form)
+    points = np.asarray(mesh.points, dtype=np.float64).reshape(len(mesh.points), -1)
+    points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells if len(block.data)]
+    if not blocks:
+        raise SceneError(f"{path}: no cells: must be a mesh")
+    for kind, cells in blocks:
+        if kind not in CELLS:
+            raise SceneError(
+                f"{path}: cells {kind}: must be triangles, quadrilaterals, tetrahedra or hexahedra"
+            )
+        if cells.min() < 0 or cells.max() >= len(points):
+            raise SceneError(
+                f"{path}: a cell has a node that is not in the file: must be a whole mesh"
+            )
+    if not np.isfinite(points).all():
+        raise SceneError(f"{path}: a coordinate is not a finite number: must be a mesh")
+    groups, nodes = _groups(mesh, form), _node_sets(mesh)
+    if curved:
+        points, blocks, nodes = _complete(points, blocks, nodes)
+    ordered = []
+    for kind, cells in blocks:
+        number, order = CELLS[kind]
+        ordered.append((number, cells if order is None else cells[:, order]))
+    return MeshFile(points, ordered, groups, nodes)
+
+
+def _parse(path: Path, form: str) -> Any:
+    """Read a file with meshio, and refuse what it would read wrongly without a word."""
+    try:
+        import meshio
+    except ImportError:
+        raise SceneError(
+            f"{path}: reading a {path.suffix} file needs meshio: install it, or convert to .msh"
+        ) from None
+    try:
+        if form == "vtu":
+            return meshio.vtu.read(path)
+        text = path.read_text(errors="replace").replace("\r", "") + "\n"
+        if form == "abaqus":
+            text = _check_abaqus(path, text)
+            mesh = meshio.abaqus.read(io.StringIO(text))
+            _element_sets(mesh, text)
+            return mesh
+        mesh = meshio.nastran.read(io.StringIO(_check_nastran(path, text)))
+    except SceneError:
+        raise
+    except (Exception, SystemExit) as error:  # meshio raises what the file makes it stumble over
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise SceneError(
+            f"{path}: cannot be read, it may be cut off or damaged: {reason}"
+        ) from error
+    if np.any(mesh.point_data.get("nastran:ref", 0)):
+        raise SceneError(
+            f"{path}: a GRID has a coordinate system: must be in the basic one, field 3 empty or 0"
+        )
+    return mesh
+
+
+def _check_abaqus(path: Path, text: str) -> str:
+    """Refuse what meshio would pass over in an Abaqus file; give the text with keywords and types
+    in capitals.
+    """
+    lines = [
+        re.sub(r"^\*[^,]*|\bTYPE *= *\w+", lambda match: match[0].upper(), line, flags=re.I)
+        for line in text.splitlines()
+        if not line.startswith("**")
+    ]
+    keywords = [line.partition(",")[0].strip() for line in lines if line.startswith("*")]
+    if keywords.count("*NODE") != 1:
+        raise SceneError(
+            f"{path}: {keywords.count('*NODE')} *NODE blocks: must be one, with all nodes of one part"
+        )
+    if "*INCLUDE" in keywords:
+        raise SceneError(f"{path}: *INCLUDE: must be one file")
+    block = ""
+    for index, line in enumerate(lines):
+        if line.startswith("*"):
+            block = line.partition(",")[0].strip()
+            if block in (
+                "*NSET",
+                "*ELSET",
+            ):  # a set goes on where it is given again: meshio would keep the last part
+                lines[index] = re.sub(
+                    r"(,\s*N?E?L?SET\s*=\s*[^,]*)",
+                    rf"\g<1>{PART}{index}",
+                    line,
+                    count=1,
+                    flags=re.I,
+                )
+        elif block in ("*NSET", "*ELSET") and re.search(r"[^-0-9,\s]", line):
+            raise SceneError(f"{path}: {block} of other sets ({line.strip()}): must list numbers")
+    return "\n".join(lines) + "\n"
+
+
+def _element_sets(mesh: Any, text: str) -> None:
+    """Put the sets named by ELSET= on *ELEMENT into the mesh: meshio takes them for the wrong block
+    if one has none.
+    """
+    blocks = re.findall(r"^\*ELEMENT *,(.*)$", text, flags=re.MULTILINE)
+    names = [re.search(r"ELSET *= *\"?([^,\"]+)", line, flags=re.I) for line in blocks]
+    for name in {match[1].strip() for match in names if match}:
+        own = [match is not None and match[1].strip() == name for match in names]
+        mesh.cell_sets[name] = [
+            np.arange(len(block.data) * mine) for block, mine in zip(mesh.cells, own, strict=True)
+        ]
+
+
+def _check_nastran(path: Path, text: str) -> str:
+    """Refuse a bulk data file that is cut off; give it with the line that meshio begins at."""
+    if not re.search(r"^ENDDATA", text, flags=re.MULTILINE):
+        raise SceneError(
+            f"{path}: cannot be read, it may be cut off or damaged: must end with ENDDATA"
+        )
+    if not re.search(
+        r"^[A-Z]+\*? *,? *[0-9]", text.partition("BEGIN BULK")[2] or text, flags=re.MULTILINE
+    ):
+        raise SceneError(f"{path}: no cells: must be a mesh")
+    return text if re.search(r"^ *BEGIN BULK", text, flags=re.MULTILINE) else "BEGIN BULK\n" + text
+
+
+def _groups(mesh: Any, form: str) -> dict[str, Marks]:
+    """Which cells each group has, block by block: cell sets, and integer fields of the cells."""
+    blocks = [block for block in mesh.cells if len(block.data)]
+    kept = [index for index, block in enumerate(mesh.cells) if len(block.data)]
+    found: dict[str, Marks] = {}
+    for name, members in mesh.cell_sets.items():
+        marks = found.setdefault(
+            _set_name(name), [np.zeros(len(block.data), dtype=bool) for block in blocks]
+        )
+        for mark, index in zip(marks, kept, strict=True):
+            if index < len(members) and members[index] is not None:
+                mark[np.asarray(members[index], dtype=np.int64)] = True
+    for name, values in mesh.cell_data.items():
+        field = [np.asarray(values[index]) for index in kept]
+        for group, marks in _marked(form, str(name), field):
+            lowest = min(block.dim for block, mark in zip(blocks, marks, strict=True) if mark.any())
+            found[group] = [
+                mark & (block.dim == lowest) for block, mark in zip(blocks, marks, strict=True)
+            ]
+    return found
+
+
+def _node_sets(mesh: Any) -> dict[str, Ints]:
+    """Indices of the nodes of each node set, and of each integer field of the points."""
+    found: dict[str, Ints] = {}
+    for name, nodes in mesh.point_sets.items():
+        found[_set_name(name)] = np.union1d(found.get(_set_name(name), []), nodes).astype(np.int64)
+    for name, values in mesh.point_data.items():
+        for group, marks in _marked("", str(name), [np.asarray(values)]):
+            found[group] = np.flatnonzero(marks[0])
+    return found
+
+
+def _set_name(name: str) -> str:
+    """The name of a set from that of one of its parts, without quotes."""
+    return str(name).partition(PART)[0].strip().strip('"')
+
+
+def _marked(form: str, name: str, field: list[Ints]) -> Iterator[tuple[str, Marks]]:
+    """The groups that an integer field makes: itself if it is 0 or 1, else one for each value."""
+    if any(part.ndim != 1 or part.dtype.kind not in "iub" for part in field):
+        return
+    values = np.unique(np.concatenate(field))
+    if np.isin(values, (0, 1)).all() and form != "nastran":
+        if 1 in values:
+            yield name, [part == 1 for part in field]
+    elif len(values) <= VALUES:
+        for value in values:
+            yield (
+                str(value) if form == "nastran" else f"{name}:{value}",
+                [part == value for part in field],
+            )
+
+
+def _complete(
+    points: Floats, blocks: list[tuple[str, Ints]], sets: dict[str, Ints]
+) -> tuple[Floats, list[tuple[str, Ints]], dict[str, Ints]]:
+    """Put in the nodes of degree 2 that serendipity cells lack, where the shape functions of the
+    cell have them.
+
+    A node in the middle of a face is in the node sets that hold the whole face.
+    """
+    faces = [np.empty((0, 8), dtype=np.int64)]
+    for kind, rows in blocks:
+        if kind in ("quad8", "hexahedron20"):
+            faces.append(rows[:, FACES].reshape(-1, 8) if kind == "hexahedron20" else rows)
+    every = np.concatenate(faces)
+    _, first, which = np.unique(
+        np.sort(every[:, :4], axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    middle = len(points) + which.ravel()
+    unique = every[first]
+    sets = {
+        name: np.concatenate(
+            [nodes, len(points) + np.flatnonzero(np.isin(unique, nodes).all(axis=1))]
+        )
+        for name, nodes in sets.items()
+    }
+    added = 0.5 * points[unique[:, 4:]].sum(axis=1) - 0.25 * points[unique[:, :4]].sum(axis=1)
+    points = np.concatenate([points, added])
+    done, start = [], 0
+    for kind, rows in blocks:
+        if kind == "quad8":
+            done.append(("quad9", np.column_stack([rows, middle[start : start + len(rows)]])))
+            start += len(rows)
+        elif kind == "hexahedron20":
+            centre = 0.25 * points[rows[:, 8:]].sum(axis=1) - 0.25 * points[rows[:, :8]].sum(axis=1)
+            sides = middle[start : start + 6 * len(rows)].reshape(-1, 6)
+            start += 6 * len(rows)
+            done.append(
+                ("hexahedron27", np.column_stack([rows, sides, len(points) + np.arange(len(rows))]))
+            )
+            points = np.concatenate([points, centre])
+        else:
+            done.append((kind, rows))
+    return points, done, sets

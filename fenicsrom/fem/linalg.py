@@ -1,0 +1,218 @@
+"""Factorised solver and eigenmodes: PETSc and SLEPc on arrays of the unknowns owned by this
+rank.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+
+EIGEN_TOLERANCE = 1e-10
+# largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender
+# body has a condition number of 1e11
+EIGEN_CHECK = 1e-8
+
+
+class Inverse(Protocol):
+    """Something that applies the inverse of a stiffness matrix to the columns of a block (local
+    rows, k).
+    """
+
+    def solve(self, block: Array) -> Array:
+        """K^-1 times the block."""
+
+
+class Factorisation:
+    """A matrix, factorised once: LDL^T, or LU unless it is symmetric; by MUMPS, or PETSc's own when
+    it is small.
+    """
+
+    SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
+
+    def __init__(
+        self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True, counting: bool = False
+    ):
+        """Factorise; `prefix` names its PETSc options, such as -prefix_mat_mumps_icntl_14.
+
+        Raises:
+            ConvergenceError: the matrix is singular.
+        """
+        self.matrix = matrix
+        self.comm = matrix.comm.tompi4py()
+        self._ksp = PETSc.KSP().create(matrix.comm)
+        self._ksp.setOptionsPrefix(prefix + "_")
+        self._ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self._ksp.getPC()
+        self._small = matrix.getSize()[0] < self.SMALL and self.comm.size == 1
+        # LDL^T in both: with an inverse that is symmetric to the last digit the modes are right to
+        # 1e-12, with LU to 1e-6
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
+        pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
+        if not self._small:
+            pc.setFactorSolverType("mumps")
+        self._ksp.setFromOptions()
+        if (
+            counting and not self._small
+        ):  # MUMPS counts negative pivots only where it looks for zero ones too
+            self._ksp.setOperators(matrix)
+            pc.setFactorSetUpSolverType()
+            pc.getFactorMatrix().setMumpsIcntl(24, 1)
+        self.update()
+
+    def update(self) -> None:
+        """Factorise again after the values of the matrix changed."""
+        self._ksp.setOperators(self.matrix)
+        try:
+            self._ksp.setUp()
+            failed = self._ksp.getPC().getFailedReason() != 0
+        except PETSc.Error:
+            failed = True
+        if failed:
+            raise ConvergenceError(
+                "the stiffness matrix is singular: its factorisation met a zero pivot"
+            )
+        self._vectors = self.matrix.createVecs()
+
+    @property
+    def negative_pivots(self) -> int:
+        """Number of negative pivots of a symmetric matrix."""
+        return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
+
+    def solve(self, block: Array) -> Array:
+        """Solve for every column of a block.
+
+        Args:
+            block: (local rows, k) right-hand sides.
+
+        Returns:
+            (local rows, k) solutions.
+        """
+        if self._small:
+            x, b = self._vectors
+            out = np.empty_like(block)
+            for k in range(block.shape[1]):
+                b.array[:] = block[:, k]
+                self._ksp.solve(b, x)
+                out[:, k] = x.array
+            return out
+        sizes = (self.matrix.getLocalSize()[0], self.matrix.getSize()[0]), (None, block.shape[1])
+        b = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=self.matrix.comm)
+        b.assemble()
+        x = PETSc.Mat().createDense(sizes, comm=self.matrix.comm)
+        x.setUp()
+        self._ksp.matSolve(b, x)
+        out = np.array(x.getDenseArray(), order="C", copy=True)
+        b.destroy()
+        x.destroy()
+        return out
+
+
+def negative_eigenvalues(matrix: PETSc.Mat) -> int:
+    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia from its
+    factors.
+
+    Raises:
+        ConvergenceError: the matrix is singular.
+    """
+    return Factorisation(matrix, "fenicsrom_inertia", counting=True).negative_pivots
+
+
+def multiply(matrix: PETSc.Mat, block: Array) -> Array:
+    """Matrix times a vector (local rows,) or the columns of a block (local rows, k)."""
+    x, y = matrix.createVecs()
+    columns = block.reshape(block.shape[0], -1)
+    out = np.empty_like(columns)
+    for k in range(columns.shape[1]):
+        x.array[:] = columns[:, k]
+        matrix.mult(x, y)
+        out[:, k] = y.array
+    x.destroy()
+    y.destroy()
+    return out.reshape(block.shape)
+
+
+class _Preconditioner:
+    """Hands an `Inverse` to PETSc as a preconditioner."""
+
+    def __init__(self, inverse: Inverse):
+        self.inverse = inverse
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        y.array[:] = self.inverse.solve(x.array_r[:, None])[:, 0]
+
+
+def eigenmodes(
+    stiffness: PETSc.Mat, mass: PETSc.Mat, inverse: Inverse, count: int, prefix: str
+) -> tuple[Array, Array]:
+    """The lowest modes of K phi = omega^2 M phi by Krylov-Schur on K^-1 M.
+
+    Args:
+        stiffness: K.
+        mass: M, symmetric and positive semidefinite.
+        inverse: applies K^-1; with coordinates held, the inverse of the constrained matrix.
+        count: number of modes.
+        prefix: of the SLEPc options.
+
+    Returns:
+        omega squared (count,), ascending, in rad^2/s^2, and the modes (local rows, count),
+        mass-normalised.
+
+    Raises:
+        ConvergenceError: fewer pairs converged than were asked for.
+        AccuracyError: a residual is above `EIGEN_CHECK`.
+    """
+    if count == 0:
+        return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
+    eps = SLEPc.EPS().create(stiffness.comm)
+    eps.setOptionsPrefix(prefix + "_")
+    eps.setOperators(stiffness, mass)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(0.0)
+    eps.setDimensions(count)
+    eps.setTolerances(EIGEN_TOLERANCE, 500)
+    st = eps.getST()
+    st.setType(SLEPc.ST.Type.SINVERT)
+    ksp = st.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    pc = ksp.getPC()
+    pc.setType(PETSc.PC.Type.PYTHON)
+    pc.setPythonContext(_Preconditioner(inverse))
+    start, _ = stiffness.createVecs()  # the same start on any number of ranks: no random numbers
+    first, last = start.getOwnershipRange()
+    start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
+    eps.setInitialSpace(start)
+    eps.setFromOptions()
+    eps.solve()
+    if eps.getConverged() < count:
+        raise ConvergenceError(
+            f"only {eps.getConverged()} of {count} modes converged in {eps.getIterationNumber()} iterations"
+        )
+    squares = np.array([eps.getEigenvalue(k).real for k in range(count)])
+    modes = np.empty((stiffness.getLocalSize()[0], count))
+    for k in range(count):
+        eps.getEigenvector(k, start)
+        modes[:, k] = start.array
+    eps.destroy()
+    start.destroy()
+    order = np.argsort(squares)
+    squares, modes = squares[order], modes[:, order]
+    comm = stiffness.comm.tompi4py()
+    inertia = multiply(mass, modes)
+    norms = np.sqrt(comm.allreduce(np.sum(modes * inertia, axis=0)))
+    modes, inertia = modes / norms, inertia / norms
+    residual = (inverse.solve(inertia) - modes / squares) * np.abs(squares).min()
+    errors = np.sqrt(comm.allreduce(np.sum(residual * multiply(mass, residual), axis=0)))
+    if np.any(errors > EIGEN_CHECK):
+        worst = int(np.argmax(errors))
+        raise AccuracyError(
+            f"mode {worst + 1} has a backward error of {errors[worst]:.1e}, more than {EIGEN_CHECK:.0e}"
+        )
+    return squares, modes

@@ -1,0 +1,1 @@
+"""The reduced model in time: polynomial, contact, time stepping. Nothing here needs dolfinx."""

@@ -1,0 +1,204 @@
+"""The time factors of the loads: one statement for every model, plain and compiled.
+
+The factor of a load is the sum of its sines and its table. A sine acts in a window of time and may
+ramp its frequency:
+
+    s(t) = amplitude sin(phase + theta(t - start))  for start <= t <= end, else 0 theta(x) = omega x
+    without a ramp theta'(x) = omega + slope x   or   omega exp(growth x)                   for x <=
+    ramp, constant after it
+
+A static load is a sine of frequency zero at its crest, several harmonics are several sines, a swept
+sine ramps until it stays at its last frequency, an impact is half a period in its window. A table
+is interpolated linearly and keeps its first and its last value before and after it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.compiled import compiled, kernel
+from fenicsrom.scene import Load
+
+# the columns of a sine
+AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH = range(8)
+
+
+class LoadHistories(NamedTuple):
+    """The time factors of some loads.
+
+    Attributes:
+        sines: (s, 8) amplitude (in the unit of the load), omega (rad/s), phase (rad), start and end
+            of the window (s), length of the ramp (s), slope (rad/s^2), growth (1/s); load after
+            load.
+        table: (r, 2) times in s, ascending within a load, and factors (in the unit of the load);
+        load after load.
+        spans: (loads, 4) first sine of a load and the one after its last, its first row of the
+            table and the one after its last.
+    """
+
+    sines: Array
+    table: Array
+    spans: NDArray[np.int64]
+
+
+def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHistories:
+    """One sine a load, amplitude sin(omega t + phase), arrays (loads,): N, rad/s, rad."""
+    columns = np.broadcast_arrays(*np.atleast_1d(amplitude, omega, phase))
+    return _joined([([_sine(*map(float, row))], []) for row in zip(*columns, strict=True)])
+
+
+def of_loads(loads: Sequence[Load]) -> LoadHistories:
+    """The time factors of a scene's loads, in their units (N, Pa, m/s^2)."""
+    return _joined([_parts(load) for load in loads])
+
+
+def _sine(
+    amplitude: float,
+    omega: float,
+    phase: float,
+    *,
+    start: float = 0.0,
+    end: float = math.inf,
+    ramp: float = 0.0,
+    slope: float = 0.0,
+    growth: float = 0.0,
+) -> list[float]:
+    return [amplitude, omega, phase, start, end, ramp, slope, growth]
+
+
+def _parts(load: Load) -> tuple[list[list[float]], list[tuple[float, float]]]:
+    """Sines and rows of the table of a load."""
+    size = load.size
+    if load.table is not None:
+        return [], [(time, size * factor) for time, factor in load.table]
+    if load.pulse is not None:
+        begin, length = load.pulse.start, load.pulse.duration
+        return [_sine(size, math.pi / length, 0.0, start=begin, end=begin + length)], []
+    if load.frequency is None:
+        return [_sine(size, 0.0, 0.5 * math.pi)], []
+    omega = 2.0 * math.pi * load.frequency
+    if load.harmonics is not None:
+        return [
+            _sine(size * amplitude, order * omega, phase)
+            for order, amplitude, phase in load.harmonics
+        ], []
+    if load.sweep is None:
+        return [_sine(size, omega, load.phase)], []
+    ramp, last = load.sweep.duration, 2.0 * math.pi * load.sweep.to
+    if load.sweep.kind == "linear":
+        return [_sine(size, omega, load.phase, ramp=ramp, slope=(last - omega) / ramp)], []
+    return [
+        _sine(size, omega, load.phase, ramp=ramp, growth=(math.log(last) - math.log(omega)) / ramp)
+    ], []
+
+
+def _joined(
+    parts: Sequence[tuple[Sequence[Sequence[float]], Sequence[tuple[float, float]]]],
+) -> LoadHistories:
+    counts = np.array([[len(sines), len(rows)] for sines, rows in parts], dtype=np.int64).reshape(
+        -1, 2
+    )
+    ends = np.cumsum(counts, axis=0)
+    spans = np.stack([ends - counts, ends], axis=2).reshape(-1, 4)
+    sines = np.array([sine for found, _ in parts for sine in found], dtype=np.float64).reshape(
+        -1, 8
+    )
+    return LoadHistories(
+        sines,
+        np.array([row for _, rows in parts for row in rows], dtype=np.float64).reshape(-1, 2),
+        spans,
+    )
+
+
+def _spans(load_histories: LoadHistories) -> list[tuple[int, ...]]:
+    return [tuple(int(entry) for entry in row) for row in load_histories.spans]
+
+
+@kernel
+def write_factors(load_histories: LoadHistories, time: float, out: Array) -> None:
+    """Write the factors of the loads at a time in s into out (loads,)."""
+    sines, table, spans = load_histories.sines, load_histories.table, load_histories.spans
+    for k in range(out.size):
+        value = 0.0
+        for i in range(spans[k, 0], spans[k, 1]):
+            x = time - sines[i, START]
+            if x < 0.0 or time > sines[i, END]:
+                continue
+            angle, omega = sines[i, PHASE], sines[i, OMEGA]
+            if sines[i, RAMP] > 0.0:
+                y, growth = min(x, sines[i, RAMP]), sines[i, GROWTH]
+                angle += 0.5 * sines[i, SLOPE] * y * y + omega * (
+                    y if growth == 0.0 else np.expm1(growth * y) / growth
+                )
+                omega = (omega + sines[i, SLOPE] * y) * np.exp(growth * y)
+                x -= y
+            value += sines[i, AMPLITUDE] * np.sin(omega * x + angle)
+        low, high = spans[k, 2], spans[k, 3] - 1
+        if high >= low:
+            while high - low > 1:
+                middle = (low + high) // 2
+                if table[middle, 0] <= time:
+                    low = middle
+                else:
+                    high = middle
+            share = (time - table[low, 0]) / (table[high, 0] - table[low, 0])
+            share = min(max(share, 0.0), 1.0)
+            value += (1.0 - share) * table[low, 1] + share * table[high, 1]
+        out[k] = value
+
+
+@compiled
+def factors(load_histories: LoadHistories, time: float) -> Array:
+    """The factors (loads,) at a time in s, in the units of the loads."""
+    out = np.empty(load_histories.spans.shape[0])
+    write_factors(load_histories, time, out)
+    return out
+
+
+def largest(load_histories: LoadHistories) -> Array:
+    """A bound (loads,) of the absolute factors for all times, attained by a load of one sine and by
+    a table.
+    """
+    found = np.zeros(load_histories.spans.shape[0])
+    for k, (first, last, low, high) in enumerate(_spans(load_histories)):
+        found[k] = np.sum(np.abs(load_histories.sines[first:last, AMPLITUDE]))
+        found[k] += np.max(np.abs(load_histories.table[low:high, 1]), initial=0.0)
+    return found
+
+
+def quarter_period(load_histories: LoadHistories) -> float:
+    """A quarter of the shortest period, in s, of the sines that do not end; infinite without any.
+
+    An adaptive step at most this long cannot meet a load at its zeros alone.
+    """
+    sines = load_histories.sines[np.isinf(load_histories.sines[:, END])]
+    ends = (sines[:, OMEGA] + sines[:, SLOPE] * sines[:, RAMP]) * np.exp(
+        sines[:, GROWTH] * sines[:, RAMP]
+    )
+    fastest = float(np.max(np.maximum(sines[:, OMEGA], ends), initial=0.0))
+    return 0.5 * math.pi / fastest if fastest > 0.0 else math.inf
+
+
+def instants(load_histories: LoadHistories, end: float) -> Array:
+    """Times in s after 0, the end last, on which adaptive steps must land so as not to step over
+    what a load does.
+
+    They are the quarters of every window and the times at which a table turns: between two of them
+    it is monotonic.
+    """
+    found = [np.array([end])]
+    for sine in load_histories.sines[np.isfinite(load_histories.sines[:, END])]:
+        found.append(np.linspace(sine[START], sine[END], 5))
+    for _, _, low, high in _spans(load_histories):
+        time, value = load_histories.table[low:high].T
+        way = np.sign(np.diff(value))
+        found.append(time[1:-1][way[1:] != way[:-1]])
+        found.append(time[[0, -1]] if time.size else time)
+    times = np.unique(np.concatenate(found))
+    return times[(times > 0.0) & (times <= end)]

@@ -1,0 +1,103 @@
+"""What a time integration returns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.state import Checkpoint
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A motion in time: ns accepted steps, the start included; P contact points in d dimensions.
+
+    Attributes:
+        time: (ns,) s.
+        period: of the loads, s; None without harmonic load.
+        displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
+            (ns, 1, d) of the probe in global axes where there is no contact, m.
+        force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
+            current position and the tangents there (the frame of the point turned the shortest
+            way), N.
+        mean_force: (ns, P, d) mean contact force over the step that ended there, in the frames of
+        the points, N.
+        gap: (ns, P) distance from the surface, negative inside it, m.
+        state: (ns, P) -1 open, 0 slip, 1 stick.
+        kinetic: (ns,) kinetic energy, J.
+        elastic: (ns,) elastic energy from the equilibrium, J.
+        contact_energy: (ns,) energy of the contact springs, J.
+        work: (ns,) work of the loads, and of surfaces that move, since the start, J.
+        damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
+        short for the step, J.
+        friction_dissipation: (ns,) energy dissipated by friction since the start, J.
+        point_friction_dissipation: (ns, P) the same of each contact point, J.
+        steady: whether the motion was found to repeat.
+        periods: number of periods run.
+        steps: accepted steps.
+        rejected: rejected steps.
+        newton_iterations: of all steps, rejected ones included.
+        seconds: run time of the integration, compilation excluded.
+        coordinates: (k, n) coordinates q of the last period, where they were asked for.
+        velocity: (k, n) their velocities in the scheme.
+        acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
+        which does without).
+        coordinate_time: (k,) their times, s.
+        end: where it ended, to go on from.
+        buckled: number of directions in which the equilibrium that lies nearest was unstable: it
+            started in another.
+    """
+
+    time: Array
+    period: float | None
+    displacement: Array
+    force: Array
+    mean_force: Array
+    gap: Array
+    state: NDArray[np.int8]
+    kinetic: Array
+    elastic: Array
+    contact_energy: Array
+    work: Array
+    damping_dissipation: Array
+    friction_dissipation: Array
+    point_friction_dissipation: Array
+    steady: bool
+    periods: int
+    steps: int
+    rejected: int
+    newton_iterations: int
+    seconds: float
+    coordinates: Array | None = None
+    velocity: Array | None = None
+    acceleration: Array | None = None
+    coordinate_time: Array | None = None
+    end: Checkpoint | None = None
+    buckled: int = 0
+
+    @property
+    def imbalance(self) -> Array:
+        """(ns,) the energy ledger: energy + dissipated - work - initial, J; 0 but for the scheme's
+        own error.
+        """
+        energy = self.kinetic + self.elastic + self.contact_energy
+        spent = self.damping_dissipation + self.friction_dissipation - self.work
+        return energy - energy[0] + spent - spent[0]
+
+    @property
+    def relative_imbalance(self) -> float:
+        """Largest imbalance relative to the largest kinetic plus elastic energy of the run."""
+        scale = np.max(self.kinetic + np.abs(self.elastic))
+        return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
+
+    def last_period(self) -> slice:
+        """The steps of the last period, both its ends included; all steps where there is no
+        period.
+        """
+        if self.period is None:
+            return slice(0, self.time.size)
+        start = np.searchsorted(self.time, self.time[-1] - self.period * (1.0 + 1e-9))
+        return slice(int(start), self.time.size)

@@ -1,0 +1,270 @@
+"""The reduced model: mass, loads and the exact polynomial of the elastic force in the coordinates q
+of a basis.
+
+The elastic energy of St Venant-Kirchhoff material is a quartic polynomial of the displacement. With
+u = u0 + sum q_i phi_i,
+
+    E = E0 + q_i eps_i + 1/2 q_i q_j h_ij,    eps_i = sym(F0^T grad phi_i),    h_ij = sym(grad
+    phi_i^T grad phi_j)
+
+so that the products of E0, eps_i and h_ij under the elasticity tensor, integrated over the body,
+give every coefficient:
+
+    f_i = f0_i + K_ij q_j + 1/2 A_ijk q_j q_k + 1/6 B_ijkl q_j q_k q_l
+    K_ij = <eps_i, eps_j> + <E0, h_ij>
+    A_ijk = <eps_i, h_jk> + <eps_j, h_ik> + <eps_k, h_ij>
+    B_ijkl = <h_ij, h_kl> + <h_ik, h_jl> + <h_il, h_jk>
+
+With a = A q and b = 1/2 B q q the tangent is T = K + a + b and the force f = f0 + (K + a/2 + b/3)
+q: one matrix-vector product gives both. No mesh is touched online.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.compiled import compiled, kernel
+from fenicsrom.online.dense import add_combined_rows
+
+if TYPE_CHECKING:
+    from fenicsrom.online.model import Workspace
+
+
+class ElasticPolynomial(NamedTuple):
+    """Coefficients of the elastic force in n coordinates; p = n (n + 1) / 2 pairs i <= j, empty for
+    a linear model.
+
+    Attributes:
+        force: (n,) f0, the force at q = 0.
+        stiffness: (n, n) K.
+        quadratic: (p, n) A with its first two indices a pair.
+        cubic: (p, p) B/2 with its indices paired and the columns i < j doubled: cubic @ (pairs of
+            q) = b.
+    """
+
+    force: Array
+    stiffness: Array
+    quadratic: Array
+    cubic: Array
+
+
+def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Indices i <= j of the n (n + 1) / 2 pairs, in the order used throughout: 00, 01, .., 11, 12,
+    ..
+    """
+    i, j = np.triu_indices(n)
+    return i.astype(np.int64), j.astype(np.int64)
+
+
+def strain_products(
+    chunks: Iterable[tuple[Array, Array]], first_lame: float, shear_modulus: float, count: int
+) -> Array:
+    """Integrate the products of E0, eps_i and h_ij under the elasticity tensor.
+
+    Args:
+        chunks: pairs (weights (k,), gradients (k, 1 + n, d, d)) at k quadrature points; gradient 0
+        is that of u0.
+        first_lame: lambda (lambda* in plane stress), Pa.
+        shear_modulus: mu, Pa.
+        count: n.
+
+    Returns:
+        (s, s) symmetric, s = 1 + n + n (n + 1) / 2: products <x, y> = int lambda tr x tr y + 2 mu x
+        : y, in J; rows of h_ij come in the order of `pairs`.
+    """
+    first, second = pairs(count)
+    size = 1 + count + first.size
+    total = np.zeros((size, size))
+    for weights, gradients in chunks:
+        k, _, d, _ = gradients.shape
+        f0 = np.eye(d) + gradients[:, 0]
+        strains = np.empty((k, d, d, size))
+        strains[..., 0] = gradients[:, 0] + 0.5 * np.einsum(
+            "kab,kac->kbc", gradients[:, 0], gradients[:, 0]
+        )
+        modes = np.ascontiguousarray(
+            np.moveaxis(gradients[:, 1:], 1, -1)
+        )  # (k, d, d, n): grad phi_i = modes[..., i]
+        strains[..., 1 : 1 + count] = np.einsum("kab,kaci->kbci", f0, modes)
+        strains[..., 1 + count :] = np.einsum(
+            "kabp,kacp->kbcp", modes[..., first], modes[..., second], optimize=True
+        )
+        # Mandel's rows: the product of two columns is x : y; one more row carries the trace
+        a, b = np.triu_indices(d)
+        shear = np.where(a == b, 0.5, np.sqrt(0.5))
+        rows = np.empty((k, a.size + 1, size))
+        scale = np.sqrt(2.0 * shear_modulus * weights)
+        for r in range(a.size):
+            rows[:, r] = (strains[:, a[r], b[r]] + strains[:, b[r], a[r]]) * (shear[r] * scale)[
+                :, None
+            ]
+        trace = strains[:, range(d), range(d)].sum(axis=1)
+        rows[:, -1] = trace * np.sqrt(first_lame * weights)[:, None]
+        flat = rows.reshape(-1, size)
+        total += flat.T @ flat
+    return total
+
+
+def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
+    """The totally symmetric coefficients from the integrated strain products (module docstring).
+
+    Args:
+        products: (s, s) from `strain_products`, summed over all ranks.
+        count: n.
+    """
+    first, second = pairs(count)
+    index = np.zeros((count, count), dtype=np.int64)
+    index[first, second] = index[second, first] = np.arange(first.size)
+    eps = slice(1, 1 + count)
+    force = products[0, eps].copy()
+    prestress = products[0, 1 + count :]
+    stiffness = products[eps, eps] + prestress[index]
+    g = products[eps, 1 + count :]  # <eps_i, h_p>
+    h = products[1 + count :, 1 + count :]
+    i, j = first[:, None], second[:, None]
+    k = np.arange(count)[None, :]
+    quadratic = g[i, index[j, k]] + g[j, index[i, k]] + g[k, index[i, j]]
+    k, m = first[None, :], second[None, :]
+    cubic = h + h[index[i, k], index[j, m]] + h[index[i, m], index[j, k]]
+    cubic *= np.where(first == second, 0.5, 1.0)[None, :]
+    return ElasticPolynomial(force, stiffness, quadratic, cubic)
+
+
+@kernel
+def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array, b: Array) -> None:
+    """The products of the polynomial at k points q (k, n), in one pass over its coefficients.
+
+    Args:
+        columns: (n, p) the columns of the quadratic coefficients.
+        cubic: (p, p) the cubic ones.
+        q: (k, n).
+        s: (k, p) out: the pairs of q, those i = j halved.
+        a: (k, p) out: a of the module docstring, by pairs.
+        b: (k, p) out: b, those i = j halved (B being symmetric, its rows can be combined, which is
+            faster than to multiply them).
+    """
+    points, n = q.shape
+    p = cubic.shape[0]
+    for g in range(points):
+        row = 0
+        for i in range(n):
+            s[g, row] = 0.5 * q[g, i] * q[g, i]
+            row += 1
+            for j in range(i + 1, n):
+                s[g, row] = q[g, i] * q[g, j]
+                row += 1
+        for row in range(p):
+            a[g, row] = 0.0
+            b[g, row] = 0.0
+    add_combined_rows(q, columns, a)
+    add_combined_rows(s, cubic, b)
+
+
+@kernel
+def elastic_mean(
+    elastic: ElasticPolynomial,
+    work: Workspace,
+    start: Array,
+    q0: Array,
+    dq: Array,
+    start_weight: float,
+    points: Array,
+    weights: Array,
+) -> None:
+    """Leave the results of `ReducedModel.elastic_over_step` in work.force and work.slope."""
+    n, count, mean, slope = q0.size, points.size, work.force, work.slope
+    q = work.points[:count]
+    total, moved = 0.0, 0.0
+    for g in range(count):
+        total += weights[g]
+        moved += weights[g] * points[g]
+        for i in range(n):
+            q[g, i] = q0[i] + points[g] * dq[i]
+    for i in range(n):  # the linear part at all points at once
+        value = start_weight * start[i] + total * elastic.force[i]
+        for j in range(n):
+            value += elastic.stiffness[i, j] * (total * q0[j] + moved * dq[j])
+            slope[i, j] = moved * elastic.stiffness[i, j]
+        mean[i] = value
+    if elastic.cubic.shape[0] == 0:
+        return
+    s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
+    elastic_products(work.columns, elastic.cubic, q, s, a, b)
+    for g in range(count):
+        weight, moved = weights[g], weights[g] * points[g]
+        row = 0
+        for i in range(n):
+            value = (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
+            slope[i, i] += moved * (a[g, row] + 2.0 * b[g, row])
+            row += 1
+            for j in range(i + 1, n):
+                both = moved * (a[g, row] + b[g, row])
+                mixed = 0.5 * a[g, row] + b[g, row] * (1.0 / 3.0)
+                slope[i, j] += both
+                slope[j, i] += both
+                value += mixed * q[g, j]
+                mean[j] += weight * mixed * q[g, i]
+                row += 1
+            mean[i] += weight * value
+
+
+@compiled
+def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
+    """Force f (n,) and tangent T (n, n) at q, written into the arrays given; returns the energy,
+    zero at q = 0, in J.
+    """
+    points, products = np.empty((1, q.size)), np.empty((3, 1, elastic.cubic.shape[0]))
+    return elastic_force_with(
+        elastic, np.ascontiguousarray(elastic.quadratic.T), points, products, q, force, tangent
+    )
+
+
+@kernel
+def elastic_force_with(
+    elastic: ElasticPolynomial,
+    columns: Array,
+    points: Array,
+    products: Array,
+    q: Array,
+    force: Array,
+    tangent: Array,
+) -> float:
+    """`elastic_force` with the columns (n, p) of A, and room for the coordinates (1, n) and the
+    products (3, 1, p).
+    """
+    n = q.size
+    for i in range(n):
+        value = 0.0
+        for j in range(n):
+            value += elastic.stiffness[i, j] * q[j]
+            tangent[i, j] = elastic.stiffness[i, j]
+        force[i] = value
+    energy = 0.0
+    for i in range(n):
+        energy += (elastic.force[i] + 0.5 * force[i]) * q[i]
+        force[i] += elastic.force[i]
+    if elastic.cubic.shape[0] == 0:
+        return energy
+    for i in range(n):
+        points[0, i] = q[i]
+    s, a, b = products[0, :1], products[1, :1], products[2, :1]
+    elastic_products(columns, elastic.cubic, points[:1], s, a, b)
+    row = 0
+    for i in range(n):
+        for j in range(i, n):
+            twice = 2.0 if i == j else 1.0
+            both = a[0, row] + twice * b[0, row]
+            mixed = 0.5 * a[0, row] + twice * b[0, row] / 3.0
+            tangent[i, j] += both
+            force[i] += mixed * q[j]
+            if j > i:
+                tangent[j, i] += both
+                force[j] += mixed * q[i]
+            energy += s[0, row] * (a[0, row] / 3.0 + twice * b[0, row] / 6.0)
+            row += 1
+    return energy

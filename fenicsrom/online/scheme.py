@@ -1,0 +1,81 @@
+"""The weights of the one-step schemes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+
+
+class Scheme(NamedTuple):
+    """The weights of a one-step scheme (module docstring).
+
+    Attributes:
+        alpha_m: weight am of the old acceleration.
+        alpha_f: weight af of the old velocity, load and friction.
+        beta: Newmark's beta.
+        gamma: Newmark's gamma.
+        line: elastic and normal contact force are means along the step.
+        start_weight: weight of the elastic force at the start of the step.
+        points: (g,) where along the step the elastic force is taken.
+        weights: (g,) with what weights.
+        damping: alpha of the model, 1/s.
+        linear: the model's force is linear: one iteration solves the step.
+        gyroscopic: the model has gyroscopic forces.
+    """
+
+    alpha_m: float
+    alpha_f: float
+    beta: float
+    gamma: float
+    line: bool
+    start_weight: float
+    points: Array
+    weights: Array
+    damping: float
+    linear: bool
+    gyroscopic: bool
+
+
+def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
+    """The scheme of this name for a model.
+
+    Args:
+        name: "average-acceleration", "generalised-alpha" or "discrete-gradient".
+        model: gives the damping, whether it is linear, and the Gauss points that integrate its
+        force exactly.
+        spectral_radius: of generalised-alpha at infinite frequency, in [0, 1].
+    """
+    model_is = float(model.damping), bool(model.linear), bool(model.gyroscopic)
+    end = np.ones(1)
+    if name == "average-acceleration":
+        return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, *model_is)
+    if name == "generalised-alpha":
+        am = (2.0 * spectral_radius - 1.0) / (spectral_radius + 1.0)
+        af = spectral_radius / (spectral_radius + 1.0)
+        beta, gamma = 0.25 * (1.0 - am + af) ** 2, 0.5 - am + af
+        return Scheme(am, af, beta, gamma, False, af, end, np.array([1.0 - af]), *model_is)
+    if name == "discrete-gradient":
+        points, weights = np.polynomial.legendre.leggauss(model.gauss_points)
+        return Scheme(0.5, 0.5, 0.25, 0.5, True, 0.0, 0.5 + 0.5 * points, 0.5 * weights, *model_is)
+    raise ValueError(
+        f"scheme {name!r}: allowed are average-acceleration, generalised-alpha and discrete-gradient"
+    )
+
+
+class Control(NamedTuple):
+    """How the step is chosen.
+
+    Attributes:
+        grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
+        tolerance: adaptive: the local error of a step is at most `STEP_SHARE` of it, relative to
+            the size of the motion;
+            0: fixed step.
+        size: smallest size of motion to measure errors against, in the mass norm.
+    """
+
+    grid: float
+    tolerance: float
+    size: float

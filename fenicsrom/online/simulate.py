@@ -1,0 +1,46 @@
+"""Integrate a model as its scene says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.load_histories import LoadHistories, of_loads
+from fenicsrom.online.march import end_of, integrate
+from fenicsrom.online.motion import Motion
+from fenicsrom.scene import Scene
+
+
+def load_histories(scene: Scene) -> LoadHistories:
+    """The time factors of a scene's loads."""
+    return of_loads(scene.loads)
+
+
+def simulate(
+    model: Any,
+    scene: Scene,
+    *,
+    start: Motion | None = None,
+    **options: Any,
+) -> Motion:
+    """Integrate a model of a scene (reduced, full or beam) as its [time] table says.
+
+    Args:
+        model: the model.
+        scene: the scene.
+        start: a motion at whose end to start again from t = 0; else from rest in the equilibrium.
+        options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
+            `fenicsrom.online.march.integrate`.
+
+    Raises:
+        ConvergenceError, AccuracyError: see there.
+    """
+    return integrate(
+        model,
+        contacts_of(scene, model.points),
+        scene.time,
+        scene.period,
+        dimension=scene.geometry.dimension,
+        start=end_of(start) if start is not None else None,
+        **options,
+    )

@@ -1,0 +1,314 @@
+"""Rigid surfaces: distance, normal and motion of planes, cylinders and spheres."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import SceneError
+from fenicsrom.online.compiled import kernel, part
+
+
+def frame(normal: Array) -> Array:
+    """The local frame of a unit normal: rows normal, tangents; (d, d), right-handed.
+
+    The first tangent in 3D lies nearest to the first of the axes y, z, x that is least aligned with
+    the normal, so that a wall beyond a blade's tip along x has the tangents y and z.
+    """
+    if normal.size == 2:
+        return np.array([normal, [-normal[1], normal[0]]])
+    order = [1, 2, 0]
+    axis = order[int(np.argmin(np.round(np.abs(normal[order]), 12)))]
+    tangent = np.eye(3)[axis] - normal[axis] * normal
+    tangent /= np.linalg.norm(tangent)
+    return np.array([normal, tangent, np.cross(normal, tangent)])
+
+
+def surface_normal(contact: Any, position: Array, where: str) -> Array:
+    """Unit normal (d,) into the surface of a scene's contact at a position (d,) of the undeformed
+    body.
+
+    Raises:
+        SceneError: the position is on the axis or at the centre of the surface; `where` names it.
+    """
+    if contact.surface is None:
+        return np.array(contact.normal)
+    z = axes_of(contact.surface, position.size) @ (position - np.array(contact.surface.point))
+    size = float(np.linalg.norm(z))
+    if size == 0.0:
+        raise SceneError(f"{where}.surface.point: must not lie at the contact point itself")
+    return np.asarray(
+        (1.0 if contact.surface.inside else -1.0)
+        / size
+        * z
+        @ axes_of(contact.surface, position.size)
+    )
+
+
+def axes_of(surface: Any, d: int) -> Array:
+    """Orthonormal rows (2 or 3, d) of the directions in which the distance from the axis or centre
+    is measured.
+    """
+    return frame(np.array(surface.axis))[1:] if surface.axis is not None else np.eye(d)
+
+
+def spin_of(scene: Any, surface: Any) -> float:
+    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
+    if surface.spin is not None or scene.rotation is None or surface.kind == "sphere":
+        return float(surface.spin or 0.0)
+    about = np.dot(surface.axis, scene.rotation.axis) if surface.axis is not None else 1.0
+    return (
+        -about * 2.0 * np.pi * scene.rotation.speed_rpm / 60.0 if abs(about) > 1.0 - 1e-9 else 0.0
+    )
+
+
+# ---------------------------------------------------------------------- the surface
+
+
+@part
+def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
+    """How far point p at x (d,) is in its surface, negative before it, m."""
+    closed = 0.0
+    times = contacts.times
+    last = times.size - 1
+    if last >= 0:
+        k = 0
+        while k < last and times[k + 1] < time:
+            k += 1
+        closed = contacts.approach[p, k]
+        if k < last and time > times[k]:
+            share = min((time - times[k]) / (times[k + 1] - times[k]), 1.0)
+            closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
+    if contacts.kind[p] == PLANE:
+        return x[0] - contacts.radius[p] + closed
+    # |z| - radius = (|z|^2 - radius^2)/(|z| + radius), taken apart so that a small x is not lost in
+    # a large radius
+    square, added, first, second = 0.0, 0.0, 0.0, 0.0
+    for r in range(contacts.kind[p]):
+        there, moved = 0.0, 0.0
+        for k in range(x.size):
+            there -= contacts.axes[p, r, k] * contacts.centre[p, k]
+            moved += contacts.axes[p, r, k] * x[k]
+        square += there * there
+        added += moved * (2.0 * there + moved)
+        if r == 0:
+            first = there + moved
+        elif r == 1:
+            second = there + moved
+    radius = contacts.radius[p]
+    beyond = (square - radius * radius + added) / (np.sqrt(max(square + added, 0.0)) + radius)
+    if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
+        angle = np.arctan2(second, first) - contacts.spin[p] * time
+        for k in range(contacts.order.size):
+            closed += contacts.height[p, k] * np.cos(
+                contacts.order[k] * angle - contacts.phase[p, k]
+            )
+    return contacts.side[p] * beyond + closed
+
+
+@kernel
+def direction(
+    contacts: Contacts,
+    p: int,
+    x0: Array,
+    x1: Array,
+    time: float,
+    n: Array,
+    slope: Array,
+    there: Array,
+) -> None:
+    """The discrete gradient of the penetration between two points, and its derivative by the
+    second.
+
+    n . (x1 - x0) is delta(x1) - delta(x0) exactly for planes, cylinders and spheres, as |z1| - |z0|
+    = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for waves. Between a
+    point and itself it is the gradient, and `slope` half the second derivative.
+
+    Args:
+        contacts: the parameters.
+        p: the point.
+        x0: (d,) m.
+        x1: (d,) m.
+        time: s.
+        n: (d,) out.
+        slope: (d, d) out, 1/m.
+        there: (d,) room.
+    """
+    d = n.size
+    for k in range(d):
+        n[k] = 0.0
+        there[k] = 0.0
+        for j in range(d):
+            slope[k, j] = 0.0
+    if contacts.kind[p] == PLANE:
+        n[0] = 1.0
+        return
+    axes, centre, side = contacts.axes[p], contacts.centre[p], contacts.side[p]
+    square0, square1, first, second = 0.0, 0.0, 0.0, 0.0
+    for r in range(contacts.kind[p]):
+        z0, z1 = 0.0, 0.0
+        for k in range(d):
+            z0 += axes[r, k] * (x0[k] - centre[k])
+            z1 += axes[r, k] * (x1[k] - centre[k])
+        square0 += z0 * z0
+        square1 += z1 * z1
+        for k in range(d):
+            n[k] += axes[r, k] * (z0 + z1)
+            there[k] += axes[r, k] * z1
+        if r == 0:
+            first = 0.5 * (z0 + z1)
+        elif r == 1:
+            second = 0.5 * (z0 + z1)
+    end = np.sqrt(square1)
+    total = np.sqrt(square0) + end
+    for k in range(d):
+        n[k] *= side / total
+    for k in range(d):
+        for j in range(d):
+            for r in range(contacts.kind[p]):
+                slope[k, j] += side * axes[r, k] * axes[r, j] / total
+            slope[k, j] -= n[k] * there[j] / (end * total)
+    if contacts.order.size == 0 or contacts.kind[p] != CYLINDER:
+        return
+    square = first * first + second * second
+    angle = np.arctan2(second, first) - contacts.spin[p] * time
+    once, twice = 0.0, 0.0  # the derivatives of the waves by the angle
+    for k in range(contacts.order.size):
+        order, height, phase = contacts.order[k], contacts.height[p, k], contacts.phase[p, k]
+        once -= height * order * np.sin(order * angle - phase)
+        twice -= height * order**2 * np.cos(order * angle - phase)
+    for k in range(d):
+        outward = (first * axes[0, k] + second * axes[1, k]) / square
+        turned = (first * axes[1, k] - second * axes[0, k]) / square  # the gradient of the angle
+        n[k] += once * turned
+        for j in range(d):
+            outward_j = (first * axes[0, j] + second * axes[1, j]) / square
+            turned_j = (first * axes[1, j] - second * axes[0, j]) / square
+            slope[k, j] += 0.5 * (
+                twice * turned * turned_j - once * (outward * turned_j + turned * outward_j)
+            )
+
+
+@part
+def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
+    """Where a point (d,) of the surface is carried by its turning, out (d,), in a time."""
+    d = point.size
+    for k in range(d):
+        out[k] = point[k]
+    if contacts.spin[p] == 0.0 or contacts.kind[p] == PLANE:
+        return
+    axes, centre = contacts.axes[p], contacts.centre[p]
+    first, second = 0.0, 0.0
+    for k in range(d):
+        first += axes[0, k] * (point[k] - centre[k])
+        second += axes[1, k] * (point[k] - centre[k])
+    angle = contacts.spin[p] * time
+    c, s = np.cos(angle) - 1.0, np.sin(angle)
+    for k in range(d):
+        out[k] += axes[0, k] * (c * first - s * second) + axes[1, k] * (s * first + c * second)
+
+
+def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
+    """The unit normals (ns, P, d) of the surfaces at displacements x (ns, P, d) and times (ns,), in
+    the frames of the points.
+    """
+    found = np.zeros_like(x)
+    found[:, :, 0] = 1.0
+    d = x.shape[2]
+    slope, spare = np.empty((d, d)), np.empty(d)
+    for p in np.flatnonzero(contacts.kind != PLANE):
+        for row in range(x.shape[0]):
+            direction(contacts, p, x[row, p], x[row, p], time[row], found[row, p], slope, spare)
+    return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
+
+
+PLANE, CYLINDER, SPHERE = (
+    1,
+    2,
+    3,
+)  # the number of coordinates that the distance from the surface depends on
+
+
+class Contacts(NamedTuple):
+    """The parameters of P contact points in d dimensions and of the surface before each.
+
+    With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
+
+        delta = side (|z| - radius) + approach(t) + sum_k height_k cos(order_k (phi - spin t) -
+        phase_k)
+
+    where phi is the angle of z; for a plane |z| is z itself, and the waves are those of cylinders.
+
+    Attributes:
+        preload: (P,) N0, normal force at penetration zero, N.
+        normal_stiffness: (P,) k_n, N/m.
+        tangential_stiffness: (P,) k_t, N/m.
+        friction: (P,) mu.
+        kind: (P,) PLANE, CYLINDER or SPHERE.
+        axes: (P, d, d) orthonormal rows.
+        centre: (P, d) a point of the plane's, the axis of the cylinder or the centre of the sphere,
+        m.
+        radius: (P,) of the surface, of a plane its distance from `centre` along the normal, m.
+        side: (P,) 1 if the body is on the side of `centre`, -1 if it is on the other.
+        spin: (P,) rate at which the surface turns about its axis, rad/s.
+        times: (k,) and
+        approach: (P, k) how far the surface has come towards the body by then, linear between them,
+        m.
+        order: (h,), height: (P, h) in m and phase: (P, h) in rad of the waves.
+    """
+
+    preload: Array
+    normal_stiffness: Array
+    tangential_stiffness: Array
+    friction: Array
+    kind: NDArray[np.int64]
+    axes: Array
+    centre: Array
+    radius: Array
+    side: Array
+    spin: Array
+    times: Array
+    approach: Array
+    order: Array
+    height: Array
+    phase: Array
+
+
+def planes(
+    preload: Array,
+    gap: Array,
+    normal_stiffness: Array,
+    tangential_stiffness: Array,
+    friction: Array,
+    dimension: int,
+) -> Contacts:
+    """Points each before a plane at rest at a distance `gap`, all (P,): what most scenes have."""
+    count = len(preload)
+    given = preload, gap, normal_stiffness, tangential_stiffness, friction
+    n0, g0, kn, kt, mu = (np.asarray(values, dtype=np.float64) for values in given)
+    return Contacts(
+        preload=n0,
+        normal_stiffness=kn,
+        tangential_stiffness=kt,
+        friction=mu,
+        kind=np.full(count, PLANE),
+        axes=np.tile(np.eye(dimension), (count, 1, 1)),
+        centre=np.zeros((count, dimension)),
+        radius=g0,
+        side=np.ones(count),
+        spin=np.zeros(count),
+        times=np.zeros(0),
+        approach=np.zeros((count, 0)),
+        order=np.zeros(0),
+        height=np.zeros((count, 0)),
+        phase=np.zeros((count, 0)),
+    )
+
+
+def no_contacts(dimension: int = 2) -> Contacts:
+    """The contacts of a scene that has none."""
+    none = np.zeros(0)
+    return planes(none, none, none, none, none, dimension)

@@ -1,0 +1,23 @@
+"""Where the program's own files lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def shared_meshes() -> Path:
+    """Give the folder of the program's own geometry: inside the installed package, or beside it in
+    a checkout.
+    """
+    return _shared("meshes")
+
+
+def shared_demos() -> Path:
+    """Give the folder of the demos, in the same places."""
+    return _shared("demos")
+
+
+def _shared(name: str) -> Path:
+    package = Path(__file__).resolve().parents[1]
+    installed = package / name
+    return installed if installed.is_dir() else package.parent / name

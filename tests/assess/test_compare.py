@@ -1,0 +1,447 @@
+"""Error against run time: errors and fronts by hand, the indicator, the cache, and bases against
+the full model."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import STOCKY, beam_scene, make_solid
+
+from fenicsrom.assess import compare
+from fenicsrom.assess.compare import Combination, Comparison, Outcome
+from fenicsrom.errors import SceneError
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.simulate import simulate
+from fenicsrom.scene import parse_scene, read_scene, scene_table
+
+PERIOD = 0.5
+DEMOS = Path(__file__).parents[2] / "demos"
+
+
+def motion(
+    across=1.0,
+    along=0.1,
+    phase=0.0,
+    force=10.0,
+    friction_dissipation=2.0,
+    switch=0.5,
+    steps=200,
+    seconds=1.0,
+):
+    """Two periods of a point that moves by sines; the contact opens at a fraction of each
+    period."""
+    parts = np.arange(2 * steps + 1) / steps
+    time = PERIOD * parts
+    x = np.zeros((time.size, 1, 2))
+    x[:, 0, 0] = along * np.cos(4 * np.pi * parts)
+    x[:, 0, 1] = across * np.sin(2 * np.pi * parts + phase)
+    forces = np.zeros_like(x)
+    forces[:, 0, 0] = force * np.sin(2 * np.pi * parts) ** 2
+    state = np.where(parts[:, None] % 1.0 < switch, 0, -1).astype(np.int8)
+    zero = np.zeros(time.size)
+    return Motion(
+        time=time,
+        period=PERIOD,
+        displacement=x,
+        force=forces,
+        mean_force=forces,
+        gap=np.zeros((time.size, 1)),
+        point_friction_dissipation=np.zeros((time.size, 1)),
+        state=state,
+        kinetic=zero,
+        elastic=zero,
+        contact_energy=zero,
+        work=zero,
+        damping_dissipation=zero,
+        friction_dissipation=friction_dissipation * parts,
+        steady=True,
+        periods=2,
+        steps=2 * steps,
+        rejected=0,
+        newton_iterations=9,
+        seconds=seconds,
+    )
+
+
+def test_errors_of_motions_known_by_hand():
+    reference = motion()
+    assert all(
+        error == pytest.approx(0.0, abs=1e-9)
+        for error in compare.motion_errors(reference, reference).values()
+    )
+    found = compare.motion_errors(
+        motion(across=1.02, along=0.07, force=11.0, friction_dissipation=1.5, switch=0.75),
+        reference,
+    )
+    assert found["amplitude_tangential"] == pytest.approx(2.0)
+    assert found["amplitude_normal"] == pytest.approx(30.0)
+    assert found["peak_normal_force"] == pytest.approx(10.0)
+    assert found["dissipated_per_period"] == pytest.approx(25.0)
+    assert found["state"] == pytest.approx(25.0, abs=0.6)
+    assert compare.wrong_state(reference, motion(switch=0.75)) == pytest.approx(
+        25.0, abs=0.6
+    )  # either way
+    whole = np.sqrt((0.02**2 + 0.03**2) / (1.0 + 0.1**2))
+    assert found["history"] == pytest.approx(100 * whole, rel=1e-3)
+
+
+def test_a_shift_of_phase_is_an_error_of_the_history_and_not_of_the_amplitude():
+    found = compare.motion_errors(motion(along=0.0, phase=0.01, steps=170), motion(along=0.0))
+    assert found["amplitude_tangential"] < 0.01
+    assert found["history"] == pytest.approx(100 * 2 * np.sin(0.005), rel=1e-2)
+    assert found["amplitude_normal"] is None  # the reference does not move that way
+
+
+def test_break_even_counts_whole_runs():
+    assert compare.break_even(offline=10.0, online=1.0, full=3.0) == 5
+    assert compare.break_even(offline=10.1, online=1.0, full=3.0) == 6
+    assert compare.break_even(offline=0.5, online=1.0, full=3.0) == 1
+    assert compare.break_even(offline=0.5, online=3.0, full=3.0) is None
+
+
+def test_pareto_front_of_five_points():
+    costs, errors = [1.0, 2.0, 2.0, 3.0, 4.0], [5.0, 3.0, 2.0, 2.5, 1.0]
+    assert compare.pareto_front(costs, errors) == [0, 2, 4]
+
+
+def test_rank_correlation_with_ties():
+    assert compare.rank_correlation([1, 2, 3, 4], [10, 20, 30, 4000]) == pytest.approx(1.0)
+    assert compare.rank_correlation([1, 2, 3, 4], [4, 3, 2, 1]) == pytest.approx(-1.0)
+    assert compare.rank_correlation([1, 2, 2, 4], [1, 3, 2, 4]) == pytest.approx(0.9486833)
+    assert compare.rank_correlation([1, 1, 1], [1, 2, 3]) is None
+
+
+# ------------------------------------------------------------------ combinations
+
+
+def test_combinations_are_the_product_of_the_lists():
+    scene = beam_scene(
+        overrides=("compare.modes=[1,2]", 'compare.elastic_force=["polynomial","projection"]')
+    )
+    found = compare.combinations(scene)
+    assert len(found) == len(set(found)) == 2 * 4 * 2 * 2
+    linear = compare.combinations(
+        beam_scene(overrides=("geometrically_nonlinear=false", "compare.modes=[1,2]"))
+    )
+    assert {c.derivatives for c in linear} == {"none"} and len(linear) == 4
+
+
+def test_a_combination_becomes_a_scene():
+    scene = beam_scene(overrides=('time.scheme="generalised-alpha"', "time.spectral_radius=0.5"))
+    wanted = Combination("craig-bampton", 2, ("1V1V",), "projection", "discrete-gradient")
+    found = compare.with_combination(scene, wanted)
+    assert (found.basis.method, found.basis.modes, found.basis.derivatives) == (
+        "craig-bampton",
+        2,
+        ("1V1V",),
+    )
+    assert (found.time.scheme, found.time.spectral_radius) == ("discrete-gradient", None)
+    with pytest.raises(SceneError, match="3V3V"):
+        compare.with_combination(
+            scene, Combination("rubin", 2, ("3V3V",), "polynomial", "discrete-gradient")
+        )
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("compare.repeats=4", "must be an integer from 5"),
+        ("compare.modes=[]", "at least one value"),
+        ("compare.modes=[1,1]", "twice"),
+        ('compare.methods=["guyan"]', "rubin"),
+        ('compare.derivatives=["1V1V"]', "none"),
+    ],
+)
+def test_a_wrong_table_is_refused(override, sentence):
+    with pytest.raises(SceneError, match=sentence):
+        beam_scene(overrides=(override,))
+
+
+def test_the_table_survives_the_round_trip():
+    scene = beam_scene(
+        overrides=('compare.derivatives=[["1V1V","1V1S"],"mmi"]', "compare.full=false")
+    )
+    assert parse_scene(scene_table(scene), "test", None).compare == scene.compare
+    assert scene.compare.derivatives == (("1V1V", "1V1S"), "mmi")
+
+
+# ------------------------------------------------------------------ the indicator
+
+QUICK = (
+    *STOCKY,
+    "time.steps_per_period=40",
+    "time.periods=2",
+    "time.steady_tolerance=0.0",
+    "loads.0.force=1e5",
+)
+
+
+@pytest.mark.parametrize(
+    "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
+)
+@pytest.mark.parametrize("kind", ["solid", "beam"])
+def test_no_residual_is_left_by_the_identity(scheme, kind):
+    pytest.importorskip("dolfinx")
+    from fenicsrom.fem.full import full_model
+    from fenicsrom.reduction.beam import beam_structure
+
+    section = {"length": 1.0, "height": 0.2, "width": 0.0254, "elements": 4, "load_at": 0.5}
+    scene = beam_scene(
+        overrides=(
+            *QUICK,
+            f'time.scheme="{scheme}"',
+            "loads.0.frequency=30.0",
+            "contacts.0.preload=1e-3",
+        ),
+        reference={"beam": True, "beam_section": section},
+    )
+    body = make_solid(scene) if kind == "solid" else beam_structure(scene)
+    found = simulate(full_model(body), scene, keep_coordinates=True)
+    assert {-1, 0} <= set(
+        found.state.ravel().tolist()
+    )  # the contact takes part, and is lost and found within steps
+    indicator, plain = compare.indicators(body, np.eye(body.local), found, scene)
+    assert indicator < 1e-8 and plain < 1e-6
+    # and it is no zero that anything would give: a hundredth less motion leaves a residual
+    less = replace(found, coordinates=0.99 * found.coordinates, velocity=0.99 * found.velocity)
+    assert compare.indicators(body, np.eye(body.local), less, scene)[0] > 1e-3
+
+
+@pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
+def test_going_on_from_a_motion_is_the_longer_run(scheme):
+    pytest.importorskip("dolfinx")
+    from fenicsrom.fem.full import full_model
+    from fenicsrom.reduction.beam import beam_structure
+
+    section = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 10, "load_at": 0.7}
+    few = (
+        "time.steps_per_period=100",
+        "time.periods=2",
+        "time.steady_tolerance=0.0",
+        f'time.scheme="{scheme}"',
+    )
+    scene = beam_scene(
+        overrides=(*few, "contacts.0.preload=100.0"),
+        reference={"beam": True, "beam_section": section},
+    )
+    model = full_model(beam_structure(scene))
+    first = simulate(model, scene, keep_coordinates=True)
+    second = simulate(model, scene, start=first)
+    longer = simulate(model, replace(scene, time=replace(scene.time, periods=4)))
+    assert (
+        np.unique(longer.state).size > 1 and abs(first.force[-1, 0, 1]) > 1.0
+    )  # the spring of the slider is drawn
+    end = longer.displacement[-second.time.size :]
+    assert np.abs(second.displacement - end).max() < 1e-9 * np.abs(end).max()
+    assert np.array_equal(second.state, longer.state[-second.time.size :])
+
+
+# ------------------------------------------------------------------ the cache
+
+
+@pytest.fixture
+def cache(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return tmp_path / "cache" / "fenicsrom"
+
+
+def test_the_full_model_runs_once(cache, monkeypatch):
+    pytest.importorskip("dolfinx")
+    scene = beam_scene(overrides=QUICK)
+    solid = make_solid(scene)
+    runs = []
+
+    def counted(*args, **kwargs):
+        runs.append(1)
+        return simulate(*args, **kwargs)
+
+    monkeypatch.setattr(compare, "simulate", counted)
+    first, note = compare.full_motion(solid, scene, str)
+    second, again = compare.full_motion(solid, scene, str)
+    assert len(runs) == 1 and not note["cached"] and again["cached"]
+    assert again["machine"] == compare.machine()
+    assert np.array_equal(first.displacement, second.displacement) and second.state.dtype == np.int8
+    assert (first.seconds, first.steps, first.period) == (
+        second.seconds,
+        second.steps,
+        second.period,
+    )
+    (entry,) = cache.iterdir()
+    assert compare.read_cached(entry, "another key") is None
+    # a damaged file is no file
+    content = bytearray(entry.read_bytes())
+    for damage in (content[: len(content) // 2], b"", b"PK\3\4 no archive"):
+        entry.write_bytes(damage)
+        assert not compare.full_motion(solid, scene, str)[1]["cached"]
+        assert compare.full_motion(solid, scene, str)[1]["cached"]
+    middle = len(content) // 2
+    content[middle : middle + 64] = bytes(64)
+    entry.write_bytes(content)
+    assert not compare.full_motion(solid, scene, str)[1]["cached"]
+
+
+def test_the_key_knows_what_matters(tmp_path):
+    scene = beam_scene()
+    key = compare.cache_key(scene)
+    same = replace(scene, title="another", source="elsewhere", basis=replace(scene.basis, modes=7))
+    assert compare.cache_key(same) == key
+    copy = tmp_path / "copy.geo"
+    copy.write_bytes(scene.geometry.mesh.read_bytes())
+    moved = replace(scene, geometry=replace(scene.geometry, mesh=copy))
+    assert compare.cache_key(moved) == key
+    copy.write_text(copy.read_text() + "\n// changed")
+    assert compare.cache_key(moved) != key
+    for override in (
+        "loads.0.force=1.0",
+        "time.steps_per_period=201",
+        "contacts.0.friction=0.4",
+        "geometry.degree=1",
+    ):
+        assert compare.cache_key(beam_scene(overrides=(override,))) != key
+
+
+def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
+    pytest.importorskip("dolfinx")
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    scene = beam_scene(overrides=QUICK)
+    said = []
+    found, _ = compare.full_motion(make_solid(scene), scene, said.append)
+    assert found.steps > 0 and any("not kept" in line for line in said)
+
+
+# ------------------------------------------------------------------ files
+
+
+def handmade(**changes):
+    """A comparison of three combinations, the last of which failed."""
+    scene = beam_scene()
+    names = [("rubin", 1, "none"), ("craig-bampton", 2, "all"), ("rubin", 3, "mmi")]
+    outcomes = [
+        Outcome(Combination(m, n, d, "polynomial", "discrete-gradient")) for m, n, d in names
+    ]
+    for k, outcome in enumerate(outcomes[:2]):
+        outcome.labels = ("1S", "2S", "1V", "1V1V")[: 3 + k]
+        outcome.offline, outcome.online = (
+            {"modes": 1.0, "basis": 0.5 * k},
+            (0.1, 0.2, 0.3, 0.2, 0.2),
+        )
+        outcome.motion = motion(across=1.0 + 0.1 / (1 + 9 * k))
+        outcome.errors = compare.motion_errors(outcome.motion, motion())
+        outcome.indicator, outcome.residual = 0.1 / (1 + k), 0.2
+    outcomes[2].failure = "time integration stopped"
+    full_run = {
+        "date": "2026-01-01T00:00:00+00:00",
+        "machine": compare.machine(),
+        "ranks": 1,
+        "cached": False,
+    }
+    given = {"full": motion(seconds=4.2), "full_run": full_run} | changes
+    return Comparison(
+        scene=scene, outcomes=outcomes, unknowns=240, compilation=3.0, warnings=[], **given
+    )
+
+
+def test_files_of_a_comparison(tmp_path):
+    from fenicsrom.post.compare_report import terminal, write_comparison
+
+    found = handmade()
+    files = write_comparison(found, tmp_path)
+    assert {path.name for path in files} == {
+        "report.html",
+        "comparison.csv",
+        "comparison.json",
+        "pareto.png",
+        "size.png",
+        "indicator.png",
+    }
+    with open(tmp_path / "comparison.csv", newline="", encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    assert [line["size"] for line in lines] == ["3", "4", ""]
+    assert float(lines[0]["error_amplitude_tangential_percent"]) == pytest.approx(10.0)
+    assert float(lines[1]["offline_s"]) == 1.5 and float(lines[1]["online_s"]) == 0.2
+    assert float(lines[1]["speed_up"]) == pytest.approx(21.0) and lines[1]["break_even_runs"] == "1"
+    assert lines[2]["failure"] == "time integration stopped"
+    summary = json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))
+    assert summary["combinations"][1]["error_percent"]["amplitude_tangential"] == pytest.approx(1.0)
+    assert summary["full"]["seconds"] == 4.2 and summary["compilation_seconds"] == 3.0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64") == 3 and "http" not in page
+    assert "Pareto" in page and compare.machine()["processor"] in page
+    assert "time integration stopped" in terminal(found)
+
+
+def test_without_a_full_run_there_are_no_errors_to_draw(tmp_path):
+    from fenicsrom.post.compare_report import write_comparison
+
+    found = handmade(full=None, full_run={})
+    for outcome in found.outcomes:
+        outcome.errors = {}
+    assert {path.suffix for path in write_comparison(found, tmp_path)} == {".html", ".csv", ".json"}
+    assert json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["full"] is None
+
+
+def test_a_tiny_comparison_from_mesh_to_outcomes(cache):
+    pytest.importorskip("dolfinx")
+    from mpi4py import MPI
+
+    scene = beam_scene(
+        overrides=(
+            *QUICK,
+            "compare.modes=[1]",
+            'compare.derivatives=["none","all"]',
+            'compare.methods=["rubin"]',
+            'compare.elastic_force=["polynomial","projection"]',
+        )
+    )
+    said = []
+    found = compare.compare(scene, MPI.COMM_SELF, said.append)
+    plain, plain_projected, rich, rich_projected = found.outcomes
+    assert all(len(outcome.online) == 5 for outcome in found.outcomes)
+    assert set(rich.offline) == {
+        "mesh",
+        "solid",
+        "modes",
+        "selection",
+        "derivatives",
+        "basis",
+        "reduction",
+    }
+    for one, other in ((plain, plain_projected), (rich, rich_projected)):
+        assert (
+            np.abs(one.motion.displacement - other.motion.displacement).max()
+            < 1e-9 * np.abs(one.motion.displacement).max()
+        )
+    assert rich.indicator < plain.indicator
+    assert rich.errors["history"] < plain.errors["history"]
+    assert sum("left" in line for line in said) == 4
+
+
+# ------------------------------------------------------------------ the paper's cases
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slip_liftoff_2d", "high_load_2d"])
+def test_nine_coordinates_are_enough(name, cache):
+    from mpi4py import MPI
+
+    scene = read_scene(
+        DEMOS / f"{name}.toml",
+        [
+            "compare.modes=[2]",
+            'compare.methods=["rubin"]',
+            'compare.derivatives=["mmi-nls"]',
+            'compare.elastic_force=["polynomial","projection"]',
+        ],
+    )
+    one, other = compare.compare(scene, MPI.COMM_SELF, str).outcomes
+    assert len(one.labels) <= 9 and one.errors["amplitude_tangential"] < 0.05
+    assert (
+        other.combination.elastic_force == "projection"
+        and other.online_seconds > 5 * one.online_seconds
+    )
+    shift = one.motion.displacement
+    assert np.abs(shift - other.motion.displacement).max() < 1e-9 * np.abs(shift).max()

@@ -1,0 +1,439 @@
+"""The commands, as a user meets them: exit codes, sentences, files."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fenicsrom.cli import main
+
+DEMOS = Path(__file__).parents[2] / "demos"
+SCENE = DEMOS / "slip_liftoff_2d.toml"
+QUICK = ["--set", "time.periods=2", "--set", "basis.modes=1", "--set", "reference.full=false"]
+NO_PICTURES = ["--set", "output.pictures=false"]
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    motion = ["--set", "output.motion=true", "--set", "reference.full=true"]
+    assert main(["run", str(SCENE), "--output", str(folder), *QUICK, *motion]) == 0
+    return folder
+
+
+def test_summary_has_its_keys(results):
+    found = json.loads((results / "summary.json").read_text())
+    for key in (
+        "scene",
+        "dofs",
+        "frequencies_hz",
+        "basis",
+        "seconds",
+        "left_out",
+        "response",
+        "error_percent",
+    ):
+        assert key in found
+    assert found["dofs"] == 240
+    assert found["basis"]["method"] == "rubin"
+    assert found["basis"]["size"] == len(found["basis"]["labels"])
+    assert set(found["response"]) == {"reduced", "full", "beam"}
+    for response in found["response"].values():
+        assert list(response) == [
+            "amplitude_m",
+            "fraction",
+            "peak_normal_force_N",
+            "peak_total_normal_force_N",
+            "dissipated_per_period_J",
+            "energy_imbalance",
+            "steady",
+            "periods",
+            "steps",
+            "newton_iterations",
+        ]
+        assert response["steady"] is False and response["periods"] == 2
+        assert sum(response["fraction"].values()) == pytest.approx(1.0)
+    errors = found["error_percent"]
+    assert list(errors) == [
+        "amplitude_tangential",
+        "amplitude_normal",
+        "peak_normal_force",
+        "dissipated_per_period",
+    ]
+    reduced, full = (found["response"][name]["peak_normal_force_N"] for name in ("reduced", "full"))
+    assert errors["peak_normal_force"] == pytest.approx(100 * abs(reduced - full) / full)
+
+
+def test_files_open(results):
+    import pyvista
+
+    modes = pyvista.read(results / "normal_modes.vtu")
+    assert set(modes.point_data) >= {"1V"}
+    assert modes["1V"].shape == (modes.n_points, 3)
+    assert set(pyvista.read(results / "static_modes.vtu").point_data) >= {"1S", "2S"}
+    assert "1V1V" in pyvista.read(results / "derivatives.vtu").point_data
+    motion = pyvista.get_reader(results / "motion" / "motion.pvd")
+    assert len(motion.time_values) > 10
+    for name in ("motion.png", "contact.png", "energy.png", "modes.png"):
+        assert (results / name).read_bytes().startswith(b"\x89PNG")
+    page = (results / "report.html").read_text()
+    assert "src=" in page and "http" not in page.replace("http-equiv", "")
+    with np.load(results / "history.npz") as history:
+        steps = history["reduced_time"].size
+        assert history["reduced_displacement"].shape == (steps, 1, 2)
+
+
+def test_contact_points_move_with_the_body(results):
+    """Point sets at the same instants as the grids: the tip node's displacement, and the law of the
+    contact."""
+    import pyvista
+
+    grids = pyvista.get_reader(results / "motion" / "motion.pvd")
+    points = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    assert points.time_values == grids.time_values and len(points.time_values) > 50
+    tip, pressed = [2.54, 0.0, 0.0], 0
+    for instant in points.time_values[::7]:
+        for reader in (grids, points):
+            reader.set_active_time_value(instant)
+        grid, found = grids.read()[0], points.read()[0]
+        node = int(np.argmin(np.linalg.norm(grid.points - tip, axis=1)))
+        displacement = found["displacement"][0]
+        np.testing.assert_allclose(found.points[0], tip, atol=1e-9)
+        np.testing.assert_allclose(displacement, grid["displacement"][node], atol=1e-9)
+        np.testing.assert_allclose(found["position"][0], found.points[0] + displacement)
+        assert found["gap"][0] == pytest.approx(
+            -displacement[0]
+        )  # the wall is at the tip, preloaded
+        normal = max(0.0, 40.0 + 1e4 * displacement[0])
+        assert found["normal force"][0] == pytest.approx(normal, abs=1e-6)
+        np.testing.assert_allclose(found["normal force vector"][0], [-normal, 0.0, 0.0], atol=1e-6)
+        friction, state = found["friction force vector"][0], found["state"][0]
+        assert friction[0] == friction[2] == 0.0 and (state == -1) == (normal == 0.0)
+        if state == 0:
+            assert abs(friction[1]) == pytest.approx(0.5 * normal, abs=1e-6)
+            pressed += 1
+    assert pressed > 2
+
+
+def test_friction_acts_against_the_motion(results):
+    """Over the frames of a period the friction force on the body takes energy out of it."""
+    import pyvista
+
+    reader = pyvista.get_reader(results / "contact_points" / "contact_points.pvd")
+    frames = []
+    for instant in reader.time_values:
+        reader.set_active_time_value(instant)
+        frames.append(reader.read()[0])
+    way, force = (
+        np.array([frame[name][0] for frame in frames])
+        for name in ("displacement", "friction force vector")
+    )
+    work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(way, axis=0))
+    assert work < -0.1
+
+
+def test_stored_model_without_dolfinx(results, tmp_path):
+    """The online stage again in a Python that cannot import dolfinx, PETSc, gmsh or MPI."""
+    program = (
+        "import sys\n"
+        "class Refuse:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in ('dolfinx', 'petsc4py', 'slepc4py', 'gmsh', 'ufl', 'basix', 'mpi4py', 'pyvista'):\n"
+        "            raise ModuleNotFoundError(name, name=name)\n"
+        "sys.meta_path.insert(0, Refuse())\n"
+        "from fenicsrom.cli import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    call = [
+        sys.executable,
+        "-c",
+        program,
+        "run",
+        "--from",
+        str(results / "reduced_model.npz"),
+        *NO_PICTURES,
+    ]
+    subprocess.run([*call, "--output", str(tmp_path / "same")], check=True, capture_output=True)
+    same = json.loads((tmp_path / "same" / "summary.json").read_text())["response"]["reduced"]
+    first = json.loads((results / "summary.json").read_text())["response"]["reduced"]
+    assert same == first
+    changed = [
+        "--set",
+        "loads.0.force=0",
+        "--set",
+        "loads.0.frequency=3.0",
+        "--set",
+        "contacts.0.friction=0.0",
+    ]
+    subprocess.run(
+        [*call, "--output", str(tmp_path / "other"), *changed], check=True, capture_output=True
+    )
+    other = json.loads((tmp_path / "other" / "summary.json").read_text())["response"]["reduced"]
+    assert other["dissipated_per_period_J"] == 0.0 < first["dissipated_per_period_J"]
+    with np.load(tmp_path / "other" / "history.npz") as history:
+        assert not history["reduced_work"].any()
+        assert (
+            np.ptp(history["reduced_displacement"], axis=0).max() < 1e-12
+        )  # it stays in the equilibrium of the preload
+        assert history["reduced_time"][-1] == pytest.approx(2 / 3.0)
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("material.young=1e9", "material cannot change on a stored reduced model"),
+        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal cannot change"),
+        ("contacts.0.friction=-1", "contacts[0].friction"),
+        ("geometry.thickness=0.05", "geometry cannot change on a stored reduced model"),
+        ("supports.0.group='tip'", "supports cannot change on a stored reduced model"),
+        ("basis.modes=2", "basis cannot change on a stored reduced model"),
+        (
+            "geometrically_nonlinear=false",
+            "geometrically_nonlinear cannot change on a stored reduced model",
+        ),
+    ],
+)
+def test_stored_model_keeps_what_it_was_made_from(results, tmp_path, capsys, override, sentence):
+    model = str(results / "reduced_model.npz")
+    assert main(["run", "--from", model, "--output", str(tmp_path), "--set", override]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "damage", ["truncated", "empty", "text", "pickle", "version", "shape", "nan", "missing"]
+)
+def test_damaged_stored_model(results, tmp_path, capsys, damage):
+    good, bad = results / "reduced_model.npz", tmp_path / "bad.npz"
+    with np.load(good) as file:
+        data = {name: file[name] for name in file.files}
+    if damage == "truncated":
+        bad.write_bytes(good.read_bytes()[:2000])
+    elif damage == "empty":
+        bad.write_bytes(b"")
+    elif damage == "text":
+        bad.write_text("not a model")
+    elif damage == "pickle":
+        np.savez(bad, **{**data, "mass": np.array([{}], dtype=object)})
+    elif damage == "version":
+        header = json.loads(str(data["header"])) | {"format": "fenicsrom reduced model 99"}
+        np.savez(bad, **{**data, "header": np.array(json.dumps(header))})
+    elif damage == "shape":
+        np.savez(bad, **{**data, "loads": data["loads"][1:]})
+    elif damage == "nan":
+        np.savez(bad, **{**data, "stiffness": np.nan * data["stiffness"]})
+    assert main(["run", "--from", str(bad), "--output", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert message.startswith(f"fenicsrom: {bad}: ") and message.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["material.yung=1"], ["material.yung", "young"]),
+        (["material.young='stiff'"], ["material.young", "stiff"]),
+        (["material.young=-1.0"], ["material.young", "-1"]),
+        (["material.poisson=0.5"], ["material.poisson", "0.5"]),
+        (["material.density=nan"], ["material.density", "NaN"]),
+        (["geometry.mesh='nothing.geo'"], ["geometry.mesh", "nothing.geo"]),
+        (["contacts.0.friction=-0.1"], ["contacts[0].friction", "-0.1"]),
+        (["contacts.0.normal_stiffness=-1.0"], ["contacts[0].normal_stiffness", "-1"]),
+        (["contacts.0.normal=[0.0, 0.0]"], ["contacts[0].normal"]),
+        (["contacts.0.group='tap'"], ["tap", "tip"]),
+        (["supports.0.group='rot'"], ["rot", "root"]),
+        (["basis.modes=500"], ["basis.modes", "500", "at most"]),
+        (["contacts.0.group='root'"], ["contacts[0]", "clamped"]),
+        (["geometry.parameters.length=-1.0"], ["geometry.parameters.length", "-1"]),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path, capsys, overrides, words):
+    arguments = [part for override in overrides for part in ("--set", override)]
+    assert main(["run", str(SCENE), "--output", str(tmp_path), *QUICK, *arguments]) == 2
+    message = capsys.readouterr().err
+    sentences = [line for line in message.splitlines() if line.startswith("fenicsrom: ")]
+    assert len(sentences) == 1 and "Traceback" not in message
+    for word in words:
+        assert word in sentences[0]
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_scene(capsys):
+    assert main(["run", "no_such_scene.toml"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "fenicsrom: no_such_scene.toml: cannot be read: No such file or directory\n"
+    )
+
+
+def test_numerical_failure_keeps_the_motion(tmp_path, capsys, monkeypatch):
+    """Exit code 1, a sentence that says when and where, and the history up to there."""
+    from fenicsrom.online import step as integrate
+
+    monkeypatch.setattr(
+        integrate, "NEWTON_ITERATIONS", 0
+    )  # the plain loop of the beam reads it; the compiled one keeps its own
+    arguments = ["--set", "reference.beam=true", "--output", str(tmp_path), *QUICK, *NO_PICTURES]
+    assert main(["run", str(SCENE), *arguments]) == 1
+    assert "time integration stopped at t = " in capsys.readouterr().err
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert found["unfinished"]["model"] == "beam"
+    assert "reduced" in found["response"]
+    with np.load(tmp_path / "history.npz") as history:
+        assert "beam_time" in history
+
+
+def test_output_folder_that_cannot_be(tmp_path, capsys):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 1
+    assert str(blocked) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("overrides", "left_out", "kept"),
+    [
+        (
+            [],
+            ["static equilibrium", "second tangent direction", "ParaView motion", "animation"],
+            ["modal derivatives", "static modes"],
+        ),
+        (
+            ["geometrically_nonlinear=false"],
+            ["modal derivatives", "elastic polynomial", "Newton iterations"],
+            ["static modes"],
+        ),
+        (
+            ["contacts=[]", "probe={group='tip'}"],
+            ["static modes", "contact forces"],
+            ["modal derivatives"],
+        ),
+        (
+            ["reference.full=false", "output.pictures=false"],
+            ["full model", "pictures"],
+            ["normal modes"],
+        ),
+        (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
+    ],
+)
+def test_plan(capsys, overrides, left_out, kept):
+    assert (
+        main(
+            ["plan", str(SCENE), *[part for override in overrides for part in ("--set", override)]]
+        )
+        == 0
+    )
+    lines = {
+        line[10:36].strip(): line.startswith("left out")
+        for line in capsys.readouterr().out.splitlines()
+    }
+    assert all(lines[name] for name in left_out)
+    assert not any(lines[name] for name in kept)
+
+
+def test_what_is_left_out_is_not_computed(tmp_path):
+    """A linear scene without contact: no static modes, derivatives, polynomial, pictures, ParaView
+    files or heavy imports."""
+    program = (
+        "import sys\n"
+        "from fenicsrom.cli import main\n"
+        "code = main(sys.argv[1:])\n"
+        "print([name for name in ('pyvista', 'matplotlib', 'meshio') if name in sys.modules], file=sys.stderr)\n"
+        "sys.exit(code)\n"
+    )
+    off = [
+        "geometrically_nonlinear=false",
+        "contacts=[]",
+        "probe={group='tip'}",
+        "reference.beam=false",
+        "output.pictures=false",
+        "output.paraview=false",
+    ]
+    arguments = [
+        "run",
+        str(SCENE),
+        "--output",
+        str(tmp_path),
+        *QUICK,
+        *[p for o in off for p in ("--set", o)],
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], check=True, capture_output=True, text=True
+    )
+    assert done.stderr.splitlines()[-1] == "[]"
+    found = json.loads((tmp_path / "summary.json").read_text())
+    assert found["basis"]["labels"] == ["1V"]
+    assert (
+        found["response"]["reduced"]["newton_iterations"] == found["response"]["reduced"]["steps"]
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "checkpoint.npz",
+        "history.npz",
+        "reduced_model.npz",
+        "report.html",
+        "summary.json",
+    ]
+
+
+@pytest.mark.slow
+def test_the_readme_shows_what_a_run_finds(tmp_path, capsys):
+    """Every column but the last, whose rounding errors differ from machine to machine."""
+    arguments = ["--output", str(tmp_path), *NO_PICTURES, "--set", "output.paraview=false"]
+    assert main(["run", str(SCENE), *arguments]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    readme = [
+        line.split()
+        for line in (DEMOS.parent / "README.md").read_text().splitlines()
+        if line.startswith("    ")
+    ]
+
+    def table(lines):
+        return {
+            line[0]: line[1:11]
+            for line in lines
+            if line and line[0] in ("reduced", "full", "beam") and len(line) == 12
+        }
+
+    assert table(readme) == table(printed) and len(table(readme)) == 3
+    errors = json.loads((tmp_path / "summary.json").read_text())["estimated_error_percent"]
+    assert 1e-3 < errors["time step"] < 1.0 and errors["basis"] < 0.01
+
+
+def test_modes_command(tmp_path, capsys):
+    assert main(["modes", str(SCENE), "--output", str(tmp_path), *NO_PICTURES]) == 0
+    assert "1V  3.28 Hz" in capsys.readouterr().out
+    assert (tmp_path / "derivatives.vtu").exists() and not (tmp_path / "history.npz").exists()
+
+
+@pytest.mark.slow
+def test_interrupted_run_leaves_no_half_written_file(tmp_path):
+    """SIGINT during a long run: exit code 130, and every file there is can be read."""
+    arguments = [
+        "-m",
+        "fenicsrom",
+        "run",
+        str(SCENE),
+        "--output",
+        str(tmp_path),
+        "--set",
+        "time.steps_per_period=20000",
+    ]
+    process = subprocess.Popen(
+        [sys.executable, *arguments], stderr=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    assert process.stderr is not None
+    for line in process.stderr:
+        if line.startswith("full motion"):
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert {path.name for path in tmp_path.iterdir()} <= {
+        "reduced_model.npz"
+    }  # whole: it goes there before the motion

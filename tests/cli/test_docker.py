@@ -1,0 +1,110 @@
+"""`docker/run` against an engine that only notes what it is asked, and where an installed package
+finds its meshes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from fenicsrom.scene.paths import shared_meshes
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+ENGINE = """#!/bin/sh
+case "$1" in
+    info) exit 0 ;;
+    inspect) [ -e "$ENGINE_HOME/built" ] && grep -qx "$4" "$ENGINE_HOME/built" ;;
+    build) echo "$7" >> "$ENGINE_HOME/built" ;;
+    run) printf '%s\\n' "$@" > "$ENGINE_HOME/run"; exit 7 ;;
+esac
+"""
+
+
+@pytest.fixture
+def engine(tmp_path: Path) -> Path:
+    (tmp_path / "docker").write_text(ENGINE)
+    (tmp_path / "docker").chmod(0o755)
+    return tmp_path
+
+
+def docker_run(
+    engine: Path, *command: str, checkout: Path = CHECKOUT, folder: Path = CHECKOUT
+) -> tuple[int, str]:
+    """Run docker/run with the noting engine first in PATH; give its exit code and what it said."""
+    path = f"{engine}:{os.environ['PATH']}"
+    environment = {
+        "PATH": path,
+        "ENGINE_HOME": str(engine),
+        "XDG_CACHE_HOME": str(engine / "cache"),
+    }
+    script = str(checkout / "docker" / "run")
+    done = subprocess.run(
+        [script, *command],
+        cwd=folder,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    return done.returncode, done.stderr
+
+
+def test_builds_once_and_passes_command_folder_and_exit_code(engine: Path) -> None:
+    code, said = docker_run(engine, "python3", "-c", "print('a  b')", folder=CHECKOUT / "tests")
+    assert code == 7
+    assert "building" in said
+    asked = (engine / "run").read_text().splitlines()
+    assert asked[-3:] == ["python3", "-c", "print('a  b')"]
+    assert asked[asked.index("-w") + 1] == "/src/tests"
+    assert f"{CHECKOUT}:/src" in asked
+    assert f"{os.getuid()}:{os.getgid()}" in asked
+    assert docker_run(engine, "true") == (7, "")
+
+
+def test_builds_again_when_the_environment_changes_but_not_the_rest(
+    engine: Path, tmp_path: Path
+) -> None:
+    checkout = tmp_path / "checkout"
+    (checkout / "docker").mkdir(parents=True)
+    for name in ("run", "Dockerfile"):
+        (checkout / "docker" / name).write_bytes((CHECKOUT / "docker" / name).read_bytes())
+    (checkout / "docker" / "run").chmod(0o755)
+    definition = checkout / "docker" / "Dockerfile"
+    built = []
+    for old, new in (
+        ("", ""),
+        ("ENTRYPOINT", "# a comment\nENTRYPOINT"),
+        ("python3-scipy", "python3-scipy less"),
+    ):
+        definition.write_text(definition.read_text().replace(old, new, 1))
+        docker_run(engine, "true", checkout=checkout, folder=checkout)
+        built.append(len((engine / "built").read_text().splitlines()))
+    assert built == [1, 1, 2]
+
+
+def test_no_command_is_refused(engine: Path) -> None:
+    assert docker_run(engine) == (2, "docker/run: usage: docker/run COMMAND...\n")
+
+
+def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) -> None:
+    assert (shared_meshes() / "beam2d.geo").is_file()
+    site = tmp_path / "site"
+    source = tmp_path / "source"
+    source.mkdir()
+    (source / "README.md").write_text("")
+    for name in ("pyproject.toml", "LICENSE", "fenicsrom", "meshes", "demos"):
+        (source / name).symlink_to(CHECKOUT / name)
+    install = ["python3", "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--quiet"]
+    subprocess.run([*install, "--target", site, source], check=True)
+    show = "from fenicsrom.scene.paths import shared_meshes; print(*sorted(p.name for p in shared_meshes().glob('*.geo')))"
+    found = subprocess.run(
+        ["python3", "-c", show],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert found.stdout.split() == sorted(path.name for path in (CHECKOUT / "meshes").glob("*.geo"))

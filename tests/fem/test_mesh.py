@@ -1,0 +1,670 @@
+"""Meshes: the beams, the blade, what is refused, groups, pieces, and the same on two ranks."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+pytest.importorskip("dolfinx")
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints
+from mpi4py import MPI
+from support import needs_mpirun, on_ranks
+
+from fenicsrom.errors import SceneError
+from fenicsrom.fem import mesh as mesh_module
+from fenicsrom.fem.mesh import Mesh, build_mesh, unclamped_pieces
+from fenicsrom.scene import Geometry, Region
+from fenicsrom.scene.paths import shared_meshes
+
+LENGTH, HEIGHT, WIDTH = 2.54, 0.03, 0.02
+CUT = {
+    (2, "structured"): 1,
+    (2, "simplex"): 2,
+    (3, "structured"): 1,
+    (3, "simplex"): 6,
+}  # cells made of each block
+SQUARE = [
+    (0, 0, 0),
+    (1, 0, 0),
+    (1, 1, 0),
+    (0, 1, 0),
+    (2, 0, 0),
+    (2, 1, 0),
+]  # two unit squares side by side
+LINE, TRIANGLE, QUADRILATERAL, TETRAHEDRON, QUADRILATERAL9 = 1, 2, 3, 4, 10  # gmsh types
+
+
+def beam(
+    dimension: int, cells: str = "structured", curved: bool = False, **parameters: float
+) -> Mesh:
+    """The program's own beam."""
+    size = {"length": LENGTH, "height": HEIGHT, "width": WIDTH}
+    size = {name: size[name] for name in ("length", "height", "width")[:dimension]}
+    return build_mesh(
+        Geometry(
+            mesh=shared_meshes() / f"beam{dimension}d.geo",
+            dimension=dimension,
+            cells=cells,
+            curved=curved,
+            parameters=size | parameters,
+        ),
+        MPI.COMM_WORLD,
+    )
+
+
+def read(path: Path, dimension: int = 2, **keys: object) -> Mesh:
+    """A mesh file."""
+    return build_mesh(Geometry(mesh=path, dimension=dimension, **keys), MPI.COMM_WORLD)
+
+
+@contextmanager
+def session() -> Iterator[Any]:
+    """The test's own use of gmsh."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield gmsh
+        assert gmsh.isInitialized()
+    finally:
+        gmsh.finalize()
+
+
+def write_msh(
+    path: Path,
+    points: Sequence[Sequence[float]],
+    elements: Sequence[tuple[int, int, Sequence[int]]],
+    names: Sequence[tuple[int, int, str]] = ((2, 1, "solid"), (1, 2, "root"), (1, 3, "tip")),
+) -> Path:
+    """Write a mesh in gmsh's format 2.2: elements are (gmsh type, physical number, nodes from
+    0)."""
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names))]
+    lines += [f'{dimension} {number} "{name}"' for dimension, number, name in names]
+    lines += ["$EndPhysicalNames", "$Nodes", str(len(points))]
+    lines += [f"{i} {' '.join(map(repr, map(float, point)))}" for i, point in enumerate(points, 1)]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    for i, (kind, group, nodes) in enumerate(elements, 1):
+        lines.append(f"{i} {kind} 2 {group} {group} {' '.join(str(node + 1) for node in nodes)}")
+    path.write_text("\n".join([*lines, "$EndElements", ""]))
+    return path
+
+
+def squares(*more: tuple[int, int, Sequence[int]]) -> list[tuple[int, int, Sequence[int]]]:
+    """The two squares with their outer edges, and more elements."""
+    cells = [(QUADRILATERAL, 1, (0, 1, 2, 3)), (QUADRILATERAL, 1, (1, 4, 5, 2))]
+    return [*cells, (LINE, 2, (0, 3)), (LINE, 3, (4, 5)), *more]
+
+
+def integral(mesh: Mesh, integrand: object, measure: ufl.Measure | None = None) -> float:
+    """Integral over the cells or over a measure, on all ranks."""
+    measure = ufl.dx(domain=mesh.domain) if measure is None else measure
+    integrand = fem.Constant(mesh.domain, float(integrand)) if np.isscalar(integrand) else integrand
+    return mesh.domain.comm.allreduce(fem.assemble_scalar(fem.form(integrand * measure)))
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize(("dimension", "cells"), CUT)
+def test_beam(dimension: int, cells: str, curved: bool) -> None:
+    through = 2
+    mesh = beam(dimension, cells, curved, elements_along=10, elements_through=through, load_at=0.52)
+    section = HEIGHT * (WIDTH if dimension == 3 else 1.0)
+    blocks = 10 * through ** (dimension - 1)
+    assert mesh.domain.topology.index_map(dimension).size_global == CUT[dimension, cells] * blocks
+    assert mesh.domain.geometry.dim == mesh.domain.topology.dim == dimension
+    assert mesh.domain.ufl_domain().ufl_coordinate_element().degree == (2 if curved else 1)
+    assert not mesh.warnings
+    assert integral(mesh, 1.0) == pytest.approx(LENGTH * section, rel=1e-12)
+    x = ufl.SpatialCoordinate(mesh.domain)
+    for name, place in (("root", 0.0), ("load", 0.52 * LENGTH), ("tip", LENGTH)):
+        surface = mesh.surface(name)
+        assert integral(mesh, 1.0, surface) == pytest.approx(section, rel=1e-12)
+        assert integral(mesh, x[0], surface) == pytest.approx(place * section, rel=1e-12, abs=1e-15)
+        assert integral(mesh, x[1], surface) == pytest.approx(0.0, abs=1e-15)
+        assert len(mesh.facets(name)) == (
+            through if dimension == 2 else through**2 * (2 if cells == "simplex" else 1)
+        )
+    middle = compute_midpoints(
+        mesh.domain, dimension, np.arange(CUT[dimension, cells] * blocks, dtype=np.int32)
+    )
+    assert (
+        np.sum(middle[:, 0] < 0.52 * LENGTH) == CUT[dimension, cells] * blocks // 2
+    )  # round(5.2) of 10 elements
+
+
+@pytest.mark.parametrize(("dimension", "cells"), CUT)
+def test_load_section_is_inside_and_conforming(dimension: int, cells: str) -> None:
+    mesh = beam(dimension, cells)
+    topology = mesh.domain.topology
+    for name, neighbours in (("root", 1), ("load", 2), ("tip", 1)):
+        topology.create_connectivity(dimension - 1, dimension)
+        cells_of = topology.connectivity(dimension - 1, dimension)
+        assert [len(cells_of.links(facet)) for facet in mesh.facets(name)] == [neighbours] * len(
+            mesh.facets(name)
+        )
+    middle = compute_midpoints(
+        mesh.domain, dimension, np.arange(20 * CUT[dimension, cells], dtype=np.int32)
+    )
+    assert np.sum(middle[:, 0] < 0.7 * LENGTH) == 14 * CUT[dimension, cells]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        ("length", -1.0, "greater than 0"),
+        ("height", 0.0, "greater than 0"),
+        ("elements_along", 1.0, "at least 2"),
+        ("elements_along", 2.5, "whole number"),
+        ("elements_through", 0.0, "at least 1"),
+        ("elements_through", 1.5, "whole number"),
+        ("load_at", 0.0, "between 0 and 1"),
+        ("load_at", 1.0, "between 0 and 1"),
+        ("load_at", 0.01, "at least one of the 20 elements on each side"),
+        ("load_at", 0.99, "at least one of the 20 elements on each side"),
+        ("size", 2.0, "must be one of elements_along, elements_through, height, length, load_at"),
+        ("structured", 1.0, "must be one of elements_along"),
+    ],
+)
+def test_wrong_parameter(dimension: int, name: str, value: float, allowed: str) -> None:
+    key = rf"beam{dimension}d\.geo: geometry\.parameters\.{name} = {value:g}"
+    with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
+        beam(dimension, **{name: value})
+
+
+def test_wrong_width() -> None:
+    with pytest.raises(
+        SceneError, match=r"geometry\.parameters\.width = -1: must be greater than 0"
+    ):
+        beam(3, width=-1.0)
+
+
+def test_a_mesh_of_absurd_size_does_not_disturb_the_next() -> None:
+    """Gmsh scales its tolerances by the extent of the last model of the process: points of the next
+    would fall together."""
+    before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
+    with pytest.raises(SceneError, match="inverted or degenerate"):
+        beam(2, length=1e15)
+    for dimension in (2, 3):
+        after = beam(dimension)
+        assert not after.warnings
+        assert integral(after, 1.0) == pytest.approx(before[dimension - 2])
+
+
+def blade(cells: str = "structured", curved: bool = True, **parameters: float) -> Mesh:
+    """The program's own blade."""
+    path = shared_meshes() / "blade.geo"
+    return build_mesh(
+        Geometry(mesh=path, dimension=3, cells=cells, curved=curved, parameters=parameters),
+        MPI.COMM_WORLD,
+    )
+
+
+def profile(u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Thickness of the NACA four-digit profiles with a closed trailing edge, relative to the
+    largest."""
+    return (0.2969 * np.sqrt(u) - 0.126 * u - 0.3516 * u**2 + 0.2843 * u**3 - 0.1036 * u**4) / 0.1
+
+
+@pytest.mark.parametrize("curved", [False, True])
+@pytest.mark.parametrize("cells", ["structured", "simplex"])
+def test_blade(cells: str, curved: bool) -> None:
+    mesh = blade(cells, curved)
+    assert not mesh.warnings
+    cut = {"structured": (1, 1), "simplex": (6, 2)}[cells]
+    assert mesh.domain.topology.index_map(3).size_global == 12 * 8 * cut[0]
+    facets = {
+        name: len(mesh.facets(name))
+        for name, (dimension, _) in mesh.groups.items()
+        if dimension == 2
+    }
+    skin = 12 * 8 * cut[1]
+    assert facets == dict.fromkeys(("root", "load", "tip"), 8 * cut[1]) | {
+        "pressure": skin,
+        "suction": skin,
+    }
+    x = ufl.SpatialCoordinate(mesh.domain)
+    for name, place in (("root", 0.0), ("load", 0.75 * 0.7), ("tip", 0.7)):
+        area = integral(mesh, 1.0, mesh.surface(name))
+        assert integral(mesh, x[0], mesh.surface(name)) == pytest.approx(
+            place * area, rel=1e-12, abs=1e-15
+        )
+    topology = mesh.domain.topology
+    topology.create_connectivity(2, 3)
+    for name in facets:
+        cells_of = {len(topology.connectivity(2, 3).links(facet)) for facet in mesh.facets(name)}
+        assert cells_of == ({2} if name == "load" else {1})
+    vertices, edges = mesh.node_groups["tip_nodes"]
+    topology.create_connectivity(2, 0)
+    topology.create_connectivity(1, 0)
+    assert (len(vertices), len(edges)) == (9, 8)
+    for name in ("tip", "pressure"):
+        assert set(vertices) < {
+            v for facet in mesh.facets(name) for v in topology.connectivity(2, 0).links(facet)
+        }
+    assert set(vertices) == {v for edge in edges for v in topology.connectivity(1, 0).links(edge)}
+
+
+def test_blade_has_the_shape_it_is_given() -> None:
+    size = {
+        "span": 0.6,
+        "chord": 0.2,
+        "tip_chord": 0.1,
+        "thickness": 0.08,
+        "tip_thickness": 0.04,
+        "camber": 0.05,
+    }
+    turn = {
+        "camber_at": 0.3,
+        "edge": 0.3,
+        "stagger": 20,
+        "twist": 40,
+        "sweep": 0.05,
+        "lean": -0.02,
+        "load_at": 0.5,
+    }
+    mesh = blade(elements_along=16, elements_across=16, **size, **turn)
+    u = np.linspace(0.0, 1.0, 200_001)
+    steep = 2 * 0.05 * (0.3 - u) / np.where(u < 0.3, 0.3, 0.7) ** 2
+    weight = (0.3 + 0.7 * profile(u)) * np.hypot(1.0, steep)
+    unit = np.trapezoid(weight, u)  # area of a section of unit chord and thickness
+    for name, t in (("root", 0.0), ("load", 0.5), ("tip", 1.0)):
+        chord, thick, angle = 0.2 - 0.1 * t, 0.08 - 0.04 * t, np.radians(20 + 40 * t)
+        area = integral(mesh, 1.0, mesh.surface(name))
+        assert area == pytest.approx(thick * chord**2 * unit, rel=5e-3)
+        x = ufl.SpatialCoordinate(mesh.domain)
+        along = np.cos(angle) * (x[1] - 0.05 * t**2) + np.sin(angle) * (x[2] + 0.02 * t**2)
+        above = np.cos(angle) * (x[2] + 0.02 * t**2) - np.sin(angle) * (x[1] - 0.05 * t**2)
+        line = np.where(u < 0.3, (0.6 * u - u**2) / 0.3**2, (0.4 + 0.6 * u - u**2) / 0.7**2) * 0.05
+        pairs = (
+            (along / chord, u - 0.5),
+            (above / chord, line),
+            (along * above / chord**2, (u - 0.5) * line),
+        )
+        for (measured, exact), tolerance in zip(pairs, (2e-3, 2e-3, 5e-4), strict=True):
+            mean = np.trapezoid(weight * exact, u) / unit
+            assert integral(mesh, measured, mesh.surface(name)) / area == pytest.approx(
+                mean, abs=tolerance
+            )
+    t = np.linspace(0.0, 1.0, 1001)
+    volume = np.trapezoid((0.08 - 0.04 * t) * (0.2 - 0.1 * t) ** 2, t) * 0.6 * unit
+    assert integral(mesh, 1.0) == pytest.approx(volume, rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [
+        *(
+            (name, 0.0, "greater than 0")
+            for name in ("span", "chord", "tip_chord", "thickness", "tip_thickness")
+        ),
+        *((name, 0.31, "at most 0.3") for name in ("thickness", "tip_thickness")),
+        ("camber", -0.01, "from 0 to 0.2"),
+        ("camber", 0.21, "from 0 to 0.2"),
+        ("camber_at", 0.05, "from 0.1 to 0.9"),
+        ("edge", 0.01, "from 0.02 to 1"),
+        ("edge", 1.1, "from 0.02 to 1"),
+        *(
+            (name, value, "from -90 to 90")
+            for name in ("stagger", "twist")
+            for value in (-91.0, 91.0)
+        ),
+        *(
+            (name, value, "at most the span, 0.7")
+            for name in ("sweep", "lean")
+            for value in (-0.8, 0.8)
+        ),
+        ("elements_along", 1.0, "at least 2"),
+        ("elements_across", 0.0, "at least 1"),
+        ("elements_across", 1.5, "whole number"),
+        ("elements_through", 0.0, "at least 1"),
+        ("load_at", 0.99, "at least one of the 12 elements on each side"),
+    ],
+)
+def test_wrong_blade(name: str, value: float, allowed: str) -> None:
+    key = rf"blade\.geo: geometry\.parameters\.{name} = {value:g}"
+    with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
+        blade(**{name: value})
+
+
+def test_blade_too_thin_for_its_curves_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"blade\.geo: .* cells are inverted or degenerate"):
+        blade("simplex", thickness=0.01, tip_thickness=0.01, twist=80, elements_along=4)
+
+
+def test_parameters_are_found_among_comments(tmp_path: Path) -> None:
+    path = tmp_path / "square.geo"
+    path.write_text(
+        '// DefineConstant[ commented = 1 ]; /* "\n'
+        'DefineConstant[ side = {1, Min 0, Max 9, Name "a, b = 3 // not a comment"}, /* other = 2, */ lonely ];\n'
+        'SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, side, side}; Physical Curve("root") = {4};\n'
+    )
+    mesh = read(path, cells="simplex", parameters={"side": 3.0})
+    assert integral(mesh, 1.0) == pytest.approx(9.0)
+    with pytest.raises(SceneError, match=r"must be one of lonely, side$"):
+        read(path, cells="simplex", parameters={"other": 3.0})
+    with pytest.raises(SceneError, match=r"geometry\.cells = 'structured': .*Triangle"):
+        read(path, cells="structured")
+
+
+def test_error_in_geometry_is_the_first_and_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "wrong.geo"
+    path.write_text("Point(1) = {0, 0, nothing};\nLine(1) = {1, 7};\nBogus(3;\n")
+    for _ in range(2):
+        with pytest.raises(SceneError, match=r"wrong\.geo.*Unknown variable 'nothing'$"):
+            read(path)
+    assert beam(2).facets("tip").size == 1
+
+
+@pytest.mark.parametrize("name", ["absent.msh", "absent.geo", "present.stl"])
+def test_wrong_file(tmp_path: Path, name: str) -> None:
+    (tmp_path / "present.stl").touch()
+    with pytest.raises(
+        SceneError, match=rf"{name}': must be an existing file of one of \.geo, \.msh, .*, \.vtu$"
+    ):
+        read(tmp_path / name)
+
+
+def test_rubbish(tmp_path: Path) -> None:
+    path = tmp_path / "rubbish.msh"
+    path.write_text("rubbish\n")
+    with pytest.raises(SceneError, match=r"rubbish\.msh: "):
+        read(path)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_dimension(dimension: int) -> None:
+    with pytest.raises(
+        SceneError, match=f"geometry.dimension = {5 - dimension}: must be {dimension} for this file"
+    ):
+        read(shared_meshes() / f"beam{dimension}d.geo", 5 - dimension)
+
+
+def test_missing_group() -> None:
+    mesh = beam(2)
+    for ask in (mesh.facets, mesh.surface, lambda name: unclamped_pieces(mesh, [name])):
+        with pytest.raises(
+            SceneError, match=r"beam2d\.geo: no facet group 'rot': must be one of load, root, tip$"
+        ):
+            ask("rot")
+    with pytest.raises(SceneError, match="no facet group 'solid'"):
+        mesh.facets("solid")
+
+
+def test_msh(tmp_path: Path) -> None:
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()))
+    assert mesh.groups.keys() == {"solid", "root", "tip"}
+    assert integral(mesh, 1.0) == pytest.approx(2.0)
+    assert integral(
+        mesh, ufl.SpatialCoordinate(mesh.domain)[0], mesh.surface("tip")
+    ) == pytest.approx(2.0)
+    assert not mesh.warnings
+
+
+def test_without_facet_groups(tmp_path: Path) -> None:
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()[:2], [(2, 1, "solid")]))
+    assert mesh.groups.keys() == {"solid"} and not mesh.node_groups
+    left = Region(box=((0.0, 0.0), (0.0, 1.0)))
+    assert integral(mesh, 1.0, mesh.surface(left)) == pytest.approx(1.0)
+    assert unclamped_pieces(mesh, [left]) == 0
+    with pytest.raises(
+        SceneError, match=r"no facet group 'root': must be one of \(there are none\)$"
+    ):
+        mesh.facets("root")
+
+
+def test_points_and_curves_are_node_groups(tmp_path: Path) -> None:
+    with session() as gmsh:
+        gmsh.merge(str(shared_meshes() / "beam3d.geo"))
+        gmsh.model.mesh.generate(3)
+        gmsh.model.addPhysicalGroup(0, [1, 2], name="points")
+        gmsh.model.addPhysicalGroup(1, [1, 2], name="curves")
+        gmsh.model.addPhysicalGroup(0, [1], name="curves")
+        gmsh.write(str(tmp_path / "beam.msh"))
+    mesh = read(tmp_path / "beam.msh", 3)
+    numbers = {
+        name: (len(vertices), len(edges)) for name, (vertices, edges) in mesh.node_groups.items()
+    }
+    assert numbers == {"points": (2, 0), "curves": (3, 2)}
+    space = fem.functionspace(mesh.domain, ("Lagrange", 2))
+    x = np.sort(space.tabulate_dof_coordinates()[mesh.nodes("curves", space)] / 0.0127, axis=0)
+    assert np.allclose(x.T, [[0, 0, 0, 0, 0], [-1, 0, 1, 1, 1], [-1, -1, -1, 0, 1]])
+    assert not mesh.has_facets("points") and mesh.has_facets("root")
+    with pytest.raises(SceneError, match="no facet group 'points'"):
+        mesh.facets("points")
+    assert unclamped_pieces(mesh, ["points"]) == 0
+
+
+def test_facet_in_two_groups_and_group_without_a_name(tmp_path: Path) -> None:
+    edges = [(LINE, 4, edge) for edge in ((0, 3), (0, 1), (1, 4))]
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares(*edges)))
+    assert integral(mesh, 1.0, mesh.surface("4")) == pytest.approx(3.0)
+    assert integral(mesh, 1.0, mesh.surface("root")) == pytest.approx(1.0)
+    assert set(mesh.facets("root")) < set(mesh.facets("4"))
+    assert not mesh.warnings
+
+
+def test_newer_format_with_a_facet_in_two_groups(tmp_path: Path) -> None:
+    with session() as gmsh:
+        gmsh.merge(str(shared_meshes() / "beam3d.geo"))
+        gmsh.model.addPhysicalGroup(2, [1, 26], name="sections")
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "beam.msh"))
+    mesh = read(tmp_path / "beam.msh", 3)
+    assert integral(mesh, 1.0, mesh.surface("sections")) == pytest.approx(2 * 0.0254**2)
+    assert set(mesh.facets("sections")) == {*mesh.facets("root"), *mesh.facets("load")}
+
+
+def test_all_cells_without_solid_and_its_cells_only_with_it(tmp_path: Path) -> None:
+    elements = [
+        (QUADRILATERAL, 4, nodes) if kind == QUADRILATERAL and 4 in nodes else (kind, group, nodes)
+        for kind, group, nodes in squares()
+    ]
+    edges = [(1, 2, "root"), (1, 3, "tip")]
+    mesh = read(
+        write_msh(
+            tmp_path / "two.msh", SQUARE, elements, [(2, 1, "steel"), (2, 4, "brass"), *edges]
+        )
+    )
+    assert integral(mesh, 1.0) == pytest.approx(2.0)
+    path = write_msh(
+        tmp_path / "one.msh", SQUARE, elements, [(2, 1, "solid"), (2, 4, "air"), *edges]
+    )
+    mesh = read(path)
+    assert integral(mesh, 1.0) == pytest.approx(1.0)
+    assert mesh.groups.keys() == {"solid", "root"}
+    assert mesh.warnings == (
+        f"{path}: group 'tip': 1 of 1 facets are not facets of a cell and are left out",
+    )
+
+
+def test_facets_that_are_not_facets(tmp_path: Path) -> None:
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares((LINE, 2, (0, 2)))))
+    assert len(mesh.facets("root")) == 1
+    assert "group 'root': 1 of 2 facets are not facets of a cell" in mesh.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("points", "elements", "message"),
+    [
+        (
+            SQUARE,
+            squares((LINE, 1, (0, 1))),
+            "group 'solid' has dimension 1: must have 2 or another name",
+        ),
+        (
+            SQUARE,
+            squares((TRIANGLE, 1, (0, 1, 2))),
+            "cells Triangle 3, Quadrilateral 4: must be of one type",
+        ),
+        (
+            SQUARE,
+            [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]],
+            "1 cells are inverted or degenerate",
+        ),
+        (
+            SQUARE,
+            [(QUADRILATERAL, 1, (0, 3, 2, 1)), *squares()[1:]],
+            r"inverted .* one at \(0\.5, 0\.5\)",
+        ),
+        ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "1 cells are inverted or degenerate"),
+        ([*SQUARE[:5], (2, 1, 0.1)], squares(), r"z differs by 0\.1 m"),
+    ],
+)
+def test_wrong_mesh(tmp_path: Path, points: list, elements: list, message: str) -> None:
+    names = [(2, 1, "solid"), (1, 1, "solid"), (1, 2, "root"), (1, 3, "tip")]
+    with pytest.raises(SceneError, match=message):
+        read(write_msh(tmp_path / "wrong.msh", points, elements, names))
+
+
+def test_clockwise_cells_are_right(tmp_path: Path) -> None:
+    elements = [(QUADRILATERAL, 1, (3, 2, 1, 0)), (QUADRILATERAL, 1, (2, 5, 4, 1)), *squares()[2:]]
+    mesh = read(write_msh(tmp_path / "two.msh", SQUARE, elements))
+    assert integral(mesh, 1.0) == pytest.approx(2.0)
+
+
+def test_unsupported_cells_and_facets(tmp_path: Path) -> None:
+    points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]
+    names = [(3, 1, "solid"), (2, 2, "root")]
+    prism = write_msh(
+        tmp_path / "prism.msh", points, [(6, 1, range(6)), (TRIANGLE, 2, (0, 1, 2))], names
+    )
+    with pytest.raises(
+        SceneError,
+        match="cells Prism 6: must be triangles, quadrilaterals, tetrahedra or hexahedra",
+    ):
+        read(prism, 3)
+    elements = [(TETRAHEDRON, 1, range(4)), (QUADRILATERAL, 2, (0, 1, 4, 3))]
+    with pytest.raises(
+        SceneError, match="group 'root' has facets Quadrilateral 4: must be Triangle 3"
+    ):
+        read(write_msh(tmp_path / "tetrahedron.msh", points, elements, names), 3)
+
+
+def test_empty_group(tmp_path: Path) -> None:
+    with session() as gmsh:
+        gmsh.merge(str(shared_meshes() / "beam2d.geo"))
+        gmsh.model.mesh.generate(2)
+        gmsh.model.addPhysicalGroup(1, [gmsh.model.addDiscreteEntity(1)], name="nothing")
+        gmsh.write(str(tmp_path / "empty.msh"))
+    with pytest.raises(SceneError, match=r"empty\.msh: group 'nothing' is empty"):
+        read(tmp_path / "empty.msh")
+
+
+def test_disc(tmp_path: Path) -> None:
+    path = tmp_path / "disc.geo"
+    path.write_text(
+        'SetFactory("OpenCASCADE"); Disk(1) = {0, 0, 0, 1}; MeshSize{:} = 0.5;\n'
+        'Physical Curve("root") = Boundary{ Surface{1}; };\n'
+    )
+    straight, curved = (read(path, cells="simplex", curved=curved) for curved in (False, True))
+    edges = len(straight.facets("root"))
+    assert integral(straight, 1.0) == pytest.approx(edges / 2 * np.sin(2 * np.pi / edges), rel=1e-6)
+    assert integral(curved, 1.0) == pytest.approx(np.pi, rel=1e-3)
+    assert integral(curved, 1.0, curved.surface("root")) == pytest.approx(2 * np.pi, rel=1e-3)
+
+
+def test_curved_file(tmp_path: Path) -> None:
+    h = 0.1  # the cell [-1, 1]² with its right edge bulged by h: the area grows by 2/3 · 2 h
+    corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    points = [*corners, (0, -1, 0), (1 + h, 0, 0), (0, 1, 0), (-1, 0, 0), (0, 0, 0)]
+    elements = [(QUADRILATERAL9, 1, range(9)), (8, 2, (0, 3, 7)), (8, 3, (1, 2, 5))]
+    path = write_msh(tmp_path / "bulged.msh", points, elements)
+    curved, straight = read(path, curved=True), read(path)
+    assert integral(curved, 1.0) == pytest.approx(4 + 4 / 3 * h)
+    assert not curved.warnings
+    assert integral(straight, 1.0) == pytest.approx(4.0)
+    assert (
+        "curved cells are made straight, a node moves by up to 4.8 % of the size of its cell"
+        in straight.warnings[0]
+    )
+    with pytest.raises(
+        SceneError,
+        match="curved = true: cells must be Quadrilateral 9, the file has Quadrilateral 4",
+    ):
+        read(write_msh(tmp_path / "two.msh", SQUARE, squares()), curved=True)
+
+
+def test_unclamped_pieces(tmp_path: Path) -> None:
+    assert unclamped_pieces(beam(2), ["root"]) == 0
+    assert unclamped_pieces(beam(2), []) == 1
+    doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]  # the second square has its own nodes at x = 1
+    elements = [squares()[0], (QUADRILATERAL, 1, (6, 4, 5, 7)), *squares()[2:]]
+    mesh = read(write_msh(tmp_path / "two.msh", doubled, elements))
+    assert [
+        unclamped_pieces(mesh, groups) for groups in ([], ["root"], ["tip"], ["root", "tip"])
+    ] == [2, 1, 1, 0]
+
+
+def test_gmsh_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    import gmsh
+
+    seen, check = [], mesh_module._check_cells
+
+    def spy(*arguments: Any) -> Any:
+        seen.append(signal.getsignal(signal.SIGINT))
+        return check(*arguments)
+
+    monkeypatch.setattr(mesh_module, "_check_cells", spy)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    beam(2)
+    assert seen == [signal.default_int_handler]
+    with pytest.raises(SceneError):
+        beam(2, length=-1.0)
+    assert not gmsh.isInitialized()
+    with session(), pytest.raises(RuntimeError, match=r"gmsh\.finalize"):
+        beam(2)
+
+
+TWO_RANKS = """
+import sys
+from pathlib import Path
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from fenicsrom.errors import SceneError
+from fenicsrom.fem.mesh import build_mesh, unclamped_pieces
+from fenicsrom.scene import Geometry
+beam, pieces = Path(sys.argv[1]), Path(sys.argv[2])
+comm = MPI.COMM_WORLD
+assert comm.size == 2
+parameters = {"elements_through": 2, "load_at": 0.5}  # the load section is where the ranks meet
+mesh = build_mesh(Geometry(mesh=beam, dimension=3, cells="structured", parameters=parameters), comm)
+for name in ("root", "load", "tip"):
+    one = fem.form(fem.Constant(mesh.domain, 1.0) * mesh.surface(name))
+    assert np.isclose(comm.allreduce(fem.assemble_scalar(one)), 0.0254**2), name
+assert mesh.domain.topology.index_map(3).size_local < 80
+assert comm.allreduce(len(mesh.facets("load"))) >= 4
+assert not mesh.warnings
+assert (unclamped_pieces(mesh, []), unclamped_pieces(mesh, ["root"])) == (1, 0)
+apart = build_mesh(Geometry(mesh=pieces, dimension=2), comm)
+assert [unclamped_pieces(apart, groups) for groups in ([], ["root"], ["tip"], ["root", "tip"])] == [2, 1, 1, 0]
+for parameters in ({"length": -1.0}, {"unknown": 1.0}):
+    try:
+        build_mesh(Geometry(mesh=beam, dimension=3, cells="structured", parameters=parameters), comm)
+    except SceneError as error:
+        refused = comm.allgather(str(error))
+assert refused[0] == refused[1] and "unknown" in refused[0]
+print("rank", comm.rank, "is right")
+"""
+
+
+@needs_mpirun
+def test_two_ranks(tmp_path: Path) -> None:
+    doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]
+    pieces = write_msh(
+        tmp_path / "two.msh",
+        doubled,
+        [squares()[0], (QUADRILATERAL, 1, (6, 4, 5, 7)), *squares()[2:]],
+    )
+    done = on_ranks(2, "-c", TWO_RANKS, str(shared_meshes() / "beam3d.geo"), str(pieces))
+    assert done.stdout.count("is right") == 2

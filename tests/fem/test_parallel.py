@@ -1,0 +1,228 @@
+"""The stages on the mesh give the same on two ranks as on one."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import needs_mpirun, on_ranks
+
+pytest.importorskip("dolfinx")
+
+CHAIN = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from support import beam_scene, enriched, make_solid
+from fenicsrom.fem.full import FullModel
+from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.stages import choose
+
+comm = MPI.COMM_WORLD
+method, target = sys.argv[1:]
+push = {"group": "tip", "direction": [0.2, 0.5, 1.0], "force": 40.0}
+shake = {"group": "load", "direction": [0.0, 1.0, 0.0], "force": 20.0, "frequency": 3.2}
+scene = beam_scene(
+    3, ("geometry.parameters.elements_along=8", "geometry.parameters.load_at=0.5", "geometry.parameters.width=0.03",
+        f"basis.method='{method}'", "basis.modes=2", "time.periods=3"),
+    loads=[shake, push],
+)
+solid = make_solid(scene)
+modes, theta, basis = enriched(solid, method, 2)
+model = project(solid, basis)
+full = FullModel(solid)
+kept = choose(solid, modes)
+force, energy = full.elastic_at(1e-2 * basis.vectors[:, 0])
+
+
+def gathered(block):
+    '''A block (local, k) as a table sorted by position and component: (all, 3 + 1 + k), on rank 0.'''
+    d = 3
+    x = solid.space.tabulate_dof_coordinates()[: solid.local // d]
+    rows = np.column_stack([np.repeat(x, d, axis=0).round(9), np.tile(np.arange(d), len(x)), block])
+    parts = comm.gather(rows)
+    if parts is None:
+        return None
+    rows = np.concatenate(parts)
+    return rows[np.lexsort(rows[:, 3::-1].T)]
+
+
+everything = [modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force]
+table = gathered(np.column_stack(everything))
+y, unit, compliance = full.responses(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
+known = [modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic]
+for other in comm.allgather(known):  # each rank knows the same
+    assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
+if comm.rank == 0:
+    np.savez(
+        target, ranks=comm.size, table=table, omega=modes.omega, energy=energy, compliance=compliance, mass=model.mass,
+        labels=basis.labels, loads=model.loads, offset=model.contact_offset, condition=modes.flexibility_condition,
+        kept=kept.derivatives, weights=list(kept.weights.values()), **model.elastic._asdict(),
+    )
+"""
+
+
+SCENE = str(Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml")
+SMALL = ["geometry.parameters.elements_along=10", "time.periods=2"]
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
+    """Errors and indicators of `fenicsrom compare`, each time against a full model of its own."""
+    lists = [
+        "compare.modes=[1]",
+        "compare.derivatives=['none', 'mmi-nls']",
+        "compare.methods=['rubin']",
+    ]
+    overrides = [part for item in (*SMALL, *lists) for part in ("--set", item)]
+    found = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        command = ["-m", "fenicsrom", "compare", SCENE, "--output", str(folder), *overrides]
+        done = on_ranks(ranks, *command, cache=tmp_path / f"cache{ranks}")
+        assert done.stdout.count("files:") == 1 and done.stderr.count("full model ..") == 1
+        found.append(json.loads((folder / "comparison.json").read_text()))
+    one, two = found
+    assert (one["full"]["ranks"], two["full"]["ranks"]) == (1, 2) and not two["full"]["cached"]
+    ours, theirs = (found["full"]["response"]["amplitude_m"]["tangential"] for found in (one, two))
+    assert theirs == pytest.approx(ours, rel=1e-7)
+    for a, b in zip(one["combinations"], two["combinations"], strict=True):
+        assert a["labels"] == b["labels"] and not a["failure"] and not b["failure"]
+        assert b["indicator"] == pytest.approx(a["indicator"], rel=1e-4)
+        for name, error in a["error_percent"].items():
+            assert b["error_percent"][name] == pytest.approx(error, rel=1e-2, abs=1e-4), name
+    assert one["combinations"][0]["error_percent"]["amplitude_tangential"] > 50.0
+    assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
+
+
+ALONE = """
+import sys
+from mpi4py import MPI
+from fenicsrom import cli
+from fenicsrom.errors import SceneError
+
+read = cli.read_scene
+def read_scene(*given):
+    if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
+        raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
+    return read(*given)
+cli.read_scene = read_scene
+sys.exit(cli.main(["run", sys.argv[1], "--output", sys.argv[3]]))
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_refuse_once(tmp_path: Path) -> None:
+    bad = tmp_path / "bad.toml"
+    bad.write_text("[geometry]\nmesh = 'x.geo'\n")
+    said = on_ranks(2, "-m", "fenicsrom", "run", str(bad), code=2).stderr
+    assert said.count("fenicsrom: ") == said.count("geometry.dimension is missing") == 1
+    said = on_ranks(
+        2, "-m", "fenicsrom", "run", SCENE, "--set", "geometry.parameters.height=-1", code=2
+    ).stderr
+    assert said.count("fenicsrom: ") == said.count("height") == 1
+
+
+@pytest.mark.slow
+@needs_mpirun
+@pytest.mark.parametrize(
+    ("sentence", "ranks", "expected"),
+    [
+        ("it is wrong", "0", ["it is wrong"]),
+        ("it is wrong", "1", ["it is wrong"]),
+        ("it is wrong", "0 1", ["it is wrong"]),
+        ("wrong on {rank}", "0 1", ["wrong on 0", "wrong on 1"]),
+    ],
+)
+def test_what_one_rank_refuses_is_said(
+    sentence: str, ranks: str, expected: list[str], tmp_path: Path
+) -> None:
+    """The rank that goes on is stopped: it would wait for the other."""
+    done = on_ranks(
+        2, "-c", ALONE, SCENE, sentence, str(tmp_path), *ranks.split(), code=2, timeout=100
+    )
+    assert (
+        sorted(line[11:] for line in done.stderr.splitlines() if line.startswith("fenicsrom: "))
+        == expected
+    )
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_write_what_moves_once(tmp_path: Path) -> None:
+    """Grids in pieces, contact points whole, an animation where it can be drawn; the same contact
+    points as of one rank."""
+    pyvista = pytest.importorskip("pyvista")
+    wanted = [
+        "output.motion=true",
+        "output.animation=true",
+        "output.pictures=false",
+        "reference.full=false",
+    ]
+    overrides = [part for item in (*SMALL, *wanted) for part in ("--set", item)]
+    frames = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        on_ranks(ranks, "-m", "fenicsrom", "run", SCENE, "--output", str(folder), *overrides)
+        reader = pyvista.get_reader(folder / "contact_points" / "contact_points.pvd")
+        reader.set_active_time_value(reader.time_values[20])
+        frames.append(reader.read()[0])
+        assert len(list((folder / "motion").glob("*_p1.vtu"))) == (60 if ranks == 2 else 0)
+        if shutil.which("xvfb-run"):
+            assert (folder / "motion.gif").read_bytes().startswith(b"GIF89a")
+    for name in frames[0].point_data:
+        np.testing.assert_allclose(frames[1][name], frames[0][name], rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.slow
+@needs_mpirun
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
+    results = []
+    for ranks in (1, 2):
+        target = tmp_path / f"{ranks}.npz"
+        on_ranks(ranks, "-c", CHAIN, method, str(target))
+        with np.load(target) as file:
+            results.append(dict(file))
+    one, two = results
+    assert (one["ranks"], two["ranks"]) == (1, 2)
+    np.testing.assert_allclose(two["omega"], one["omega"], rtol=1e-6)
+    assert list(one["labels"]) == list(two["labels"])
+    assert list(one["kept"]) == list(two["kept"])
+    np.testing.assert_allclose(two["weights"], one["weights"], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(two["energy"], one["energy"], rtol=1e-7)
+    np.testing.assert_allclose(two["offset"], one["offset"], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(two["condition"], one["condition"], rtol=1e-4)
+    close = 1e-7 * np.abs(one["compliance"]).max()
+    np.testing.assert_allclose(two["compliance"], one["compliance"], rtol=0, atol=close)
+    # node by node: modes, static modes, derivatives, basis, rows of the contact, equilibrium, force
+    # of the full model
+    a, b = one["table"], two["table"]
+    np.testing.assert_array_equal(a[:, :4], b[:, :4])
+    a, b = a[:, 4:], b[:, 4:]
+    signs = np.where(np.sum(a * b, axis=0) < 0, -1.0, 1.0)
+    error = np.abs(a - signs * b).max(axis=0) / np.abs(a).max(axis=0)
+    assert error.max() < 1e-5, error
+    # the polynomial, in the signs of the basis
+    n = one["mass"].shape[0]
+    vectors = slice(a.shape[1] - n - 5, a.shape[1] - 5)
+    s = signs[vectors]
+    i, j = np.triu_indices(n)
+    pair = s[i] * s[j]
+    flips = {
+        "force": s,
+        "stiffness": np.outer(s, s),
+        "mass": np.outer(s, s),
+        "quadratic": np.outer(pair, s),
+        "cubic": np.outer(pair, pair),
+        "loads": s[:, None],
+    }
+    for name, flip in flips.items():
+        assert one[name].shape == two[name].shape
+        close = 1e-5 * np.abs(one[name]).max()
+        np.testing.assert_allclose(flip * two[name], one[name], rtol=0, atol=close, err_msg=name)

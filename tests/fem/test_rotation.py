@@ -1,0 +1,802 @@
+"""A turning body: its forms, its equilibrium at speed, its frequencies against beam theory, and the
+Campbell diagram."""
+
+from __future__ import annotations
+
+import csv
+import json
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("dolfinx")
+
+from scipy.integrate import solve_bvp
+from support import (
+    STOCKY,
+    assert_tangent,
+    beam_scene,
+    dense,
+    enriched,
+    free_unknowns,
+    make_solid,
+    needs_mpirun,
+    on_ranks,
+    random_field,
+)
+
+from fenicsrom.assess import campbell as diagram
+from fenicsrom.cli import main
+from fenicsrom.errors import ConvergenceError, SceneError
+from fenicsrom.fem.full import FullModel
+from fenicsrom.online.archive import changed_key
+from fenicsrom.online.polynomial import elastic_force
+from fenicsrom.plan import plan
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
+from fenicsrom.scene import Place, parse_scene, scene_table
+
+Array = NDArray[np.float64]
+
+STEEL_DENSITY, STEEL_YOUNG = 7801.0, 207e9
+
+# Wright et al. (1982), recomputed for a uniform Euler-Bernoulli cantilever clamped on the axis:
+# omega L^2 sqrt(rho A / E I) of the first flap mode at eta = Omega L^2 sqrt(rho A / E I); lag^2 =
+# flap^2 - eta^2
+ETA = (0.0, 1.0, 2.0, 4.0, 8.0, 12.0)
+FLAP = (3.5160, 3.6816, 4.1373, 5.5850, 9.2568, 13.1702)
+LENGTH, HEIGHT = 2.54, 0.0254
+UNIT = np.sqrt(STEEL_YOUNG * HEIGHT**2 / 12.0 / (STEEL_DENSITY * LENGTH**4))  # rad/s
+RPM = 30.0 / np.pi
+
+TILTED = {
+    "speed_rpm": 4000.0,
+    "axis": [0.6, 0.0, 0.8],
+    "point": [-0.2, 0.1, 0.05],
+    "coriolis": True,
+}
+PUSH = [
+    {"group": "load", "direction": [0.0, 1.0, 0.0], "force": 20.0, "frequency": 3.2},
+    {"group": "tip", "direction": [0.2, 0.5, 1.0], "force": 2e5},
+]
+
+
+def gyroscopic_matrix(
+    dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
+) -> Any:
+    """A short turning beam on a tiny mesh."""
+    rotation = rotation or (
+        {"speed_rpm": 4000.0, "point": [-0.2, 0.1]} | ({"coriolis": True})
+        if dimension == 2
+        else TILTED
+    )
+    return beam_scene(dimension, (*STOCKY, *overrides), rotation=rotation, **tables)
+
+
+@pytest.fixture(scope="module", params=[2, 3])
+def spun(request: pytest.FixtureRequest) -> Any:
+    return make_solid(gyroscopic_matrix(request.param))
+
+
+@pytest.fixture(scope="module")
+def slender() -> Any:
+    """The paper's beam without Poisson's effect, clamped on the axis z, at rest."""
+    still = {"speed_rpm": 0.0, "axis": [0.0, 0.0, 1.0]}
+    sizes = ("geometry.parameters.elements_along=40", "material.poisson=0.0")
+    return make_solid(beam_scene(3, sizes, contacts=None, rotation=still))
+
+
+# ------------------------------------------------------------------ forms
+
+
+def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
+    u, directions = (
+        random_field(spun, 0.02),
+        np.array([random_field(spun, 0.02, seed) for seed in (1, 2, 3)]),
+    )
+    assert np.abs(spun.rotation.force(u)).max() > 0.0
+    assert_tangent(
+        lambda s: spun.energy(u + s @ directions),
+        lambda s: directions @ spun.internal_force(u + s @ directions),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+    assert_tangent(
+        lambda s: spun.internal_force(u + s @ directions),
+        lambda s: spun.tangent_times(u + s @ directions, directions.T),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+    # the centrifugal part apart, which the elastic one drowns
+    frame, q = spun.rotation, directions
+    assert_tangent(
+        lambda s: frame.energy(s @ q),
+        lambda s: -q @ frame.force(s @ q),
+        np.ones(3),
+        step=0.5,
+        tolerance=1e-10,
+    )
+    softening = spun.stiffness.copy()
+    softening.zeroEntries()
+    frame.soften(softening, 0.5)
+    keep = free_unknowns(spun)
+    assert_tangent(
+        lambda s: -0.5 * (q @ frame.force(s @ q)),
+        lambda s: (q[:, keep] @ dense(softening, keep)) @ q[:, keep].T,
+        np.ones(3),
+        step=0.5,
+        tolerance=1e-10,
+    )
+    matrix = spun.stiffness.copy()
+    spun.add_tangent(matrix, u, 0.3)
+    expected = dense(spun.stiffness, keep) + 0.3 * dense(spun.tangent(u), keep)
+    np.testing.assert_allclose(
+        dense(matrix, keep), expected, rtol=0, atol=1e-13 * np.abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
+    """u = x a: integrals over the box are closed forms."""
+    solid = make_solid(gyroscopic_matrix(dimension))
+    omega = 4000.0 / RPM
+    axis = np.array([0.6, 0.0, 0.8] if dimension == 3 else [0.0, 0.0, 1.0])
+    point, a, b = (
+        np.array([-0.2, 0.1, 0.05]),
+        np.array([0.2, -0.1, 0.3]),
+        np.array([-0.3, 0.25, 0.1]),
+    )
+    if dimension == 2:
+        point[2] = a[2] = b[2] = 0.0
+    x = solid.space.tabulate_dof_coordinates()[: solid.local // dimension, 0]
+    u, v = (np.outer(x, vector[:dimension]).ravel() for vector in (a, b))
+    normal = np.eye(3) - np.outer(axis, axis)
+    parameters = solid.scene.geometry.parameters
+    section = (
+        STEEL_DENSITY * parameters["height"] * 0.0254
+    )  # the width of beam3d.geo, the thickness of the plane beam
+    length = parameters["length"]
+    # int x, x^2 over the length; y and z have no mean
+    static = a @ normal @ (np.array([length**3 / 3.0, 0.0, 0.0]) - point * length**2 / 2.0)
+    potential = -section * omega**2 * (static + 0.5 * a @ normal @ a * length**3 / 3.0)
+    assert solid.rotation.energy(u) == pytest.approx(potential, rel=1e-12)
+    work = 2.0 * omega * section * length**3 / 3.0 * (a @ np.cross(axis, b))
+    assert u @ solid.gyroscopic_times(v[:, None])[:, 0] == pytest.approx(work, rel=1e-12)
+
+
+def test_gyroscopic_matrix_is_skew_and_grows_with_the_speed(spun: Any) -> None:
+    keep = free_unknowns(spun)
+    g = dense(spun.gyroscopic, keep)
+    assert np.abs(g).max() > 0.0
+    np.testing.assert_allclose(g, -g.T, rtol=0, atol=1e-14 * np.abs(g).max())
+    v = np.random.default_rng(3).standard_normal(keep.size)
+    assert abs(v @ g @ v) < 1e-12 * np.abs(v) @ np.abs(g) @ np.abs(v)  # no power
+    scene = spun.scene
+    back = make_solid(
+        replace(scene, rotation=replace(scene.rotation, speed_rpm=-0.5 * scene.rotation.speed_rpm))
+    )
+    np.testing.assert_allclose(
+        dense(back.gyroscopic, keep), -0.5 * g, rtol=0, atol=1e-14 * np.abs(g).max()
+    )
+    r = np.array([random_field(spun, 1.0, seed) for seed in range(4)]).T
+    np.testing.assert_allclose(
+        projected_gyroscopic(spun, r), r[keep].T @ g @ r[keep], rtol=1e-10, atol=1e-9
+    )
+
+
+def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
+    assert tiny_still.rotation is None and tiny_still.gyroscopic is None
+    assert not tiny_still.loaded
+    assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
+    stages = {stage.name: stage for stage in plan(tiny_still.scene)}
+    for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
+        assert not stages[name].runs
+    stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
+    for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
+        assert stages[name].runs
+    quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
+    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
+    assert make_solid(quiet).gyroscopic is None
+
+
+@pytest.fixture(scope="module")
+def tiny_still() -> Any:
+    return make_solid(beam_scene(2, STOCKY))
+
+
+# ------------------------------------------------------------------ equilibrium
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.3])
+def test_spinning_rod(slender: Any, speed: float) -> None:
+    """k L = `speed`, k^2 = rho Omega^2 / E: (S (1 + u'))' + k^2 (x + u) = 0, S = u' + u'^2/2, u(0)
+    = 0 = S(L).
+
+    Where strains are small that is u'' + k^2 (x + u) = 0: x + u = sin(k x) / (k cos(k L)).
+    """
+    k = speed / LENGTH
+    slender.spin(k * np.sqrt(STEEL_YOUNG / STEEL_DENSITY))
+    tip = slender.place(Place(group="tip"), "probe")[0] @ slender.equilibrium
+
+    def rates(x: Array, y: Array) -> Array:
+        u, e = y
+        return np.array([e, -(k**2) * (x + u) / (1.0 + 3.0 * e + 1.5 * e**2)])
+
+    start = np.linspace(0.0, LENGTH, 50)
+    exact = solve_bvp(
+        rates, lambda a, b: np.array([a[0], b[1]]), start, np.zeros((2, 50)), tol=1e-10
+    )
+    assert exact.success
+    assert tip[0] == pytest.approx(exact.sol(LENGTH)[0], rel=1e-4)
+    assert np.abs(tip[1:]).max() < 1e-9 * LENGTH
+    small = np.tan(speed) / k - LENGTH
+    assert tip[0] == pytest.approx(small, rel=1.5 * speed**2)
+    # without the growing lever, k^2 L^3 / 3, it would be less by 2/5 (k L)^2: what strains of this
+    # size change has the other sign
+    assert abs(exact.sol(LENGTH)[0] / small - 1.0) > 0.1 * speed**2
+    slender.spin(0.0)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> None:
+    scene = gyroscopic_matrix(
+        dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in PUSH]
+    )
+    solid = make_solid(scene)
+    assert solid.loaded
+    force = solid.internal_force(solid.equilibrium)
+    size = np.abs(solid.rotation.force(solid.equilibrium)).max()
+    np.testing.assert_allclose(force, solid.static_load, rtol=0, atol=1e-7 * size)
+    assert np.abs(solid.equilibrium).max() > 1e-4
+    slow = make_solid(replace(scene, rotation=replace(scene.rotation, speed_rpm=100.0)))
+    for rpm in (1500.0, 4000.0):
+        slow.spin(rpm / RPM)
+    scale = np.abs(solid.equilibrium).max()
+    np.testing.assert_allclose(slow.equilibrium, solid.equilibrium, rtol=0, atol=1e-8 * scale)
+    keep = free_unknowns(solid)
+    for name in ("stiffness", "gyroscopic"):
+        ours, theirs = dense(getattr(slow, name), keep), dense(getattr(solid, name), keep)
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * np.abs(theirs).max())
+    b = random_field(slow, 1.0)
+    np.testing.assert_allclose(
+        slow.stiffness_times(slow.factor.solve(b[:, None]))[:, 0], b, rtol=0, atol=1e-8
+    )
+    u = solid.static(1.2 * solid.static_load, solid.equilibrium)  # from a guess, at this speed
+    np.testing.assert_allclose(u, solid.static(1.2 * solid.static_load), rtol=0, atol=1e-8 * scale)
+
+
+def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
+    nonlinear, linear = (
+        make_solid(gyroscopic_matrix(3, f"geometrically_nonlinear={word}", loads=PUSH))
+        for word in ("true", "false")
+    )
+    np.testing.assert_array_equal(linear.equilibrium, nonlinear.equilibrium)
+    np.testing.assert_allclose(
+        linear.rest_force, linear.static_load, rtol=0, atol=1e-6 * np.abs(linear.static_load).max()
+    )
+    modes = component_modes(linear, "rubin", 2)
+    np.testing.assert_allclose(
+        modes.omega, component_modes(nonlinear, "rubin", 2).omega, rtol=1e-10
+    )
+    full = FullModel(linear)
+    q = 1e-3 * modes.normal[:, 0]
+    expected = linear.static_load + linear.stiffness_times(q)
+    np.testing.assert_allclose(
+        full.elastic_at(q)[0], expected, rtol=0, atol=1e-7 * np.abs(expected).max()
+    )
+
+
+def test_an_equilibrium_that_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    from fenicsrom.fem import solid
+
+    monkeypatch.setattr(solid, "STATIC_ITERATIONS", 1)
+    with pytest.raises(
+        ConvergenceError, match="beyond 0 % of the load and of the centrifugal force"
+    ):
+        make_solid(gyroscopic_matrix(2))
+
+
+# ------------------------------------------------------------------ frequencies
+
+
+def test_rotating_cantilever(slender: Any) -> None:
+    worst = 0.0
+    for eta, flap in zip(ETA, FLAP, strict=True):
+        slender.spin(eta * UNIT)
+        squares, modes = slender.eigenmodes(slender.factor, 2)
+        found = np.sqrt(squares) / UNIT
+        across = np.array([np.sum(modes[k::3] ** 2, axis=0) for k in range(3)])
+        assert np.argmax(across, axis=0).tolist() in ([1, 2], [2, 1])
+        lag = np.sqrt(flap**2 - eta**2)
+        if eta:
+            assert np.argmax(across, axis=0).tolist() == [
+                1,
+                2,
+            ]  # the softer one lies in the plane of rotation
+            assert found[1] ** 2 - found[0] ** 2 == pytest.approx(eta**2, rel=1e-3)
+        worst = max(worst, *np.abs(found / [lag, flap] - 1.0))
+        assert found == pytest.approx([lag, flap], rel=5e-4)
+    assert worst < 5e-4
+    slender.spin(0.0)
+
+
+@pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
+    scene = gyroscopic_matrix(
+        dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
+    )
+    solid = make_solid(scene)
+    assert np.abs(solid.equilibrium).max() > 1e-4
+    _, _, basis = enriched(solid, method, 2)
+    model, intrusive, r = project(solid, basis), project_intrusively(solid, basis), basis.vectors
+    n = basis.size
+    force, tangent = np.empty(n), np.empty((n, n))
+    rng = np.random.default_rng(2)
+    largest = solid.largest(r)
+    for size in (1e-3, 1e-2, 1e-1):
+        q = size * rng.standard_normal(n) / largest
+        u = solid.equilibrium + r @ q
+        energy = elastic_force(model.elastic, q, force, tangent)
+        # measured in coordinates that move the body alike
+        expected, expected_tangent = (
+            r.T @ solid.internal_force(u) / largest,
+            r.T @ solid.tangent_times(u, r),
+        )
+        assert np.abs(force / largest - expected).max() <= 1e-12 * np.abs(expected).max()
+        scale = np.outer(largest, largest)
+        assert (
+            np.abs((tangent - expected_tangent) / scale).max()
+            <= 1e-12 * np.abs(expected_tangent / scale).max()
+        )
+        ours, theirs = intrusive.elastic_at(q)
+        assert np.abs(ours / largest - expected).max() <= 1e-12 * np.abs(expected).max()
+        # `theirs` is a difference of two energies and has the digits that are left
+        assert energy == pytest.approx(
+            theirs, rel=1e-12, abs=1e-13 * abs(solid.energy(solid.equilibrium))
+        )
+    at_rest = r.T @ solid.static_load / largest  # what holds it at q = 0 are the static loads
+    centrifugal = np.abs(r.T @ solid.rotation.force(solid.equilibrium) / largest).max()
+    np.testing.assert_allclose(
+        model.elastic.force / largest, at_rest, rtol=0, atol=1e-7 * centrifugal
+    )
+
+
+def test_shaft_whirls(tmp_path: Path) -> None:
+    """A square shaft turning about its own axis: omega_0 - Omega and omega_0 + Omega in the turning
+    frame."""
+    still = {"speed_rpm": 0.0, "axis": [1.0, 0.0, 0.0], "coriolis": True}
+    sizes = ("geometry.parameters.elements_along=10",)
+    table = {"speeds_rpm": [0.0, 40.0, 80.0, 120.0, 160.0], "modes": 2, "engine_orders": [1]}
+    scene = beam_scene(3, sizes, contacts=None, rotation=still, campbell=table)
+    found = diagram.campbell(scene, world(), lambda line: None)
+    first = found.frequencies_hz[0, 0]
+    assert first == pytest.approx(found.frequencies_hz[0, 1], rel=1e-6)
+    assert 60.0 * first > 160.0
+    expected = first + np.outer(found.speeds_rpm / 60.0, [-1.0, 1.0])
+    np.testing.assert_allclose(
+        np.sort(found.frequencies_hz, axis=1), expected, rtol=0, atol=1e-4 * first
+    )  # (r/L)^2 = 8e-6
+    assert (
+        found.mac.min() > 0.99
+    )  # circular shapes are followed from the start, where any two will do
+    (critical,) = found.critical  # forwards omega_0 + Omega never meets Omega
+    assert critical.speed_rpm == pytest.approx(30.0 * first, rel=1e-4)
+    assert critical.frequency_hz == pytest.approx(0.5 * first, rel=1e-4)
+
+
+def test_complex_modes_solve_the_whole_problem(spun: Any) -> None:
+    """Against all eigenvalues of the dense matrices of the mesh."""
+    keep = free_unknowns(spun)
+    mass, stiffness, gyroscopic = (
+        dense(m, keep) for m in (spun.mass, spun.stiffness, spun.gyroscopic)
+    )
+    squares, shapes, change = diagram.modes_at_speed(spun, 4)
+    assert 0.0 <= change <= diagram.COMPLEX_TOLERANCE
+    n = keep.size
+    state = np.block(
+        [
+            [np.zeros((n, n)), np.eye(n)],
+            [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, gyroscopic)],
+        ]
+    )
+    values = np.linalg.eigvals(state)
+    expected = np.sort(values.imag[values.imag > 0.0])[:4]
+    np.testing.assert_allclose(np.sqrt(squares), expected, rtol=1e-7)
+    real, _ = spun.eigenmodes(spun.factor, 4)
+    assert np.abs(np.sqrt(real) / expected - 1.0).max() > 1e-4  # the Coriolis force changes them
+    for k in range(4):
+        phi = shapes[keep, k]
+        force = stiffness @ phi
+        residual = force + 1j * expected[k] * (gyroscopic @ phi) - squares[k] * (mass @ phi)
+        assert np.linalg.norm(residual) < 5e-6 * np.linalg.norm(force)
+
+
+@pytest.mark.parametrize("complex_shapes", [False, True])
+def test_modes_are_followed_through_a_meeting(complex_shapes: bool) -> None:
+    """Two modes of one frequency, returned as any combination of one another, are told apart by
+    what they were before."""
+    rng = np.random.default_rng(4)
+    shapes = rng.standard_normal((9, 4)) + 1j * complex_shapes * rng.standard_normal((9, 4))
+    shapes, _ = np.linalg.qr(shapes if complex_shapes else shapes.real)
+    mix, _ = np.linalg.qr(
+        rng.standard_normal((2, 2)) + 1j * complex_shapes * rng.standard_normal((2, 2))
+    )
+    mix = mix if complex_shapes else mix.real
+    body = SimpleNamespace(mass_inner=lambda a, b: a.T @ b)
+    # 2 has sunk beneath 0 and meets 1; 3 stays; 0 has risen above both
+    vectors = np.column_stack([shapes[:, [1, 2]] @ mix, shapes[:, 0], shapes[:, 3]])
+    squares, kept, mac = diagram.follow(
+        body, np.array([1.0, 4.0, 9.0, 16.0]), shapes, np.array([3.0, 3.0, 5.0, 17.0]), vectors
+    )
+    np.testing.assert_array_equal(squares, [5.0, 3.0, 3.0, 17.0])
+    np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(np.sum(kept.conj() * shapes, axis=0)), 1.0, rtol=1e-12)
+    # and where they part again, as combinations of the two that met
+    met, parted = np.array([1.0, 4.0, 4.0, 16.0]), shapes.copy()
+    parted[:, 1:3] = shapes[:, 1:3] @ mix
+    squares, _, mac = diagram.follow(body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted)
+    np.testing.assert_array_equal(np.sort(squares), [1.0, 3.0, 5.0, 17.0])
+    np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
+
+
+def test_modes_are_followed_through_a_crossing() -> None:
+    """Two bending modes of a flat beam, out of and in the plane of rotation, cross as the first
+    stiffens: shapes keep apart."""
+    sizes = (
+        "geometry.parameters.elements_along=10",
+        "geometry.parameters.height=0.0254",
+        "geometry.parameters.width=0.020",
+        "material.poisson=0.0",
+    )
+    top = 8.0 * UNIT * RPM
+    table = {
+        "speeds_rpm": {"first": 0.0, "last": top, "number": 9},
+        "modes": 2,
+        "engine_orders": [1, 2],
+    }
+    spin = {"speed_rpm": 0.0, "axis": [0.0, 0.0, 1.0]}
+    found = diagram.campbell(
+        beam_scene(3, sizes, contacts=None, rotation=spin, campbell=table),
+        world(),
+        lambda line: None,
+    )
+    flap, lag = found.frequencies_hz.T
+    assert flap[0] < lag[0] and flap[-1] > lag[-1]
+    assert found.mac.min() > 0.9 and not found.warnings
+    # lag^2 + Omega^2 of a height is flap^2 of it: both are nearly a + b Omega^2, the same b for
+    # each up to the section
+    slope = (
+        np.diff(found.frequencies_hz**2, axis=0) / np.diff((found.speeds_rpm / 60.0) ** 2)[:, None]
+    )
+    np.testing.assert_allclose(slope[:, 0] - slope[:, 1], 1.0, atol=0.02)
+    # every critical speed is one: the frequency there, computed afresh, is the engine order's
+    assert found.critical
+    for item in found.critical:
+        solid = make_solid(
+            beam_scene(3, sizes, contacts=None, rotation=spin | {"speed_rpm": item.speed_rpm})
+        )
+        exact = np.sqrt(solid.eigenmodes(solid.factor, 2)[0]) / (2.0 * np.pi)
+        assert np.abs(exact - item.frequency_hz).min() < 1e-3 * item.frequency_hz
+        assert item.frequency_hz == pytest.approx(item.order * item.speed_rpm / 60.0, rel=1e-9)
+
+
+def world() -> Any:
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
+
+
+@pytest.mark.parametrize("coriolis", [False, True])
+def test_a_body_pushed_inwards_buckles(coriolis: bool) -> None:
+    """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
+    table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
+    scene = gyroscopic_matrix(
+        2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
+    )
+    found = diagram.campbell(scene, world(), lambda line: None)
+    if coriolis:
+        assert found.speeds_rpm.tolist() == [0.0, 500.0]
+        assert "at 5000 rpm: complex modes: the equilibrium is unstable" in str(found.unfinished)
+        return
+    assert found.unfinished is None
+    assert (
+        0.0 < found.frequencies_hz[1, 0] < found.frequencies_hz[0, 0] and found.squares[2, 0] < 0.0
+    )
+    assert found.warnings == ["mode 1 has omega^2 <= 0 at 5000 rpm: unstable"]
+
+
+def test_the_reduced_model_moves_as_the_full_one(small: Path, tmp_path: Path) -> None:
+    """At speed the tip swings by more than the beam's height: by the polynomial about the spinning
+    state, and on the mesh."""
+    shake = [
+        "loads.0.force=5e3",
+        "loads.0.frequency=40",
+        "material.mass_damping=100",
+        "time.periods=4",
+        "reference.full=true",
+    ]
+    options = [
+        word
+        for change in (*shake, "output.pictures=false", "output.paraview=false")
+        for word in ("--set", change)
+    ]
+    assert main(["run", str(small), "--output", str(tmp_path / "out"), *options]) == 0
+    found = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert max(found["response"]["full"]["amplitude_m"]["tangential"]) > 0.05
+    assert found["error_percent"]["amplitude_tangential"] < 0.1
+    for response in found["response"].values():
+        assert response["energy_imbalance"] < 1e-9
+    still = parse_scene(
+        tomllib.loads(SMALL_SCENE.replace("speed_rpm = 3000.0", "speed_rpm = 0.0")),
+        "test",
+        Path.cwd(),
+    )
+    at_rest = component_modes(make_solid(still), "rubin", 1).frequencies_hz[0]
+    assert found["frequencies_hz"][0] > 1.05 * at_rest
+
+
+# ------------------------------------------------------------------ scene and command
+
+
+@pytest.mark.parametrize(
+    ("dimension", "rotation", "sentence"),
+    [
+        (
+            2,
+            {"speed_rpm": 1.0, "axis": [0.0, 1.0]},
+            "rotation.axis = .*must not be given in two dimensions",
+        ),
+        (3, {"speed_rpm": 1.0}, "rotation.axis is missing: must be a vector along the axis"),
+        (3, {"speed_rpm": 1.0, "axis": [0.0, 1.0]}, "rotation.axis = .*must have 3 components"),
+        (3, {"speed_rpm": 1.0, "axis": [0.0, 0.0, 0.0]}, "rotation.axis = .*length above zero"),
+        (
+            2,
+            {"speed_rpm": 1.0, "point": [0.0, 1.0, 0.0]},
+            "rotation.point = .*must have 2 components",
+        ),
+        (2, {"speed_rpm": float("nan")}, "rotation.speed_rpm = NaN: must be a finite number"),
+        (2, {"point": [0.0, 1.0]}, "rotation.speed_rpm is missing"),
+        (2, {"speed_rpm": 1.0, "coriolis": 1}, "rotation.coriolis = 1: must be true or false"),
+        (2, {"speed": 1.0}, "rotation.speed = 1.0: unknown key, did you mean speed_rpm"),
+    ],
+)
+def test_rotations_that_are_refused(dimension: int, rotation: Any, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        beam_scene(dimension, rotation=rotation)
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ({"speeds_rpm": [0.0]}, "must be a list of at least two speeds"),
+        (
+            {"speeds_rpm": [0.0, 100.0, 100.0]},
+            r"campbell.speeds_rpm\[2\] = 100.0: must be above the speed before it, 100",
+        ),
+        (
+            {"speeds_rpm": [-1.0, 100.0]},
+            r"campbell.speeds_rpm\[0\] = -1.0: must be a finite number of at least 0",
+        ),
+        ({"speeds_rpm": {"first": 0.0, "last": 9.0}}, "campbell.speeds_rpm.number is missing"),
+        (
+            {"speeds_rpm": {"first": 9.0, "last": 9.0, "number": 3}},
+            "campbell.speeds_rpm.last = 9.0: must be above first, 9",
+        ),
+        ({"modes": 0}, "campbell.modes = 0"),
+        ({"engine_orders": []}, "campbell.engine_orders"),
+        (
+            {"engine_orders": [1, 1]},
+            r"campbell.engine_orders\[1\] = 1: must not stand in the list twice",
+        ),
+    ],
+)
+def test_diagrams_that_are_refused(table: Any, sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        beam_scene(2, rotation={"speed_rpm": 100.0}, campbell=table)
+
+
+def test_scene_comes_back_from_its_table() -> None:
+    scene = gyroscopic_matrix(3, campbell={"speeds_rpm": {"first": 0.0, "last": 9.0, "number": 4}})
+    assert scene.campbell.speeds_rpm == (0.0, 3.0, 6.0, 9.0)
+    assert scene.rotation.omega == pytest.approx(4000.0 * 2.0 * np.pi / 60.0)
+    assert parse_scene(json.loads(json.dumps(scene_table(scene))), "test", None) == scene
+    assert gyroscopic_matrix(2).rotation.point == (-0.2, 0.1)
+    assert beam_scene(2, rotation={"speed_rpm": 1.0}).rotation.point == (0.0, 0.0)
+    other = replace(scene, rotation=replace(scene.rotation, speed_rpm=1.0))
+    assert changed_key(scene, other) == "rotation"  # a stored model is of one speed
+
+
+def test_beam_model_does_not_turn() -> None:
+    section = {"length": 1.0, "height": 0.1, "width": 0.1, "load_at": 0.5}
+    with pytest.raises(SceneError, match=r"reference.beam = true: must be false with \[rotation\]"):
+        beam_scene(
+            2, rotation={"speed_rpm": 1.0}, reference={"beam": True, "beam_section": section}
+        )
+
+
+SMALL_SCENE = """
+title = "a small rotor"
+[geometry]
+mesh = "beam2d.geo"
+dimension = 2
+thickness = 0.02
+[geometry.parameters]
+length = 1.0
+height = 0.05
+elements_along = 4
+load_at = 0.5
+[material]
+young = 207e9
+poisson = 0.3
+density = 7800.0
+[[supports]]
+group = "root"
+[[loads]]
+group = "tip"
+direction = [0.0, 1.0]
+force = 1.0
+frequency = 10.0
+[rotation]
+speed_rpm = 3000.0
+[campbell]
+modes = 2
+engine_orders = [1, 2]
+"""
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    path = tmp_path / "rotor.toml"
+    path.write_text(SMALL_SCENE)
+    return path
+
+
+@pytest.mark.parametrize("coriolis", ["false", "true"])
+def test_campbell_command(small: Path, tmp_path: Path, capsys: Any, coriolis: str) -> None:
+    folder = tmp_path / "out"
+    assert (
+        main(
+            [
+                "campbell",
+                str(small),
+                "--output",
+                str(folder),
+                "--set",
+                f"rotation.coriolis={coriolis}",
+            ]
+        )
+        == 0
+    )
+    printed, progress = capsys.readouterr()
+    assert "3000 rpm: " in progress and progress.count(" rpm: ") == 13
+    assert "2 modes at 13 speeds from 0 to 3000 rpm" in printed
+    files = ["report.html", "campbell.json", "campbell.csv", "campbell.png"]
+    assert printed.splitlines()[-5:] == ["files:", *(f"  {folder / name}" for name in files)]
+    assert sorted(path.name for path in folder.iterdir()) == sorted(files)
+    found = json.loads((folder / "campbell.json").read_text())
+    frequencies = np.array(found["frequencies_hz"])
+    assert frequencies.shape == (13, 2) and found["speeds_rpm"][-1] == 3000.0
+    assert found["coriolis"] is (coriolis == "true") and (found["complex_change"] is None) is (
+        coriolis == "false"
+    )
+    assert found["unfinished"] is None
+    section = 0.05**2 / 12.0
+    assert frequencies[0, 0] == pytest.approx(
+        3.516 / (2.0 * np.pi) * np.sqrt(207e9 * section / 7800.0), rel=0.02
+    )
+    assert np.all(np.diff(frequencies, axis=0)[1:] > 0.0)
+    for item in found["critical_speeds"]:
+        assert item["frequency_hz"] == pytest.approx(item["order"] * item["speed_rpm"] / 60.0)
+        line = np.interp(item["speed_rpm"], found["speeds_rpm"], frequencies[:, item["mode"] - 1])
+        assert line == pytest.approx(item["frequency_hz"], rel=0.01)
+    with open(folder / "campbell.csv", newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == ["speed_rpm", "mode_1_hz", "mode_2_hz", "mode_1_mac", "mode_2_mac"]
+    np.testing.assert_allclose(np.array(rows[1:], float)[:, 1:3], frequencies)
+    page = (folder / "report.html").read_text()
+    assert (
+        "data:image/png" in page
+        and "Critical speeds" in page
+        and "http" not in page.replace("http-equiv", "")
+    )
+
+
+def test_campbell_command_says_no(small: Path, tmp_path: Path, capsys: Any) -> None:
+    def refused(*overrides: str) -> str:
+        options = [word for override in overrides for word in ("--set", override)]
+        assert main(["campbell", str(small), "--output", str(tmp_path / "out"), *options]) == 2
+        last = capsys.readouterr().err.splitlines()[-1]
+        assert last.startswith("fenicsrom: ")
+        return last
+
+    expected = (
+        "campbell.speeds_rpm is missing: must be speeds, as rotation.speed_rpm is not above 0"
+    )
+    assert expected in refused("rotation.speed_rpm=0")
+    assert "campbell.modes = 500: must be at most" in refused("campbell.modes=500")
+    assert "rotation.axis" in refused("rotation.axis=[1.0, 0.0]")
+    small.write_text(SMALL_SCENE.replace("[rotation]\nspeed_rpm = 3000.0\n", ""))
+    assert "rotation is missing: must be a table with the axis" in refused()
+
+
+def test_campbell_keeps_what_it_found(
+    small: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fenicsrom.fem.solid import Solid
+
+    spin = Solid.spin
+
+    def limited(self: Any, omega: float) -> None:
+        if omega * RPM > 1100.0:
+            raise ConvergenceError("static equilibrium: no convergence")
+        spin(self, omega)
+
+    monkeypatch.setattr(Solid, "spin", limited)
+    assert main(["campbell", str(small), "--output", str(tmp_path / "out")]) == 1
+    assert "campbell: at 1250 rpm: static equilibrium: no convergence" in capsys.readouterr().err
+    found = json.loads((tmp_path / "out" / "campbell.json").read_text())
+    assert (
+        found["speeds_rpm"] == [0.0, 250.0, 500.0, 750.0, 1000.0]
+        and "1250 rpm" in found["unfinished"]
+    )
+
+
+# ------------------------------------------------------------------ two ranks
+
+CHAIN = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from support import enriched
+from test_rotation import PUSH, make_solid, turning
+from fenicsrom.assess import campbell
+from fenicsrom.reduction.projection import project, projected_gyroscopic
+
+comm = MPI.COMM_WORLD
+scene = turning(3, "geometry.parameters.elements_along=6", loads=PUSH, campbell={"speeds_rpm": [0.0, 2000.0, 4000.0], "modes": 3})
+solid = make_solid(scene)
+modes, _, basis = enriched(solid, "rubin", 2)
+model = project(solid, basis)
+found = campbell.campbell(scene, comm, lambda line: None)
+gyroscopic = projected_gyroscopic(solid, basis.vectors)
+energy = solid.energy(0.5 * solid.equilibrium)
+largest = solid.largest(solid.equilibrium[:, None])
+known = [modes.omega, gyroscopic, energy, largest, found.frequencies_hz, found.mac, *model.elastic]
+for other in comm.allgather(known):  # each rank knows the same
+    assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
+if comm.rank == 0:
+    np.savez(
+        sys.argv[1], ranks=comm.size, omega=modes.omega, labels=basis.labels, gyroscopic=np.abs(gyroscopic), energy=energy,
+        largest=largest, diagram=found.frequencies_hz, mac=found.mac,
+        **{name: np.abs(values) for name, values in model.elastic._asdict().items()},
+    )
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_give_the_same(tmp_path: Path) -> None:
+    results = []
+    for ranks in (1, 2):
+        target = tmp_path / f"{ranks}.npz"
+        on_ranks(ranks, "-c", CHAIN, str(target))
+        with np.load(target) as file:
+            results.append(dict(file))
+    one, two = results
+    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+    assert list(one.pop("labels")) == list(two.pop("labels"))
+    for name in ("omega", "diagram", "energy", "largest"):
+        np.testing.assert_allclose(two.pop(name), one.pop(name), rtol=1e-7, err_msg=name)
+    for name, values in one.items():  # up to the signs of the basis
+        np.testing.assert_allclose(
+            two[name], values, rtol=0, atol=1e-5 * np.abs(values).max(), err_msg=name
+        )

@@ -1,0 +1,376 @@
+"""The solid: its forms against differences, its places and frames, statics against beam theory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import (
+    STOCKY,
+    assert_tangent,
+    beam_scene,
+    dense,
+    free_unknowns,
+    make_solid,
+    random_field,
+)
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.errors import SceneError
+from fenicsrom.online.surfaces import frame
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.scene import Place
+
+Array = NDArray[np.float64]
+
+TINY = (*STOCKY, "geometry.parameters.elements_along=2")
+KINDS = {
+    "plane stress": (2, ()),
+    "plane strain": (2, ("geometry.plane='strain'",)),
+    "triangles": (2, ("geometry.cells='simplex'",)),
+    "hexahedra": (3, ("geometry.parameters.width=0.15",)),
+    "tetrahedra": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'")),
+}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def tiny(request: pytest.FixtureRequest) -> Any:
+    """A stocky cantilever of two elements, of each kind."""
+    dimension, overrides = KINDS[request.param]
+    return make_solid(beam_scene(dimension, (*TINY, *overrides)))
+
+
+def positions(solid: Any) -> Array:
+    """(nodes, d) of the unknowns."""
+    d = solid.scene.geometry.dimension
+    return solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
+
+
+def affine(solid: Any, gradient: Array) -> Array:
+    """The displacement of a uniform gradient, on clamped unknowns too."""
+    return (positions(solid) @ gradient.T).ravel()
+
+
+# ------------------------------------------------------------------ forms
+
+
+def test_force_is_the_derivative_of_the_energy(tiny: Any) -> None:
+    u, directions = (
+        random_field(tiny, 0.02),
+        np.array([random_field(tiny, 0.02, seed) for seed in (1, 2, 3)]),
+    )
+    assert_tangent(
+        lambda s: tiny.energy(u + s @ directions),
+        lambda s: directions @ tiny.internal_force(u + s @ directions),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
+def test_tangent_is_the_derivative_of_the_force(tiny: Any) -> None:
+    u, directions = (
+        random_field(tiny, 0.02),
+        np.array([random_field(tiny, 0.02, seed) for seed in (1, 2, 3)]),
+    )
+    assert_tangent(
+        lambda s: tiny.internal_force(u + s @ directions),
+        lambda s: tiny.tangent_times(u + s @ directions, directions.T),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
+def test_a_multiple_of_the_tangent_is_added(tiny: Any) -> None:
+    keep = free_unknowns(tiny)
+    u = random_field(tiny, 0.02)
+    matrix = tiny.stiffness.copy()
+    tiny.add_tangent(matrix, u, 0.3)
+    expected = dense(tiny.stiffness, keep) + 0.3 * dense(tiny.tangent(u), keep)
+    np.testing.assert_allclose(
+        dense(matrix, keep), expected, rtol=0, atol=1e-12 * np.abs(expected).max()
+    )
+
+
+@pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
+def test_derivative_of_the_tangent_at_a_deformed_equilibrium(
+    bent: str, request: pytest.FixtureRequest
+) -> None:
+    solid = request.getfixturevalue(bent)
+    u, y = solid.equilibrium, random_field(solid, 0.02, 4)
+    directions = np.array([random_field(solid, 0.02, seed) for seed in (1, 2)])
+    exact = np.array([solid.tangent_derivative(x, y) for x in directions]).T
+    assert_tangent(
+        lambda s: solid.tangent_times(u + s @ directions, y[:, None])[:, 0],
+        lambda s: exact,
+        np.zeros(2),
+        step=0.5,
+        tolerance=1e-9,
+    )
+    by_difference = np.array([solid.tangent_difference(x, y) for x in directions]).T
+    np.testing.assert_allclose(by_difference, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+def test_matrices_are_symmetric_and_the_mass_is_right(tiny: Any) -> None:
+    keep = free_unknowns(tiny)
+    for matrix in (tiny.mass, tiny.stiffness, tiny.tangent(random_field(tiny, 0.02))):
+        values = dense(matrix, keep)
+        np.testing.assert_allclose(values, values.T, rtol=0, atol=1e-12 * np.abs(values).max())
+    assert np.linalg.eigvalsh(dense(tiny.stiffness, keep))[0] > 0
+    # the mass in a field linear in x, which is zero on the clamped unknowns: int rho x^2 = rho A
+    # L^3 / 3
+    parameters = {"width": 0.0254} | tiny.scene.geometry.parameters
+    ramp = affine(tiny, np.diag([1.0, *[0.0] * (tiny.scene.geometry.dimension - 1)]))
+    assert tiny.mass_inner(ramp[:, None], ramp[:, None])[0, 0] == pytest.approx(
+        7801.0 * parameters["height"] * parameters["width"] * parameters["length"] ** 3 / 3,
+        rel=1e-12,
+    )
+
+
+def test_rigid_rotation_is_free_of_stress(tiny: Any) -> None:
+    d = tiny.scene.geometry.dimension
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((d, d)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    rotation = affine(tiny, turn - np.eye(d)) + 0.1
+    stretched = affine(tiny, 0.01 * turn)
+    assert abs(tiny.energy(rotation)) < 1e-12 * tiny.energy(stretched)
+    assert (
+        np.abs(tiny.internal_force(rotation)).max()
+        < 1e-11 * np.abs(tiny.internal_force(stretched)).max()
+    )
+    # and the energy of a strained body does not change when it is turned
+    gradient = np.eye(d) + 0.05 * np.random.default_rng(1).standard_normal((d, d))
+    once = tiny.energy(affine(tiny, gradient - np.eye(d)))
+    assert tiny.energy(affine(tiny, turn @ gradient - np.eye(d))) == pytest.approx(once, rel=1e-12)
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+def test_plane_body_is_the_solid_one(plane: str) -> None:
+    flat = make_solid(
+        beam_scene(2, (*TINY, f"geometry.plane='{plane}'", "geometry.thickness=0.15"))
+    )
+    thick = make_solid(beam_scene(3, (*TINY, "geometry.parameters.width=0.15")))
+    gradient = np.array([[1.05, -0.02], [0.04, 1.03]])
+    green = 0.5 * (gradient.T @ gradient - np.eye(2))
+    full = np.eye(3)
+    full[:2, :2] = gradient
+    if plane == "stress":  # S_zz = 0: E_zz = -nu / (1 - nu) (E_xx + E_yy)
+        full[2, 2] = np.sqrt(1 - 2 * 0.28 / (1 - 0.28) * np.trace(green))
+    expected = thick.energy(affine(thick, full - np.eye(3)))
+    assert flat.energy(affine(flat, gradient - np.eye(2))) == pytest.approx(expected, rel=1e-12)
+
+
+# ------------------------------------------------------------------ statics
+
+
+@pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
+def test_small_load_bends_the_beam_as_timoshenko_says(dimension: int, tolerance: float) -> None:
+    load = {"group": "tip", "direction": [0, 1, 0][:dimension], "force": 1e-3, "frequency": 1.0}
+    solid = make_solid(
+        beam_scene(
+            dimension, ("geometry.parameters.elements_along=60",), loads=[load], contacts=None
+        )
+    )
+    tip = solid.probe_rows @ solid.static(1e-3 * solid.load_vectors[:, 0])
+    length, side, young = 2.54, 0.0254, 207e9
+    bending = 1e-3 * length**3 / (3 * young * side**4 / 12)
+    shear = 1e-3 * length / (5 / 6 * young / 2.56 * side**2)
+    assert tip[1] == pytest.approx(bending + shear, rel=tolerance)
+    assert np.abs(np.delete(tip, 1)).max() < 1e-6 * tip[1]
+
+
+def test_large_load_bends_the_beam_into_the_elastica() -> None:
+    # P L^2 / (E I) = 1: w / L = 0.30172, u / L = -0.05643 (Mattiasson 1981)
+    solid = make_solid(beam_scene(2, ("geometry.parameters.elements_along=60",)))
+    rows, _ = solid.place(Place(group="tip"), "probe")
+    force = 207e9 * 0.0254**4 / 12 / 2.54**2
+    along, across = rows @ solid.static(force * rows[1]) / 2.54
+    assert across == pytest.approx(0.30172, rel=1e-3)
+    assert along == pytest.approx(-0.05643, rel=1e-3)
+
+
+@pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
+def test_equilibrium_under_a_static_load(bent: str, request: pytest.FixtureRequest) -> None:
+    solid = request.getfixturevalue(bent)
+    static = solid.scene.loads[1].size * solid.load_vectors[:, 1]
+    assert solid.scene.loads[1].static and solid.loaded
+    force = solid.internal_force(solid.equilibrium)
+    assert np.abs(force - static).max() < 1e-8 * np.abs(static).max()
+    tip = solid.contact_rows @ solid.equilibrium
+    assert np.linalg.norm(tip[1:]) > 0.05  # a twentieth of its length
+    # the stiffness is the tangent there, the factor its inverse
+    keep = free_unknowns(solid)
+    k = dense(solid.stiffness, keep)
+    np.testing.assert_allclose(
+        k, dense(solid.tangent(solid.equilibrium), keep), rtol=0, atol=1e-13 * np.abs(k).max()
+    )
+    b = random_field(solid, 1.0)
+    x = solid.factor.solve(b[:, None])
+    np.testing.assert_allclose(solid.stiffness_times(x)[:, 0], b, rtol=0, atol=1e-8)
+    # it is not the linear answer
+    linear = make_solid(beam_scene_of(solid.scene, geometrically_nonlinear=False))
+    assert (
+        np.abs(linear.equilibrium - solid.equilibrium).max()
+        > 0.01 * np.abs(solid.equilibrium).max()
+    )
+
+
+def beam_scene_of(scene: Any, **changes: Any) -> Any:
+    """The scene with other values."""
+    from dataclasses import replace
+
+    return replace(scene, **changes)
+
+
+def test_geometrically_linear_equilibrium_is_one_solve(bent2d: Any) -> None:
+    linear = make_solid(beam_scene_of(bent2d.scene, geometrically_nonlinear=False))
+    static = linear.scene.loads[1].size * linear.load_vectors[:, 1]
+    np.testing.assert_allclose(
+        linear.stiffness_times(linear.equilibrium[:, None])[:, 0], static, rtol=0, atol=1e-6
+    )
+    keep = free_unknowns(linear)  # its stiffness is that of the undeformed body
+    np.testing.assert_array_equal(
+        dense(linear.stiffness, keep), dense(linear.tangent(np.zeros(linear.local)), keep)
+    )
+
+
+# ------------------------------------------------------------------ places
+
+
+def test_frames_are_right_handed() -> None:
+    rng = np.random.default_rng(0)
+    for d in (2, 3):
+        for normal in [*np.eye(d), *-np.eye(d), *rng.standard_normal((20, d))]:
+            unit = normal / np.linalg.norm(normal)
+            local = frame(unit)
+            np.testing.assert_allclose(local @ local.T, np.eye(d), atol=1e-14)
+            np.testing.assert_array_equal(local[0], unit)
+            assert np.linalg.det(local) == pytest.approx(1.0)
+    np.testing.assert_array_equal(frame(np.array([1.0, 0.0])), np.eye(2))
+    np.testing.assert_array_equal(
+        frame(np.array([1.0, 0.0, 0.0])), np.eye(3)
+    )  # a wall beyond the tip
+
+
+@pytest.mark.parametrize("group", ["tip", "load"])
+def test_mean_over_a_group(tiny: Any, group: str) -> None:
+    d = tiny.scene.geometry.dimension
+    rows, centroid = tiny.place(Place(group=group), "probe")
+    height = tiny.scene.geometry.parameters["height"]
+    assert rows.shape == (d, tiny.local)
+    np.testing.assert_allclose(centroid, [1.0 if group == "tip" else 0.5, 0, 0], atol=1e-12)
+    for k in range(d):  # weights sum to one, in each component
+        unit = np.zeros((tiny.local // d, d))
+        unit[:, k] = 1.0
+        np.testing.assert_allclose(rows @ unit.ravel(), np.eye(d)[k], atol=1e-12)
+    np.testing.assert_allclose(
+        rows @ affine(tiny, np.ones((d, d))), np.ones(d) * centroid.sum(), atol=1e-12
+    )
+    square = np.zeros((tiny.local // d, d))
+    square[:, 0] = positions(tiny)[:, 1] ** 2  # area-weighted: mean of y^2 = h^2 / 12
+    assert (rows @ square.ravel())[0] == pytest.approx(height**2 / 12, rel=1e-12)
+
+
+def test_centre_is_the_node_nearest_to_the_centroid(tiny: Any) -> None:
+    d = tiny.scene.geometry.dimension
+    rows, where = tiny.place(Place(group="tip", at="centre"), "probe")
+    node, at = tiny.place(Place(node=tuple(where[:d])), "probe")
+    np.testing.assert_array_equal(rows, node)
+    np.testing.assert_array_equal(where, at)
+    np.testing.assert_allclose(where, [1, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(rows @ positions(tiny).ravel(), where[:d], atol=1e-12)
+    assert np.count_nonzero(rows) == d and np.all(rows.sum(axis=1) == 1.0)
+
+
+def test_contact_rows_are_in_the_local_frame() -> None:
+    scene = beam_scene(2, (*TINY, "contacts.0.normal=[0.6, 0.8]"))
+    solid = make_solid(scene)
+    u = random_field(solid, 1.0)
+    rows, _ = solid.place(scene.contacts[0].place, "contacts[0]")
+    np.testing.assert_allclose(
+        solid.contact_rows @ u, [[0.6, 0.8], [-0.8, 0.6]] @ (rows @ u), rtol=1e-12
+    )
+
+
+def test_no_node_lies_there() -> None:
+    scene = beam_scene(
+        2,
+        (
+            *TINY,
+            "contacts.0={node=[1.0, 0.033], normal=[1.0, 0.0], preload=1.0, friction=0.5, "
+            "normal_stiffness=1.0, tangential_stiffness=1.0}",
+        ),
+    )
+    with pytest.raises(
+        SceneError,
+        match=r"contacts\[0\]\.node = \[1\.0, 0\.033\]: no node lies there; the nearest is",
+    ):
+        make_solid(scene)
+
+
+def test_a_place_named_twice_is_warned_of_once() -> None:
+    """Contact and probe are the same point, a load is another: two sentences, of which neither says
+    the same."""
+    place = {"nearest": [1.0, 0.09]}
+    shake = {"nearest": [0.5, 0.03], "direction": [0.0, 1.0], "force": 1.0, "frequency": 3.0}
+    solid = make_solid(beam_scene(2, TINY, contacts=contact_at(**place), loads=[shake]))
+    assert [warning.split(":")[1].split(".")[0] for warning in solid.warnings] == [
+        " contacts[0]",
+        " loads[0]",
+    ]
+    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows)
+    np.testing.assert_array_equal(
+        solid.place(Place(nearest=(1.0, 0.09)), "again")[0], solid.probe_rows
+    )
+    assert len(solid.warnings) == 2
+
+
+def contact_at(**place: Any) -> list[dict[str, Any]]:
+    stiffness = {"normal_stiffness": 1.0, "tangential_stiffness": 1.0}
+    return [place | stiffness | {"normal": [1.0, 0.0], "preload": 1.0, "friction": 0.5}]
+
+
+def test_clamped_contact_is_refused() -> None:
+    for place in ({"node": [0.0, 0.0]}, {"group": "root", "at": "centre"}):
+        with pytest.raises(
+            SceneError, match=r"contacts\[0\]: the node at \[0\.0, 0\.0\] is clamped"
+        ):
+            make_solid(beam_scene(2, TINY, contacts=contact_at(**place)))
+    solid = make_solid(beam_scene(2, TINY, contacts=contact_at(group="root")))
+    for method in ("rubin", "craig-bampton"):
+        with pytest.raises(
+            SceneError, match=r"contacts\[0\]: the supports forbid its motion along direction 1"
+        ):
+            component_modes(solid, method, 1)
+
+
+def test_contact_that_is_there_twice_is_refused() -> None:
+    solid = make_solid(beam_scene(2, TINY, contacts=2 * contact_at(group="tip")))
+    with pytest.raises(SceneError, match="two contact coordinates always move together"):
+        component_modes(solid, "rubin", 1)
+
+
+def test_piece_without_support_is_refused(tmp_path: Path) -> None:
+    geo = tmp_path / "two.geo"
+    geo.write_text(
+        'SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1}; Rectangle(2) = {2, 0, 0, 1, 1};\n'
+        'Physical Surface("solid") = {1, 2}; Physical Curve("root") = {4}; Physical Curve("tip") = {2};\n'
+        "Mesh.MeshSizeMax = 0.5;\n"
+    )
+    geometry = {"mesh": str(geo), "dimension": 2, "thickness": 1.0, "cells": "simplex"}
+    loads = [{"group": "tip", "direction": [0, 1], "force": 1.0, "frequency": 1.0}]
+    with pytest.raises(SceneError, match="1 connected piece of the mesh touches no support"):
+        make_solid(beam_scene(2, geometry=geometry, loads=loads, contacts=None))
+
+
+def test_linear_elements_lock_and_warn(beam2d: Any) -> None:
+    assert beam2d.warnings == []
+    for cells in ("structured", "simplex"):
+        linear = make_solid(beam_scene(2, ("geometry.degree=1", f"geometry.cells='{cells}'")))
+        assert any("linear elements lock" in warning for warning in linear.warnings)
+        assert component_modes(linear, "rubin", 1).frequencies_hz[0] > 2 * 3.28

@@ -1,0 +1,203 @@
+"""The polynomial of the elastic force against the mesh, and the reduced model against the full
+one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import (
+    STOCKY,
+    assert_tangent,
+    beam_scene,
+    enriched,
+    free_unknowns,
+    make_solid,
+    random_polynomial,
+)
+
+from fenicsrom.online.polynomial import (
+    ElasticPolynomial,
+    elastic_force,
+    elastic_polynomial,
+    pairs,
+    strain_products,
+)
+from fenicsrom.online.simulate import simulate
+from fenicsrom.reduction.basis import ReducedBasis
+
+Array = NDArray[np.float64]
+
+METHODS = ["rubin", "craig-bampton"]
+SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
+
+
+def evaluate(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array, float]:
+    """Force, tangent, energy."""
+    force, tangent = np.full(q.size, np.nan), np.full((q.size, q.size), np.nan)
+    energy = elastic_force(elastic, q, force, tangent)
+    return force, tangent, energy
+
+
+def test_pairs() -> None:
+    first, second = pairs(3)
+    assert list(zip(first, second, strict=True)) == [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_polynomial_is_the_energy_of_the_strain_point_by_point(dimension: int) -> None:
+    """Against the strain of each point, written out: E = sym(G) + G^T G / 2, with the gradient G =
+    G0 + sum q_i G_i."""
+    rng = np.random.default_rng(0)
+    points, n, lame, mu = 6, 3, 1.3, 0.7
+    weights, gradients = (
+        rng.uniform(0.5, 1, points),
+        0.4 * rng.standard_normal((points, 1 + n, dimension, dimension)),
+    )
+    # in two chunks, as the mesh gives them
+    chunks = [(weights[:2], gradients[:2]), (weights[2:], gradients[2:])]
+    elastic = elastic_polynomial(strain_products(chunks, lame, mu, n), n)
+
+    def energy(q: Array) -> float:
+        total = 0.0
+        for weight, g in zip(weights, gradients, strict=True):
+            h = g[0] + np.tensordot(q, g[1:], 1)
+            strain = 0.5 * (h + h.T + h.T @ h)
+            total += weight * (0.5 * lame * np.trace(strain) ** 2 + mu * np.sum(strain**2))
+        return total
+
+    q = rng.standard_normal(n)
+    _, tangent, value = evaluate(elastic, q)
+    assert value == pytest.approx(energy(q) - energy(np.zeros(n)), rel=1e-12)
+    assert_tangent(energy, lambda q: evaluate(elastic, q)[0], q, step=0.1, tolerance=1e-10)
+    assert_tangent(
+        lambda q: evaluate(elastic, q)[0],
+        lambda q: evaluate(elastic, q)[1],
+        q,
+        step=0.1,
+        tolerance=1e-10,
+    )
+    np.testing.assert_array_equal(tangent, tangent.T)
+    np.testing.assert_allclose(evaluate(elastic, np.zeros(n))[0], elastic.force, rtol=1e-14)
+
+
+def test_compiled_and_plain_python_agree() -> None:
+    elastic, q = random_polynomial(4), np.random.default_rng(1).standard_normal(4)
+    plain_force, plain_tangent = np.empty(4), np.empty((4, 4))
+    plain = elastic_force.py_func(elastic, q, plain_force, plain_tangent)
+    force, tangent, energy = evaluate(elastic, q)
+    assert energy == pytest.approx(plain, rel=1e-13)
+    np.testing.assert_allclose(force, plain_force, rtol=1e-13)
+    np.testing.assert_allclose(tangent, plain_tangent, rtol=1e-13)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SOLIDS)
+def test_polynomial_against_the_projected_force(
+    name: str, method: str, request: pytest.FixtureRequest
+) -> None:
+    from fenicsrom.reduction.projection import project, project_intrusively
+
+    solid = request.getfixturevalue(name)
+    _, _, basis = enriched(solid, method, 1)
+    exact, projected = project(solid, basis), project_intrusively(solid, basis)
+    rng = np.random.default_rng(2)
+    size = 0.1 * (2.54 if "beam" in name else 1.0) / np.abs(basis.vectors).max(axis=0)
+    for _ in range(5):
+        q = size * rng.standard_normal(basis.size)
+        force, tangent, energy = evaluate(exact.elastic, q)
+        nothing = np.zeros(basis.size), q, np.zeros(basis.size), 0.0, np.zeros(1), np.ones(1)
+        other, _ = projected.elastic_over_step(*nothing)
+        full = solid.equilibrium + basis.vectors @ q
+        other_tangent = solid.inner(basis.vectors, solid.tangent_times(full, basis.vectors))
+        # measured in the coordinates as they are scaled here
+        assert np.abs(size * (force - other)).max() <= 1e-12 * np.abs(size * other).max()
+        scale = np.outer(size, size)
+        assert (
+            np.abs(scale * (tangent - other_tangent)).max()
+            <= 1e-12 * np.abs(scale * other_tangent).max()
+        )
+        assert energy == pytest.approx(
+            solid.energy(full) - solid.energy(solid.equilibrium), rel=1e-12
+        )
+        assert projected.elastic_at(q)[1] == pytest.approx(energy, rel=1e-12)
+    for found in (exact, projected):
+        at_rest = found.contact_displacement(np.zeros(basis.size))
+        np.testing.assert_allclose(at_rest, solid.contact_rows @ solid.equilibrium)
+
+
+def test_parts_of_the_model(bent3d: Any) -> None:
+    from fenicsrom.reduction.projection import project
+
+    _, _, basis = enriched(bent3d, "rubin", 1)
+    model, q = project(bent3d, basis), 1e-3 * np.random.default_rng(3).standard_normal(basis.size)
+    u = bent3d.equilibrium + basis.vectors @ q
+    np.testing.assert_allclose(model.contact_displacement(q), bent3d.contact_rows @ u, rtol=1e-9)
+    np.testing.assert_allclose(model.probe_displacement(q), bent3d.probe_rows @ u, rtol=1e-9)
+    np.testing.assert_allclose(
+        model.mass, bent3d.mass_inner(basis.vectors, basis.vectors), rtol=1e-12
+    )
+    shake, push = bent3d.scene.loads
+    for time in (0.0, 0.01):
+        full = bent3d.load_vectors @ [shake.force * np.sin(2 * np.pi * 30.0 * time), push.force]
+        np.testing.assert_allclose(model.load(time), basis.vectors.T @ full, rtol=1e-10)
+    # at rest in the equilibrium the static load is balanced
+    force, _ = model.elastic_at(np.zeros(basis.size))
+    np.testing.assert_allclose(force, model.load(0.0), rtol=0, atol=1e-8 * np.abs(force).max())
+    assert model.size == basis.size and not model.linear and model.gauss_points == 2
+
+
+@pytest.mark.parametrize("nonlinear", [True, False])
+def test_all_unknowns_as_a_basis_give_the_full_model(nonlinear: bool) -> None:
+    """R = I, the contact node first: the reduced model moves as the full one does, with friction
+    and lift-off."""
+    from fenicsrom.fem.full import FullModel
+    from fenicsrom.reduction.projection import project
+
+    load = {"group": "tip", "direction": [0.3, 1.0], "force": 4e4, "frequency": 40.0}
+    push = {"group": "load", "direction": [0.0, 1.0], "force": 2e4}
+    touch = {
+        "group": "tip",
+        "at": "centre",
+        "normal": [1.0, 0.0],
+        "preload": 5e3,
+        "friction": 0.4,
+        "normal_stiffness": 2e8,
+        "tangential_stiffness": 1e7,
+    }
+    solid = make_solid(
+        beam_scene(
+            2,
+            (
+                *STOCKY,
+                "geometry.parameters.elements_along=2",
+                "geometry.parameters.height=0.05",
+                f"geometrically_nonlinear={str(nonlinear).lower()}",
+            ),
+            loads=[load, push],
+            contacts=[touch],
+            time={"periods": 2, "steps_per_period": 60, "steady_tolerance": 0},
+        )
+    )
+    keep = free_unknowns(solid)
+    node = [int(np.argmax(row)) for row in solid.contact_rows]
+    order = [*node, *[k for k in keep if k not in node]]
+    identity = np.zeros((solid.local, len(order)))
+    identity[order, range(len(order))] = 1.0
+    basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
+    one, other = (
+        simulate(model, solid.scene)
+        for model in (project(solid, basis, nonlinear), FullModel(solid))
+    )
+    assert one.steps == other.steps == 120
+    assert {-1, 0} <= set(one.state.ravel())
+    size = np.abs(one.displacement).max(axis=0)
+    np.testing.assert_allclose(
+        one.displacement / size, other.displacement / size, rtol=0, atol=2e-6
+    )
+    np.testing.assert_array_equal(one.state, other.state)
+    for name in ("kinetic", "elastic", "work", "friction_dissipation"):
+        a, b = getattr(one, name), getattr(other, name)
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * np.abs(a).max())

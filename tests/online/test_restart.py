@@ -1,0 +1,402 @@
+"""Restarts: a run that is stopped and goes on is the run that was not, bit for bit; files that do
+not fit are refused."""
+
+from __future__ import annotations
+
+import copy
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model, one_contact, random_model
+from test_contact import casing
+
+from fenicsrom.cli import main
+from fenicsrom.errors import SceneError
+from fenicsrom.online import archive, simulate
+from fenicsrom.online import checkpoints as restart
+from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.contact_state import OPEN, SLIP, STICK
+from fenicsrom.online.march import integrate
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.state import Checkpoint
+from fenicsrom.online.surfaces import Contacts
+from fenicsrom.post import results
+from fenicsrom.scene import Scene, Time
+
+DEMOS = Path(__file__).parents[2] / "demos"
+SCENE = DEMOS / "slip_liftoff_2d.toml"
+PERIOD = 2 * np.pi / 1.1
+FIELDS = (
+    "time",
+    "displacement",
+    "force",
+    "mean_force",
+    "gap",
+    "state",
+    "kinetic",
+    "elastic",
+    "contact_energy",
+    "work",
+    "damping_dissipation",
+    "friction_dissipation",
+    "point_rubbed",
+)
+
+
+def rubbing(surface: str) -> tuple[ReducedModel, Contacts]:
+    """A nonlinear model that sticks, slips and lifts off: at a plane, or in a casing that closes in
+    on it and turns."""
+    model = random_model(3, seed=5, masters=2, damping=0.2, force=2.0, omega=1.1)
+    if surface == "plane":
+        return model, one_contact(
+            preload=0.3, normal_stiffness=5.0, tangential_stiffness=8.0, friction=0.6
+        )
+    one, count = np.ones(1), PERIOD * 6.0
+    curved = casing(2, spin=0.3)._replace(
+        preload=0.0 * one,
+        normal_stiffness=5.0 * one,
+        tangential_stiffness=8.0 * one,
+        friction=0.6 * one,
+        centre=np.array([[-1.5, 0.0]]),
+        radius=1.7 * one,
+        times=np.array([0.0, count]),
+        approach=np.array([[0.0, 0.15]]),
+    )
+    return model, curved
+
+
+def scene_of(settings: Time) -> Scene:
+    """A scene with these settings, for the file to hold: the model is another."""
+    return replace(beam_scene(2), time=settings)
+
+
+class Stop(Exception):
+    """The run is stopped."""
+
+
+def stopped(
+    model: Any, contacts: Contacts, settings: Time, period: float | None, after: int, keep: Any
+) -> None:
+    """Run until the checkpoint of this number, counted from one, and hand that on."""
+    count = 0
+
+    def checkpoint(here: Checkpoint) -> None:
+        nonlocal count
+        count += 1
+        if count == after:
+            keep(here)
+            raise Stop
+
+    with pytest.raises(Stop):
+        integrate(model, contacts, settings, period, dimension=2, checkpoint=checkpoint)
+
+
+def assert_continued(motion: Motion, whole: Motion) -> None:
+    """A resumed motion is the end of the whole one, in every bit."""
+    rows = motion.time.size
+    assert 10 < rows < whole.time.size
+    for name in FIELDS:
+        np.testing.assert_array_equal(
+            getattr(motion, name), getattr(whole, name)[-rows:], err_msg=name
+        )
+    for name in ("steady", "periods", "steps", "rejected", "newton_iterations", "buckled"):
+        assert getattr(motion, name) == getattr(whole, name), name
+    for one, two in zip(_state(motion), _state(whole), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def _state(motion: Motion) -> list[Any]:
+    state = motion.end.state
+    return [*state._replace(touch=0.0, trial=0.0), *state.touch]
+
+
+@pytest.mark.parametrize("surface", ["plane", "casing"])
+@pytest.mark.parametrize(
+    "settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}], ids=["fixed", "adaptive"]
+)
+@pytest.mark.parametrize(
+    "scheme", ["average-acceleration", "generalised-alpha", "discrete-gradient"]
+)
+def test_three_periods_and_four_are_seven(
+    scheme: str, settings: dict[str, Any], surface: str, tmp_path: Path
+) -> None:
+    model, contacts = rubbing(surface)
+    radius = 0.8 if scheme == "generalised-alpha" else None
+    wanted = Time(
+        scheme=scheme, periods=7, steady_tolerance=0.0, spectral_radius=radius, **settings
+    )
+    path = tmp_path / "checkpoint.npz"
+    scene = scene_of(wanted)
+    whole = integrate(model, contacts, wanted, PERIOD, dimension=2)
+    assert {OPEN, SLIP} <= set(whole.state[whole.time > 3 * PERIOD].ravel())
+    assert surface == "casing" or STICK in whole.state
+    stopped(
+        model, contacts, wanted, PERIOD, 3, lambda here: save_checkpoint(path, model, scene, here)
+    )
+    motion = integrate(
+        model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
+    )
+    assert_continued(motion, whole)
+    assert motion.time[0] == pytest.approx(2 * PERIOD, rel=0.05)
+    # more periods than were asked for at first; and that the checkpoint was of use: from rest it is
+    # another motion
+    first = replace(wanted, periods=3)
+    short = integrate(model, contacts, first, PERIOD, dimension=2)
+    assert results.write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
+    longer = integrate(
+        model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
+    )
+    assert_continued(longer, whole)
+
+
+@pytest.mark.parametrize(
+    "settings", [{"step": 0.01}, {"tolerance": 1e-5}], ids=["fixed", "adaptive"]
+)
+def test_a_run_of_a_duration_goes_on(settings: dict[str, Any], tmp_path: Path) -> None:
+    model, contacts = rubbing("casing")
+    wanted = Time(scheme="discrete-gradient", duration=60.0, **settings)
+    scene = replace(scene_of(wanted), loads=())
+    whole = integrate(model, contacts, wanted, None, dimension=2)
+    path = tmp_path / "checkpoint.npz"
+    stopped(
+        model, contacts, wanted, None, 1, lambda here: save_checkpoint(path, model, scene, here)
+    )
+    motion = integrate(
+        model, contacts, wanted, None, dimension=2, resume=load_checkpoint(path, model, scene)
+    )
+    assert 0.0 < motion.time[0] < motion.time[-1] == 60.0
+    assert_continued(motion, whole)
+
+
+def test_the_full_model_goes_on_too() -> None:
+    pytest.importorskip("dolfinx")
+    from support import make_solid
+
+    from fenicsrom.fem.full import FullModel
+
+    scene = beam_scene(
+        2,
+        (
+            "time.periods=4",
+            "time.steps_per_period=40",
+            "time.steady_tolerance=0",
+            "geometry.parameters.elements_along=6",
+        ),
+    )
+    model, kept = FullModel(make_solid(scene)), []
+    whole = simulate.simulate(model, scene)
+    simulate.simulate(model, scene, checkpoint=lambda here: kept.append(copy.deepcopy(here)))
+    motion = simulate.simulate(model, scene, resume=kept[1])
+    assert_continued(motion, whole)
+
+
+# ------------------------------------------------------------------ the file
+
+
+@pytest.fixture
+def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
+    """A checkpoint after two periods of three."""
+    model, contacts = rubbing("plane")
+    settings = Time(periods=3, steady_tolerance=0.0, steps_per_period=20)
+    scene, path = scene_of(settings), tmp_path / "checkpoint.npz"
+    stopped(
+        model, contacts, settings, PERIOD, 2, lambda here: save_checkpoint(path, model, scene, here)
+    )
+    return path, model, scene
+
+
+def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
+    path, model, scene = stored
+    load_checkpoint(path, model, scene)
+    load_checkpoint(
+        path, model._replace(load_histories=linear_model(1.0, 1.0).load_histories), scene
+    )  # those are the scene's
+    for name in ("mass", "loads", "contact_rows", "probe"):
+        other = model._replace(**{name: np.nextafter(getattr(model, name), 9.0)})
+        with pytest.raises(SceneError, match="is a checkpoint of another reduced model"):
+            load_checkpoint(path, other, scene)
+    changes = {
+        "friction=0.4": "contacts",
+        "force=100": "loads",
+        "frequency=3.3": "loads",
+        "scheme='average-acceleration'": "time.scheme",
+        "steps_per_period=21": "time.steps_per_period",
+        "mass_damping=4": "material",
+    }
+    tables = {"contacts": "contacts.0.", "loads": "loads.0.", "material": "material."}
+    for change, key in changes.items():
+        other = beam_scene(2, (tables.get(key, "time.") + change,))
+        if not key.startswith("time"):
+            other = replace(other, time=scene.time)
+        else:
+            name = key.split(".")[1]
+            other = replace(other, time=replace(scene.time, **{name: getattr(other.time, name)}))
+        with pytest.raises(
+            SceneError,
+            match=f"checkpoint.npz: {key} is another than that of the run: only when it ends",
+        ):
+            load_checkpoint(path, model, other)
+    for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
+        load_checkpoint(path, model, replace(scene, time=replace(scene.time, **ends)))
+    with pytest.raises(SceneError, match=r"time.periods = 2: the run has come there already"):
+        load_checkpoint(path, model, replace(scene, time=replace(scene.time, periods=2)))
+
+
+def test_damaged_files_are_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
+    path, model, scene = stored
+    sound = path.read_bytes()
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    rng = np.random.default_rng(0)
+
+    def refused() -> None:
+        with pytest.raises(SceneError, match=r"^\S*checkpoint\.npz: [^\n]*$"):
+            load_checkpoint(path, model, scene)
+
+    for cut in (0, 1, 100, len(sound) // 2, len(sound) - 1):
+        path.write_bytes(sound[:cut])
+        refused()
+    for _ in range(200):  # a bit that flips is seen, or it is in what the format leaves unused
+        place = int(rng.integers(len(sound)))
+        path.write_bytes(
+            sound[:place] + bytes([sound[place] ^ 1 << int(rng.integers(8))]) + sound[place + 1 :]
+        )
+        try:
+            found = load_checkpoint(path, model, scene)
+        except SceneError as error:
+            assert "\n" not in str(error) and "checkpoint.npz" in str(error)
+        else:
+            np.testing.assert_array_equal(found.state.q, arrays["q"])
+    for name, array in arrays.items():
+        header = json.loads(str(arrays["header"]))
+        broken: list[Any] = [None, array[..., :0] if array.ndim else np.zeros(2), array.astype("U")]
+        if array.dtype == np.float64 and array.size:
+            broken.append(np.full_like(array, np.nan))
+        if name == "header":
+            wrong = ({"format": "?"}, {"spans": -1.5}, {"size": "a"}, {"scene": {}}, {"model": "0"})
+            broken = [
+                None,
+                np.array("{"),
+                *(np.array(json.dumps(header | change)) for change in wrong),
+            ]
+        for other in broken:
+            if other is not None and other.shape == array.shape and np.array_equal(other, array):
+                continue
+            np.savez(path, **{k: v for k, v in (arrays | {name: other}).items() if v is not None})
+            refused()
+    np.savez(path, **arrays | {"q": np.array([None])})  # pickled
+    refused()
+    path.unlink()
+    refused()
+
+
+# ------------------------------------------------------------------ the command
+
+
+QUICK = [
+    "--set",
+    "time.steady_tolerance=0",
+    "--set",
+    "basis.modes=1",
+    "--set",
+    "reference.full=false",
+    "--set",
+    "reference.beam=false",
+    "--set",
+    "output.pictures=false",
+    "--set",
+    "output.paraview=false",
+]
+
+
+def history(folder: Path) -> dict[str, Any]:
+    with np.load(folder / "history.npz") as file:
+        return {name: file[name] for name in file.files}
+
+
+def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With the stored model, and with the scene, whose model is made anew."""
+    pytest.importorskip("dolfinx")
+    short, long = (["--set", f"time.periods={count}"] for count in (3, 7))
+    for folder, periods in (("three", short), ("seven", long)):
+        assert main(["run", str(SCENE), "--output", str(tmp_path / folder), *QUICK, *periods]) == 0
+    assert "Resumed" not in capsys.readouterr().out
+    resume = ["--resume", str(tmp_path / "three" / "checkpoint.npz")]
+    stored = ["--from", str(tmp_path / "three" / "reduced_model.npz")]
+    whole = history(tmp_path / "seven")
+    for call in ([*stored, *resume, *long], [str(SCENE), *resume, *QUICK, *long]):
+        assert main(["run", *call, "--output", str(tmp_path / "on")]) == 0
+        assert "Resumed: what is shown starts at 0.62656" in capsys.readouterr().out
+        found = history(tmp_path / "on")
+        assert found["reduced_time"].size == 5 * 200
+        for name, array in found.items():
+            np.testing.assert_array_equal(array, whole[name][-len(array) :], err_msg=name)
+    wrong = {
+        "time.periods = 3: the run has come there already": [*stored, *resume],
+        "contacts is another than that of the run": [
+            *stored,
+            *resume,
+            *long,
+            "--set",
+            "contacts.0.friction=0.1",
+        ],
+        "--resume needs the model too": resume,
+    }
+    for sentence, call in wrong.items():
+        assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
+        assert sentence in capsys.readouterr().err
+
+
+def test_terminated_runs_leave_a_checkpoint(tmp_path: Path) -> None:
+    """A long run that is stopped from outside goes on, to the same end."""
+    pytest.importorskip("dolfinx")
+    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.EVERY = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
+    long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]
+    run = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            program,
+            "run",
+            str(SCENE),
+            "--output",
+            str(tmp_path),
+            *QUICK,
+            *long,
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    path = tmp_path / "checkpoint.npz"
+    for _ in range(1200):
+        if path.exists() or run.poll() is not None:
+            break
+        time.sleep(0.1)
+    run.send_signal(signal.SIGTERM)
+    assert "terminated" in run.communicate(timeout=60)[1] and run.returncode == 143
+    assert {file.name for file in tmp_path.iterdir()} == {"checkpoint.npz", "reduced_model.npz"}
+    model = archive.load_model(tmp_path / "reduced_model.npz").model
+    end = load_checkpoint(path, model, restart.load_scene(path))
+    assert end.spans >= 1
+    on = [
+        "run",
+        "--from",
+        str(tmp_path / "reduced_model.npz"),
+        "--resume",
+        str(path),
+        "--output",
+        str(tmp_path / "on"),
+        "--set",
+        f"time.periods={end.spans + 2}",
+    ]
+    assert main(on) == 0
+    assert history(tmp_path / "on")["reduced_time"][-1] == pytest.approx((end.spans + 2) / 3.2)

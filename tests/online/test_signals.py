@@ -1,0 +1,467 @@
+"""Time factors of the loads: each against its formula, and the motions they cause against what is
+known of them."""
+
+from __future__ import annotations
+
+import itertools
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import quad
+from support import linear_model
+
+from fenicsrom.errors import SceneError
+from fenicsrom.online import load_histories
+from fenicsrom.online.archive import changed_key
+from fenicsrom.online.load_histories import (
+    LoadHistories,
+    factors,
+    harmonic,
+    instants,
+    largest,
+    of_loads,
+    quarter_period,
+)
+from fenicsrom.online.march import integrate
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.scene import (
+    Load,
+    Place,
+    Pulse,
+    Scene,
+    Sweep,
+    Time,
+    override_table,
+    parse_scene,
+    scene_table,
+)
+
+Array = NDArray[np.float64]
+
+TABLE = ((0.5, 0.0), (1.0, 2.0), (1.5, -1.0), (3.0, -1.0))
+
+
+def load(**given: Any) -> Load:
+    return Load(place=Place(group="tip"), direction=(0.0, 1.0), **({"force": 3.0} | given))
+
+
+LOADS = [
+    load(frequency=2.0, phase=0.3),
+    load(force=-5.0),
+    load(frequency=2.0, harmonics=((1, 1.0, 0.2), (3, -0.5, 0.0), (5, 0.25, 1.0))),
+    load(pulse=Pulse(start=0.4, duration=0.2)),
+    load(table=TABLE),
+    load(frequency=2.0, sweep=Sweep(to=5.0, duration=1.5), phase=0.3),
+    load(frequency=8.0, sweep=Sweep(to=1.0, duration=1.5, kind="logarithmic")),
+]
+
+
+def at(found: LoadHistories, times: Any) -> Array:
+    """Factors (times, loads)."""
+    return np.array([factors(found, float(time)) for time in times])
+
+
+def test_each_factor_is_its_formula() -> None:
+    t = np.linspace(-0.5, 4.0, 451)
+    w = 2 * np.pi
+    inside = (t >= 0.4) & (t <= 0.6)
+    expected = [
+        3 * np.sin(2 * w * t + 0.3) * (t >= 0),
+        -5.0 + 0 * t,
+        3
+        * (np.sin(2 * w * t + 0.2) - 0.5 * np.sin(6 * w * t) + 0.25 * np.sin(10 * w * t + 1.0))
+        * (t >= 0),
+        3 * np.sin(np.pi * (t - 0.4) / 0.2) * inside,
+        3 * np.interp(t, *zip(*TABLE, strict=True)),
+    ]
+    found = at(of_loads(LOADS), t)
+    late = t >= 0.0
+    for k, curve in enumerate(expected):
+        np.testing.assert_allclose(found[late, k], curve[late], rtol=0, atol=1e-11)
+    assert found[late, 3].max() == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("index", "low", "high"), [(5, 2.0, 5.0), (6, 8.0, 1.0)])
+def test_the_frequency_of_a_sweep(index: int, low: float, high: float) -> None:
+    """The angle is the integral of the frequency, linear or logarithmic in time, and then of the
+    last one."""
+
+    def frequency(time: float) -> float:
+        share = min(time / 1.5, 1.0)
+        return low + (high - low) * share if index == 5 else low * (high / low) ** share
+
+    phase = 0.3 if index == 5 else 0.0
+    for time in (0.0, 0.2, 0.9, 1.5, 1.7, 3.1):
+        angle = (
+            phase + 2 * np.pi * quad(frequency, 0.0, time, points=[1.5] if time > 1.5 else None)[0]
+        )
+        assert factors(of_loads(LOADS), time)[index] == pytest.approx(3 * np.sin(angle), abs=1e-9)
+
+
+def test_compiled_and_plain_python_agree() -> None:
+    found = of_loads(LOADS)
+    for time in (0.0, 0.45, 0.5, 0.6, 1.2, 5.0):
+        plain = np.full(len(LOADS), np.nan)
+        load_histories.write_factors.py_func(found, time, plain)
+        np.testing.assert_allclose(factors(found, time), plain, rtol=1e-14, atol=1e-14)
+
+
+def test_the_largest_factor() -> None:
+    found = of_loads(LOADS)
+    bound = largest(found)
+    np.testing.assert_allclose(bound, [3.0, 5.0, 3 * 1.75, 3.0, 6.0, 3.0, 3.0])
+    seen = np.abs(at(found, np.linspace(0, 4, 8001))).max(axis=0)
+    assert np.all(seen <= bound * (1 + 1e-12))
+    np.testing.assert_allclose(np.delete(seen, 2), np.delete(bound, 2), rtol=1e-4)
+
+
+def test_where_steps_land_and_how_long_they_are() -> None:
+    found = of_loads(LOADS)
+    np.testing.assert_allclose(instants(found, 2.0), [0.4, 0.45, 0.5, 0.55, 0.6, 1.0, 1.5, 2.0])
+    assert quarter_period(found) == pytest.approx(1 / 40)  # of the fifth harmonic
+    assert quarter_period(of_loads(LOADS[5:])) == pytest.approx(1 / 32)
+    assert quarter_period(of_loads(LOADS[5:6])) == pytest.approx(1 / 20)
+    assert quarter_period(of_loads(LOADS[3:5])) == quarter_period(of_loads(LOADS[1:2])) == np.inf
+    assert instants(of_loads(()), 2.0).tolist() == [2.0] and largest(of_loads(())).size == 0
+    assert [load.quarter_period for load in LOADS] == pytest.approx(
+        [1 / 8, np.inf, 1 / 40, 0.05, np.inf, 1 / 20, 1 / 32]
+    )
+
+
+# ------------------------------------------------------------------ motions
+
+DAMPING, STIFFNESS = 0.4, 50.0
+FREE = no_contacts()
+
+
+def oscillator(found: LoadHistories) -> Any:
+    count = found.spans.shape[0]
+    return linear_model(
+        2.0, STIFFNESS, damping=DAMPING, loads=np.ones((1, count)), load_histories=found, probes=1
+    )
+
+
+def duhamel(force: Any, times: Array, breaks: list[float]) -> Array:
+    """x(t) = 1/(m w_d) int_0^t force(s) exp(-d/2 (t-s)) sin(w_d (t-s)) ds."""
+    wd = np.sqrt(STIFFNESS / 2.0 - DAMPING**2 / 4)
+
+    def response(t: float) -> float:
+        def kernel(s: float) -> float:
+            return force(s) * np.exp(-0.5 * DAMPING * (t - s)) * np.sin(wd * (t - s)) / (2.0 * wd)
+
+        ends = [0.0, *(b for b in breaks if b < t), t]
+        return sum(
+            quad(kernel, a, b, epsabs=1e-12, limit=200)[0] for a, b in itertools.pairwise(ends)
+        )
+
+    return np.array([response(t) for t in times])
+
+
+def run(found: LoadHistories, **time: Any) -> Motion:
+    return integrate(oscillator(found), FREE, Time(**time), None, dimension=1)
+
+
+@pytest.mark.parametrize("settings", [{"step": 1e-3}, {"tolerance": 1e-5}])
+def test_the_response_to_an_impact_is_duhamel_s_integral(settings: dict[str, float]) -> None:
+    found = of_loads([load(pulse=Pulse(start=0.3, duration=0.25))])
+    motion = run(found, duration=2.0, **settings)
+    part = np.arange(5, motion.time.size, max(1, motion.time.size // 25))
+    exact = duhamel(lambda s: factors(found, s)[0], motion.time[part], [0.3, 0.55])
+    np.testing.assert_allclose(
+        motion.displacement[part, 0, 0], exact, rtol=0, atol=2e-4 * np.abs(exact).max()
+    )
+
+
+@pytest.mark.parametrize("kind", ["pulse", "table"])
+@pytest.mark.parametrize("start", [0.0, 7.77])
+def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> None:
+    """An impact of a thousandth of the run: what it leaves is the free vibration of its impulse.
+
+    The tolerance is relative to the static response to the crest, which is forty times what the
+    impact leaves."""
+    short = 0.01
+    given = {"pulse": Pulse(start=start, duration=short)}
+    if kind == "table":
+        given = {"table": ((start, 0.0), (start + 0.5 * short, 1.0), (start + short, 0.0))}
+    motion = run(of_loads([load(**given)]), duration=10.0, tolerance=1e-4)
+    impulse = 3.0 * short * (2 / np.pi if kind == "pulse" else 0.5)
+    wd = np.sqrt(STIFFNESS / 2.0 - DAMPING**2 / 4)
+    late = motion.time > start + short
+    since = motion.time[late] - start - 0.5 * short
+    exact = impulse / (2.0 * wd) * np.exp(-0.5 * DAMPING * since) * np.sin(wd * since)
+    np.testing.assert_allclose(
+        motion.displacement[late, 0, 0], exact, rtol=0, atol=4e-4 * 3.0 / STIFFNESS
+    )
+    assert np.abs(exact).max() > 50 * 4e-4 * 3.0 / STIFFNESS and motion.steps < 600
+
+
+def test_adaptive_steps_do_not_meet_a_fast_load_at_its_zeros() -> None:
+    """A sine of 100 Hz over 100 s, a period of which is the first step of a run of no other
+    measure."""
+    found = of_loads([load(frequency=100.0, sweep=Sweep(to=100.0, duration=1.0))])
+    motion = run(found, duration=100.0, tolerance=1e-4)
+    w, wd = 200 * np.pi, np.sqrt(STIFFNESS / 2.0 - DAMPING**2 / 4)
+    early = motion.time < 2.0
+    assert np.diff(motion.time).max() <= 0.0025 * (1 + 1e-9)
+    # it starts as if struck by the mean impulse F / omega of the first half-period
+    exact = (
+        1.5
+        / (w * wd)
+        * np.exp(-0.5 * DAMPING * motion.time[early])
+        * np.sin(wd * motion.time[early])
+    )
+    np.testing.assert_allclose(
+        motion.displacement[early, 0, 0], exact, rtol=0, atol=0.05 * np.abs(exact).max()
+    )
+
+
+def test_the_response_to_harmonics_is_the_sum_of_theirs() -> None:
+    orders = ((1, 1.0, 0.2), (2, -0.5, 0.0), (5, 0.25, 1.0))
+    time = {"steps_per_period": 200, "periods": 3, "steady_tolerance": 0.0}
+    whole = integrate(
+        oscillator(of_loads([load(frequency=0.7, harmonics=orders)])),
+        FREE,
+        Time(**time),
+        1 / 0.7,
+        dimension=1,
+    )
+    parts = [
+        integrate(
+            oscillator(harmonic(3 * a, n * 0.7 * 2 * np.pi, phase)),
+            FREE,
+            Time(**time),
+            1 / 0.7,
+            dimension=1,
+        )
+        for n, a, phase in orders
+    ]
+    assert whole.steps == 600
+    together = sum(part.displacement for part in parts)
+    np.testing.assert_allclose(
+        whole.displacement, together, rtol=0, atol=1e-12 * np.abs(together).max()
+    )
+
+
+def test_a_dense_table_is_the_harmonic_it_was_made_from() -> None:
+    times = np.linspace(0.0, 2.0, 2001)
+    table = tuple(zip(times.tolist(), np.sin(2 * np.pi * 1.3 * times).tolist(), strict=True))
+    one = run(of_loads([load(table=table)]), duration=2.0, step=2e-3)
+    other = run(harmonic(3.0, 2 * np.pi * 1.3, 0.0), duration=2.0, step=2e-3)
+    np.testing.assert_allclose(
+        one.displacement, other.displacement, rtol=0, atol=1e-9 * np.abs(other.displacement).max()
+    )
+
+
+# ------------------------------------------------------------------ scenes
+
+SCENE = """
+geometrically_nonlinear = false
+[geometry]
+mesh = "beam2d.geo"
+dimension = 2
+thickness = 0.01
+[material]
+young = 207e9
+poisson = 0.28
+density = 7801
+[[supports]]
+group = "root"
+[[loads]]
+group = "load"
+direction = [0.0, 1.0]
+force = 100
+"""
+
+
+def parse(*overrides: str, text: str = SCENE, folder: Path | None = None) -> Scene:
+    return parse_scene(override_table(tomllib.loads(text), overrides, "s"), "s", folder)
+
+
+def refused(*overrides: str, text: str = SCENE, folder: Path | None = None) -> str:
+    with pytest.raises(SceneError) as caught:
+        parse(*overrides, text=text, folder=folder)
+    return str(caught.value)
+
+
+def test_a_table_is_read_into_the_scene(tmp_path: Path) -> None:
+    time = "time={duration=1.0, step=1e-3}"
+    for name, text in {
+        "a.csv": "time,factor\n0,0\n0.5,1\n1,-1\n",
+        "b.csv": "# measured\n t ; f\n0;0\n\n0.5 ; 1\n1;-1",
+        "c.txt": "0 0\n0.5\t1\n1 -1\n",
+    }.items():
+        (tmp_path / name).write_text(text)
+        (tmp_path / "beam2d.geo").touch()
+        scene = parse(f'loads.0.table="{name}"', time, folder=tmp_path)
+        assert scene.loads[0].table == ((0.0, 0.0), (0.5, 1.0), (1.0, -1.0))
+        assert scene.period is None and not scene.static_only
+        (tmp_path / name).unlink()
+        assert parse_scene(scene_table(scene), "s", tmp_path) == scene
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (
+            "t,f\n0,0\n1,x\n",
+            's: loads[0].table = "a.csv": line 3 = "1,x": must be two finite numbers, time in s and factor',
+        ),
+        ("0,0\n1,nan\n", "line 2 = [1.0, NaN]: must be two finite numbers"),
+        ("0,0\n1,1,1\n", "line 2 = [1.0, 1.0, 1.0]: must be two finite numbers"),
+        (
+            "0,0\n1,1\n1,2\n",
+            "line 3 = 1.0: times must increase from row to row, and the one before is 1",
+        ),
+        ("t,f\n0,0\n", "= 1: the number of rows must be from 2 to 1000000"),
+        ("", "= 0: the number of rows must be from 2 to 1000000"),
+        (b"\xff\xfe\x00", 's: loads[0].table = "a.csv": must be a text file that can be read'),
+        (None, 's: loads[0].table = "a.csv": must be a file in '),
+    ],
+)
+def test_a_table_that_is_refused(text: Any, sentence: str, tmp_path: Path) -> None:
+    (tmp_path / "beam2d.geo").touch()
+    if text is not None:
+        (tmp_path / "a.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+    found = refused('loads.0.table="a.csv"', "time={duration=1.0, step=1e-3}", folder=tmp_path)
+    assert sentence in found and found.startswith("s: loads[0].table")
+
+
+HARMONIC = "loads.0.frequency=2.0"
+TIME = "time={duration=1.0, step=1e-3}"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "sentence"),
+    [
+        (
+            ["loads.0.table=[[0, 1], [0, 2]]"],
+            "table[1] = 0.0: times must increase from row to row, and the one before is 0",
+        ),
+        (
+            ["loads.0.table=[[0, 1], 3]"],
+            "table[1] = 3: must be two finite numbers, time in s and factor",
+        ),
+        (["loads.0.table=3"], "table = 3: must be the name of a file, or rows [time, factor]"),
+        (
+            [HARMONIC, "loads.0.harmonics=[[0, 1, 0]]"],
+            "harmonics[0][0] = 0: must be an integer from 1 to 1000",
+        ),
+        (
+            [HARMONIC, "loads.0.harmonics=[[1, 1]]"],
+            "harmonics[0] = [1, 1]: must be [order, amplitude, phase]",
+        ),
+        (
+            [HARMONIC, "loads.0.harmonics=[]"],
+            "harmonics = []: must be a list of harmonics, each [order, amplitude, phase]",
+        ),
+        (
+            [HARMONIC, "loads.0.harmonics=[[2, 1, 0], [2, 1, 0]]"],
+            "harmonics[1][0] = 2: must not stand in the list twice",
+        ),
+        (
+            ["loads.0.harmonics=[[2, 1, 0]]"],
+            "harmonics = [[2, 1.0, 0.0]]: must not be given without frequency",
+        ),
+        (
+            ["loads.0.sweep={to=3, duration=1}"],
+            'sweep = {"to": 3.0, "duration": 1.0, "kind": "linear"}: must not be given '
+            "without frequency",
+        ),
+        (
+            [HARMONIC, 'loads.0.sweep={to=3, duration=1, kind="log"}'],
+            'sweep.kind = "log": must be "linear" or "logarithmic"',
+        ),
+        (
+            [HARMONIC, "loads.0.sweep={to=3}"],
+            "sweep.duration is missing: must be a finite number above 0",
+        ),
+        (
+            [HARMONIC, "loads.0.harmonics=[[2, 1, 0]]", "loads.0.sweep={to=3, duration=1}"],
+            'sweep = {"to": 3.0, "duration": 1.0, "kind": "linear"}: must not be given together with harmonics',
+        ),
+        (
+            [HARMONIC, "loads.0.harmonics=[[2, 1, 0]]", "loads.0.phase=1"],
+            "phase = 1.0: must not be given together with harmonics",
+        ),
+        (
+            [HARMONIC, "loads.0.pulse={duration=1}"],
+            'pulse = {"duration": 1.0, "start": 0.0}: must not be given together with frequency',
+        ),
+        (["loads.0.pulse={duration=0}"], "pulse.duration = 0: must be a finite number above 0"),
+        (
+            ["loads.0.pulse={duration=1}", "loads.0.table=[[0, 1], [1, 2]]"],
+            "table = [[0.0, 1.0], [1.0, 2.0]]: must not be given together with pulse",
+        ),
+        (["loads.0.traction=1"], "traction = 1.0: must not be given together with force"),
+    ],
+)
+def test_a_mistake_in_a_load_gets_its_sentence(overrides: list[str], sentence: str) -> None:
+    assert refused(*overrides, TIME) == f"s: loads[0].{sentence}"
+
+
+SWEEP = [HARMONIC, "loads.0.sweep={to=8.0, duration=1}"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "sentence"),
+    [
+        (
+            [*SWEEP, "time.periods=3"],
+            "time.periods = 3: must not be given as loads[0] does not repeat",
+        ),
+        (SWEEP, "time.duration is missing: must be a number above 0, as loads[0] does not repeat"),
+        (
+            [*SWEEP, "time.duration=1.0"],
+            "time.step is missing: must be a number above 0, or tolerance be given, as loads[0] "
+            "does not repeat",
+        ),
+        (
+            [*SWEEP, "time={duration=1.0, step=0.1}"],
+            "time.step = 0.1: must be at most 0.03125, a quarter of the shortest period "
+            "of loads[0]",
+        ),
+        (
+            ["loads.0.pulse={duration=0.1}", "time={duration=1.0, step=0.1}"],
+            "time.step = 0.1: must be at most 0.025, a quarter of the impact of loads[0]",
+        ),
+        (
+            ["time.step=0.1"],
+            "time.duration is missing: must be a number above 0, as no load has a frequency",
+        ),
+    ],
+)
+def test_a_mistake_in_the_times_gets_its_sentence(overrides: list[str], sentence: str) -> None:
+    assert refused(*overrides) == f"s: {sentence}"
+
+
+def test_what_a_stored_model_may_change_of_a_load() -> None:
+    made = parse(HARMONIC)
+    for change in (
+        "loads.0.frequency=5.0",
+        "loads.0.phase=0.1",
+        "loads.0.force=1.0",
+        "loads.0.harmonics=[[1, 1, 0], [2, 1, 0]]",
+    ):
+        assert changed_key(made, parse(HARMONIC, change)) is None
+    assert (
+        changed_key(made, parse(*SWEEP, TIME))
+        is changed_key(made, parse("loads.0.pulse={duration=0.1}", TIME))
+        is None
+    )
+    traction = "loads.0={group='load', direction=[0, 1], traction=100.0, frequency=2.0}"
+    assert changed_key(made, parse(traction)) == "loads[0].traction"
+    assert changed_key(made, parse()) == "loads[0]: a static load"
+    assert changed_key(made, parse(HARMONIC, "loads.0.direction=[1, 0]")) == "loads[0].direction"
+
+
+def test_what_repeats_and_what_is_still() -> None:
+    assert parse().static_only and parse().period is None
+    assert not parse(TIME).static_only
+    harmonics = parse(HARMONIC, "loads.0.harmonics=[[2, 1, 0], [3, 1, 0]]")
+    assert harmonics.period == 0.5 and harmonics.time.steps_per_period == 200
+    assert parse(*SWEEP, TIME).period is None

@@ -1,0 +1,165 @@
+"""The equilibrium under the preload, below and beyond the buckling load: Euler, the elastica, and
+the solid model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipk
+from support import linear_model, one_contact
+
+from fenicsrom.assess import stability
+from fenicsrom.online import equilibrium as statics
+from fenicsrom.online import simulate as online
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.scene import Scene
+
+Array = NDArray[np.float64]
+
+SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
+YOUNG, HEIGHT, LENGTH, CONTACT = 207e9, 0.0254, 2.54, 1e4
+AXIAL = YOUNG * HEIGHT**2
+SHEAR = 5 / 6 * AXIAL / (2 * 1.28)
+EULER = np.pi**2 * AXIAL * HEIGHT**2 / 12 / (4 * LENGTH**2)
+CRITICAL = EULER / (1 + EULER / SHEAR)  # Engesser
+MODELS = ["beam", "reduced", "full"]
+
+
+def scene(preload: float, *changes: str) -> Scene:
+    table, plain = stability.load(SCENE)
+    return stability.scene_of(
+        table, plain.source, SCENE.parent, (f"contacts.0.preload={preload!r}", *changes)
+    )
+
+
+@pytest.fixture(scope="module")
+def models() -> dict[str, Any]:
+    """The beam, the solid and the reduced model of the demo."""
+    pytest.importorskip("dolfinx")
+    return {name: stability.build(scene(40.0), name)[0] for name in MODELS}
+
+
+def press(model: Any, preload: float, *changes: str) -> tuple[Array, int, Array]:
+    """Equilibrium, unstable directions of the straight one, and displacement of the tip."""
+    wanted = scene(preload, *changes)
+    q, buckled = statics.equilibrium(model, contacts_of(wanted, model.points), 2)
+    return q, buckled, model.contact_displacement(q).copy()
+
+
+def elastica(preload: float) -> tuple[float, Array]:
+    """Force and displacement of the tip of a buckled cantilever pressed on by the spring of the
+    contact."""
+
+    def at(slope: float) -> tuple[float, Array]:
+        k = np.sin(slope / 2)
+        force = EULER * (2 * ellipk(k**2) / np.pi) ** 2
+        along = LENGTH * (2 * ellipe(k**2) / ellipk(k**2) - 2) - force * LENGTH / AXIAL
+        return force, np.array([along, 2 * k * LENGTH / ellipk(k**2)])
+
+    return at(brentq(lambda slope: preload + CONTACT * at(slope)[1][0] - at(slope)[0], 1e-6, 3.0))
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
+def test_below_the_buckling_load_the_beam_stays_straight(
+    models: dict[str, Any], name: str, ratio: float
+) -> None:
+    _, buckled, x = press(models[name], ratio * CRITICAL)
+    assert buckled == 0
+    shortening = ratio * CRITICAL / (AXIAL / LENGTH + CONTACT)
+    np.testing.assert_allclose(x, [-shortening, 0.0], atol=1e-3 * shortening)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(("ratio", "tolerance"), [(1.01, 0.08), (1.1, 0.01), (2.0, 0.003)])
+def test_beyond_it_the_beam_is_the_elastica(
+    models: dict[str, Any], name: str, ratio: float, tolerance: float
+) -> None:
+    """Its deflection grows with the root of the excess: just above the load an error of it by 0.2 %
+    is one of 7 %."""
+    model, preload = models[name], ratio * CRITICAL
+    q, buckled, x = press(model, preload)
+    force, exact = elastica(preload)
+    assert buckled == 1
+    assert x[1] == pytest.approx(
+        exact[1], rel=tolerance
+    )  # to the side that the load pushes to first
+    assert preload + CONTACT * x[0] == pytest.approx(force, rel=0.003)
+    # a minimum of the energy: below the straight state, and above nothing near it
+    contacts = contacts_of(scene(preload), model.points)
+    problem = statics._Statics(model, contacts, 2)
+    straight = problem.newton(np.zeros_like(q), 1.0, 0.0)
+    assert straight is not None and problem.unstable(straight) == 1 and problem.unstable(q) == 0
+    here = energy(model, q, preload)
+    assert here < energy(model, straight, preload) * (1 - 1e-6)
+    shape = q - straight
+    for part in (-0.3, -0.01, 0.01, 0.3):
+        assert energy(model, q + part * shape, preload) > here
+
+
+def energy(model: Any, q: Array, preload: float) -> float:
+    pushed = max(0.0, preload + CONTACT * model.contact_displacement(q)[0])
+    return model.elastic_at(q)[1] + pushed**2 / (2 * CONTACT)
+
+
+@pytest.mark.parametrize("name", ["beam", "full"])
+def test_the_buckling_load_is_euler_s(models: dict[str, Any], name: str) -> None:
+    """Found by bisection: that of the finite elements, to 0.3 % from above."""
+    found = brentq(
+        lambda preload: press(models[name], preload)[1] - 0.5,
+        0.98 * CRITICAL,
+        1.02 * CRITICAL,
+        xtol=0.5,
+    )
+    assert found / CRITICAL == pytest.approx(1.0, abs=3e-3)
+
+
+def test_the_basis_about_the_straight_state_holds_the_buckled_one(models: dict[str, Any]) -> None:
+    for ratio in (1.01, 1.1, 2.0):
+        x, exact = (press(models[name], ratio * CRITICAL)[2] for name in ("reduced", "full"))
+        assert np.linalg.norm(x - exact) < (1e-3 if ratio < 1.05 else 2e-4) * np.linalg.norm(exact)
+
+
+@pytest.mark.slow
+def test_a_basis_that_does_not_hold_it_is_refused() -> None:
+    """A soft beam, pressed far beyond its buckling load: no derivative is left out, but more modes
+    give another shape."""
+    pytest.importorskip("dolfinx")
+    table, plain = stability.load(SCENE)
+    case = stability.Case("buckled", "", ("material.young=1e3",))
+    found = stability.examine(case, table, plain.source, SCENE.parent)
+    assert (
+        found.buckled > 1
+        and found.verdict == stability.REFUSED
+        and "basis is too poor" in found.why
+    )
+
+
+def test_a_motion_starts_buckled_and_becomes_steady(models: dict[str, Any]) -> None:
+    preload = 1.1 * CRITICAL
+    wanted = scene(preload, "contacts.0.friction=0.1")
+    motion = online.simulate(models["reduced"], wanted)
+    assert motion.buckled == 1 and motion.steady
+    np.testing.assert_allclose(motion.displacement[0, 0], press(models["reduced"], preload)[2])
+    assert (
+        motion.displacement[:, 0, 1].min() > 0.5 * motion.displacement[0, 0, 1]
+    )  # about the buckled state
+    quiet = scene(preload, "loads.0.force=0", "time.periods=3")
+    still = online.simulate(
+        models["reduced"]._replace(load_histories=online.load_histories(quiet)), quiet
+    )
+    assert np.ptp(still.displacement[:, 0], axis=0).max() < 1e-9 * motion.displacement[0, 0, 1]
+
+
+def test_nothing_presses_nothing_moves() -> None:
+    """A contact with a gap, and one whose preload a linear spring carries."""
+    model = linear_model(np.eye(2), np.diag([3.0, 2.0]), masters=2)
+    for preload, gap, moved in ((0.0, 0.1, 0.0), (6.0, 0.0, -6.0 / (3.0 + 1.0))):
+        q, buckled = statics.equilibrium(model, one_contact(preload=preload, gap=gap), 2)
+        np.testing.assert_allclose(q, [moved, 0.0], atol=1e-14)
+        assert buckled == 0

@@ -1,0 +1,135 @@
+"""The basis: contact displacements first and exact, the rest orthonormal, dependent vectors named,
+nothing lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import enriched
+
+from fenicsrom.errors import AccuracyError
+from fenicsrom.reduction.basis import DEPENDENCE, build_basis
+
+Array = NDArray[np.float64]
+
+METHODS = ["rubin", "craig-bampton"]
+SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
+
+
+def inner(a: Array, b: Array) -> Array:
+    return a.T @ (WEIGHTS[:, None] * b)
+
+
+def same(values: Array) -> Array:
+    return values
+
+
+N = 12
+WEIGHTS = np.linspace(1.0, 3.0, N)
+ROWS = np.eye(2, N) + 0.1 * np.eye(2, N, 3)
+MASTERS = np.linalg.pinv(ROWS) + (np.eye(N) - np.linalg.pinv(ROWS) @ ROWS)[:, 5:7]
+
+
+def make(vectors: Array, labels: list[str], masters: Array = MASTERS) -> Any:
+    return build_basis("rubin", masters, ROWS, vectors, labels, inner, same)
+
+
+def test_identity_block_orthonormality_and_labels() -> None:
+    vectors = np.random.default_rng(0).standard_normal((N, 3)) * [1e-6, 1.0, 1e6]
+    basis = make(vectors, ["1V", "2V", "1V1V"])
+    assert basis.labels == ("1S", "2S", "1V", "2V", "1V1V")
+    assert (basis.size, basis.masters, basis.dropped, basis.method) == (5, 2, {}, "rubin")
+    np.testing.assert_allclose(ROWS @ basis.vectors, np.eye(2, 5), atol=1e-12)
+    np.testing.assert_array_equal(basis.vectors[:, :2], MASTERS)
+    np.testing.assert_allclose(inner(basis.vectors, basis.vectors)[2:, 2:], np.eye(3), atol=1e-12)
+    # in order: each is made of those before it
+    outside = vectors - projection(basis.vectors[:, :4]) @ vectors
+    np.testing.assert_allclose(outside[:, :2], 0.0, atol=1e-12)
+    assert np.linalg.norm(outside[:, 2]) > 1e4
+    assert 1.0 <= basis.condition < 100
+
+
+def projection(block: Array) -> Array:
+    q, _ = np.linalg.qr(block)
+    return q @ q.T
+
+
+def test_dependent_vectors_are_dropped_and_named() -> None:
+    rng = np.random.default_rng(1)
+    v, w, noise = rng.standard_normal((3, N))
+    vectors = np.stack(
+        [v, 5 * v + 1e-10 * noise, MASTERS @ [1.0, -2.0], v + 1e-3 * w, 0 * v, w], axis=1
+    )
+    basis = make(vectors, ["1V", "2V", "3V", "4V", "1V1V", "5V"])
+    assert basis.labels == ("1S", "2S", "1V", "4V")
+    assert set(basis.dropped) == {"2V", "3V", "1V1V", "5V"}
+    assert all(left <= DEPENDENCE for left in basis.dropped.values())
+    # what is measured is what a vector adds relative to its own size, whatever its unit
+    scaled = make(
+        vectors * [1e9, 1e-9, 1e9, 1e-9, 1.0, 1e9], ["1V", "2V", "3V", "4V", "1V1V", "5V"]
+    )
+    assert scaled.labels == basis.labels
+    np.testing.assert_allclose(scaled.vectors, basis.vectors, atol=1e-9)
+
+
+def test_masters_that_do_not_fit_the_rows_are_refused() -> None:
+    with pytest.raises(
+        AccuracyError, match="the rubin basis lost its structure: contact rows off by"
+    ):
+        make(np.random.default_rng(2).standard_normal((N, 1)), ["1V"], 1.001 * MASTERS)
+
+
+def test_no_contact_and_no_enrichment() -> None:
+    none = build_basis(
+        "rubin", np.zeros((N, 0)), np.zeros((0, N)), np.eye(N)[:, :2], ["1V", "2V"], inner, same
+    )
+    assert none.labels == ("1V", "2V") and none.masters == 0
+    np.testing.assert_allclose(inner(none.vectors, none.vectors), np.eye(2), atol=1e-14)
+    plain = make(np.zeros((N, 0)), [])
+    assert plain.labels == ("1S", "2S")
+    np.testing.assert_array_equal(plain.vectors, MASTERS)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SOLIDS)
+def test_basis_of_a_solid(name: str, method: str, request: pytest.FixtureRequest) -> None:
+    solid = request.getfixturevalue(name)
+    modes, theta, basis = enriched(solid, method, 2)
+    m, d = basis.masters, solid.scene.geometry.dimension
+    assert m == d and basis.labels[: m + 2] == (*(f"{k + 1}S" for k in range(d)), "1V", "2V")
+    np.testing.assert_allclose(solid.contact_rows @ basis.vectors, np.eye(m, basis.size), atol=1e-9)
+    gram = solid.mass_inner(basis.vectors, basis.vectors)
+    np.testing.assert_allclose(gram[m:, m:], np.eye(basis.size - m), atol=1e-9)
+    assert basis.size + len(basis.dropped) == m + 2 + theta.shape[1]
+    # nothing is lost: all vectors lie in the span, in the mass norm and relative to their size
+    block = np.concatenate([modes.normal, modes.static, theta], axis=1)
+    block = block / np.sqrt(np.diag(solid.mass_inner(block, block)))
+    outside = block - basis.vectors @ np.linalg.solve(gram, solid.mass_inner(basis.vectors, block))
+    assert np.sqrt(np.diag(solid.mass_inner(outside, outside))).max() < 2 * DEPENDENCE
+
+
+@pytest.mark.parametrize("name", ["beam2d", "bent3d"])
+def test_rubin_spans_modes_and_attachment_modes(name: str, request: pytest.FixtureRequest) -> None:
+    """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact, with any
+    number of modes."""
+    solid = request.getfixturevalue(name)
+    attachment = solid.factor.solve(solid.contact_rows.T.copy())
+    for count in (1, 4):
+        modes, _, basis = enriched(solid, "rubin", count, [])
+        k = solid.inner(basis.vectors, solid.stiffness_times(basis.vectors))
+        reduced = np.linalg.solve(k, solid.inner(basis.vectors, solid.contact_rows.T))
+        # the static compliance of the contact point from the reduced model is that of a solve
+        exact = solid.contact_rows @ attachment
+        np.testing.assert_allclose(
+            reduced[: basis.masters], exact, rtol=0, atol=1e-7 * np.abs(exact).max()
+        )
+        u = basis.vectors @ reduced
+        np.testing.assert_allclose(u, attachment, rtol=0, atol=1e-7 * np.abs(attachment).max())
+        # and the frequencies are those of its modes
+        squares = np.linalg.eigvals(
+            np.linalg.solve(solid.mass_inner(basis.vectors, basis.vectors), k)
+        )
+        np.testing.assert_allclose(np.sort(squares.real)[:count], modes.omega**2, rtol=1e-5)

@@ -1,0 +1,194 @@
+"""Component modes against dense linear algebra, and known frequencies of the paper's beam."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.linalg
+from numpy.typing import NDArray
+from support import STOCKY, beam_scene, dense, free_unknowns, make_solid
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.errors import SceneError
+from fenicsrom.reduction.modes import PAIR_TOLERANCE, component_modes
+
+Array = NDArray[np.float64]
+
+METHODS = ["rubin", "craig-bampton"]
+
+
+@pytest.fixture(scope="module")
+def stocky() -> Any:
+    """A short beam with 48 free unknowns, contact at a node."""
+    return make_solid(beam_scene(2, STOCKY))
+
+
+@pytest.fixture(scope="module", params=["plane", "bent", "two contacts"])
+def body(request: pytest.FixtureRequest) -> Any:
+    """Bodies small enough for dense matrices: contact at a node, about a deformed equilibrium, at
+    two points."""
+    if request.param == "plane":
+        return request.getfixturevalue("stocky")
+    if request.param == "bent":
+        return request.getfixturevalue("bent3d")
+    point = {"preload": 1.0, "friction": 0.5, "normal_stiffness": 1.0, "tangential_stiffness": 1.0}
+    both = [
+        point | {"group": "tip", "normal": [1.0, 0.0]},
+        point | {"node": [0.5, 0.1], "normal": [0.0, 1.0]},
+    ]
+    return make_solid(beam_scene(2, STOCKY, contacts=both))
+
+
+def matrices(solid: Any) -> tuple[NDArray[np.int64], Array, Array, Array]:
+    """Free unknowns, K, M and B of them."""
+    keep = free_unknowns(solid)
+    return keep, dense(solid.stiffness, keep), dense(solid.mass, keep), solid.contact_rows.T[keep]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_normal_modes_against_dense_eigenvectors(body: Any, method: str) -> None:
+    keep, k, m, b = matrices(body)
+    found = component_modes(body, method, 5)
+    z = scipy.linalg.null_space(b.T) if method == "craig-bampton" else np.eye(keep.size)
+    squares, vectors = scipy.linalg.eigh(z.T @ k @ z, z.T @ m @ z)
+    np.testing.assert_allclose(found.omega**2, squares[:5], rtol=1e-8)
+    # each lies in the span of the dense modes of its frequency, or of its pair
+    for column, square in zip(found.normal[keep].T, squares, strict=False):
+        same = z @ vectors[:, np.abs(squares / square - 1) < 2 * PAIR_TOLERANCE]
+        assert np.linalg.norm(same.T @ m @ column) == pytest.approx(1.0, abs=1e-8)
+    if method == "craig-bampton":
+        assert np.abs(b.T @ found.normal[keep]).max() < 1e-9 * np.abs(found.normal).max()
+    assert found.labels[:5] == ("1V", "2V", "3V", "4V", "5V")
+    assert found.labels[5:] == tuple(f"{n + 1}S" for n in range(b.shape[1]))
+    np.testing.assert_array_equal(
+        found.vectors, np.concatenate([found.normal, found.static], axis=1)
+    )
+    np.testing.assert_allclose(found.frequencies_hz, np.sqrt(squares[:5]) / (2 * np.pi), rtol=1e-8)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_normal_modes_are_orthogonal(beam3d: Any, method: str) -> None:
+    found = component_modes(beam3d, method, 6)
+    np.testing.assert_allclose(beam3d.mass_inner(found.normal, found.normal), np.eye(6), atol=1e-9)
+    stiffness = beam3d.inner(found.normal, beam3d.stiffness_times(found.normal))
+    scale = np.outer(found.omega, found.omega)
+    np.testing.assert_allclose(stiffness / scale, np.eye(6), atol=1e-5)
+
+
+def test_first_frequency_of_the_paper(beam2d: Any, beam3d: Any) -> None:
+    assert component_modes(beam2d, "rubin", 1).frequencies_hz[0] == pytest.approx(3.2800, rel=2e-4)
+    assert component_modes(beam3d, "rubin", 1).frequencies_hz[0] == pytest.approx(3.2867, rel=2e-4)
+
+
+def test_constraint_modes_of_a_node(stocky: Any) -> None:
+    keep, k, _, b = matrices(stocky)
+    found = component_modes(stocky, "craig-bampton", 1).static[keep]
+    masters = np.argmax(b, axis=0)
+    slaves = np.setdiff1d(np.arange(keep.size), masters)
+    assert np.array_equal(b[masters], np.eye(2))
+    np.testing.assert_allclose(found[masters], np.eye(2), atol=1e-10)
+    expected = -np.linalg.solve(k[np.ix_(slaves, slaves)], k[np.ix_(slaves, masters)])
+    np.testing.assert_allclose(found[slaves], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_constraint_modes_hold_the_others_and_are_loaded_at_the_contact_only(body: Any) -> None:
+    keep, k, _, b = matrices(body)
+    found = component_modes(body, "craig-bampton", 0).static[keep]
+    np.testing.assert_allclose(b.T @ found, np.eye(b.shape[1]), atol=1e-8)
+    forces = k @ found
+    beside = forces - b @ np.linalg.lstsq(b, forces, rcond=None)[0]
+    assert np.abs(beside).max() < 1e-9 * np.abs(k).max() * np.abs(found).max()
+
+
+@pytest.mark.parametrize("count", [0, 1, 4])
+def test_residual_flexibility_is_the_sum_over_the_modes_left_out(body: Any, count: int) -> None:
+    keep, k, m, b = matrices(body)
+    squares, vectors = scipy.linalg.eigh(k, m)
+    # whole pairs only: what is left out is then unique
+    count += int(
+        0 < count < squares.size and squares[count] / squares[count - 1] - 1 < 2 * PAIR_TOLERANCE
+    )
+    left = vectors[:, count:]
+    expected = left @ ((left.T @ b) / squares[count:, None])
+    found = component_modes(body, "rubin", count)
+    all_of_it = np.abs(vectors @ ((vectors.T @ b) / squares[:, None])).max()
+    np.testing.assert_allclose(found.static[keep], expected, rtol=0, atol=1e-8 * all_of_it)
+    # and from G the masters are those of Craig-Bampton
+    np.testing.assert_allclose(
+        found.masters, component_modes(body, "craig-bampton", 0).static, atol=1e-7
+    )
+
+
+def test_residual_flexibility_loses_its_condition_as_modes_are_added(stocky: Any) -> None:
+    conditions = [
+        component_modes(stocky, "rubin", count).flexibility_condition for count in (0, 10, 30)
+    ]
+    assert conditions[0] < 10
+    assert all(condition >= 1.0 for condition in conditions)
+
+
+@pytest.mark.parametrize("angle", [90.0, 30.0])
+@pytest.mark.parametrize("cells", ["structured", "simplex"])
+def test_pairs_of_the_square_section_face_the_load(cells: str, angle: float) -> None:
+    across = [0.0, float(np.sin(np.radians(angle))), float(np.cos(np.radians(angle)))]
+    load = {"group": "load", "direction": across, "force": 1.0, "frequency": 3.2}
+    solid = make_solid(
+        beam_scene(3, (f"geometry.cells='{cells}'", "contacts.0.at='mean'"), loads=[load])
+    )
+    for method in METHODS:
+        found = component_modes(solid, method, 4)
+        for pair in (0, 2):
+            apart = found.omega[pair + 1] / found.omega[pair] - 1
+            # tetrahedra are stiffer across one diagonal than the other
+            assert apart < (1e-6 if cells == "structured" else PAIR_TOLERANCE)
+            first, second = (solid.load_vectors[:, 0] @ found.normal[:, pair + n] for n in (0, 1))
+            assert first > 0
+            assert abs(second) < 1e-6 * first, (
+                f"{method} {cells}: {second / first:.1e} at {apart:.1e} apart"
+            )
+
+
+def test_a_pair_cut_by_the_number_of_modes_faces_the_load_too(beam3d: Any) -> None:
+    one, two = (component_modes(beam3d, "rubin", count).normal for count in (1, 2))
+    assert one.shape[1] == 1
+    np.testing.assert_allclose(one[:, 0], two[:, 0], atol=1e-6 * np.abs(one).max())
+    twist = beam3d.load_vectors[:, 0] @ two
+    assert abs(twist[1]) < 1e-6 * twist[0]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_signs_do_positive_work_with_the_load(beam2d: Any, method: str) -> None:
+    found = component_modes(beam2d, method, 6)
+    work = beam2d.load_vectors[:, 0] @ found.normal
+    moved = np.abs(work) > 1e-6 * np.abs(work).max()
+    assert moved.sum() >= 4
+    assert np.all(work[moved] > 0)
+
+
+def test_no_modes_and_too_many(stocky: Any) -> None:
+    none = component_modes(stocky, "craig-bampton", 0)
+    assert (
+        none.normal.shape == (stocky.local, 0)
+        and none.omega.size == 0
+        and none.labels == ("1S", "2S")
+    )
+    free = free_unknowns(stocky).size
+    with pytest.raises(
+        SceneError, match=f"basis.modes = {free + 1}: must be at most {free}, the number of free"
+    ):
+        component_modes(stocky, "rubin", free + 1)
+    with pytest.raises(SceneError, match=f"must be at most {free - 2}"):
+        component_modes(stocky, "craig-bampton", free)
+
+
+def test_without_contact_there_are_only_normal_modes() -> None:
+    solid = make_solid(beam_scene(2, STOCKY, contacts=None))
+    found = component_modes(solid, "rubin", 2)
+    assert (
+        found.labels == ("1V", "2V")
+        and found.static.shape[1] == 0
+        and found.flexibility_condition == 1.0
+    )
