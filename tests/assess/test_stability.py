@@ -330,7 +330,7 @@ def test_a_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> 
     single = replace(scene, time=once)
     assert estimates.step_errors(model, single, replace(motion, period=None)) == (np.inf, np.inf)
     still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
-    monkeypatch.setattr(simulate, "simulate", lambda *_: still)
+    monkeypatch.setattr(estimates, "simulate", lambda *_: still)
     assert estimates.step_errors(model, single, still) == (0.0, 0.0)
 
 
@@ -338,7 +338,7 @@ def test_long_steps_are_refused_by_name() -> None:
     model, scene, motion = oscillator(6)
     with pytest.raises(AccuracyError, match="steps_per_period = 6: the steps are too long"):
         verdicts.check_time_error(scene, estimates.step_errors(model, scene, motion).amplitude)
-    assert estimates.recommended_step(scene, 0.1).time.steps_per_period == 12
+    assert verdicts.recommended_step(scene, 0.1).time.steps_per_period == 12
     verdicts.check_time_error(scene, 0.9 * verdicts.TIME_ERROR)
     with pytest.raises(AccuracyError, match="no motion that settles"):
         verdicts.check_time_error(scene, float("inf"))

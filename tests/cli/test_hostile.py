@@ -260,7 +260,7 @@ def test_another_version_and_pickles_are_named(stored: Path, tmp_path: Path) -> 
     found = arrays(stored)
     header = json.loads(str(found["header"])) | {"format": "fenicsrom reduced model 9"}
     np.savez(tmp_path / "version.npz", **{**found, "header": np.array(json.dumps(header))})
-    assert "'fenicsrom reduced model 9': must be 'fenicsrom reduced model 2'" in str(
+    assert "'fenicsrom reduced model 9': must be 'fenicsrom reduced model 3'" in str(
         sentence(tmp_path / "version.npz")
     )
 

@@ -592,7 +592,7 @@ def test_energy_of_the_springs() -> None:
     here = zero_contact_state(2, 3)
     here.raw[:] = [10.0, -5.0]
     here.friction[:] = [[0.0, 3.0, 4.0], [0.0, 6.0, 0.0]]
-    assert energy(two, here) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
+    assert contact_energy(two, here) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
 
 
 def test_mean_normal_force_is_the_discrete_gradient_of_the_energy() -> None:
@@ -866,4 +866,4 @@ def test_an_impact_within_a_step_rubs_as_hard_as_it_pushes(stiffness: float, sha
 
 def test_no_contacts_are_none() -> None:
     assert all(values.shape[0] == 0 for values in no_contacts())
-    assert energy(no_contacts(), zero_contact_state(0, 2)) == 0.0
+    assert contact_energy(no_contacts(), zero_contact_state(0, 2)) == 0.0

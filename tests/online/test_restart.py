@@ -48,7 +48,7 @@ FIELDS = (
     "work",
     "damping_dissipation",
     "friction_dissipation",
-    "point_rubbed",
+    "point_friction_dissipation",
 )
 
 

@@ -156,7 +156,7 @@ def test_the_jenkins_loop_dissipates_its_area(uneven):
     stick = np.arccos(1 - 2 * limit / STIFFNESS / 8e-3) / np.pi
     if not uneven:
         assert measures.contact_fractions(case)["stick"] == pytest.approx(stick, abs=2e-3)
-    assert report.peak_normal_force(case) == pytest.approx(30.0)
+    assert measures.peak_normal_force(case) == pytest.approx(30.0)
 
 
 def test_lift_off_shows_in_fractions_and_peak_force():
@@ -165,7 +165,7 @@ def test_lift_off_shows_in_fractions_and_peak_force():
     assert measures.contact_fractions(case)["open"] == pytest.approx(
         np.arccos(0.6) / np.pi, abs=1e-3
     )
-    assert report.peak_normal_force(case) == pytest.approx(80.0, rel=1e-4)
+    assert measures.peak_normal_force(case) == pytest.approx(80.0, rel=1e-4)
 
 
 def test_without_contact_everything_is_open_and_nothing_rubs():
@@ -238,7 +238,7 @@ def test_each_point_has_its_peak_its_states_and_its_share_of_the_friction(dimens
     together = side_by_side(*cases)
     points = measures.point_summaries(together)
     for point, case in zip(points, cases, strict=True):
-        assert point["peak_normal_force_N"] == report.peak_normal_force(case)
+        assert point["peak_normal_force_N"] == measures.peak_normal_force(case)
         assert point["fraction"] == pytest.approx(measures.contact_fractions(case))
         assert point["dissipated_per_period_J"] == pytest.approx(
             measures.dissipated_per_period(case), rel=1e-6, abs=1e-9
@@ -262,7 +262,7 @@ def test_the_total_force_is_that_of_one_instant():
     )
     case = motion(time, np.zeros_like(force), force, np.zeros((401, 2), dtype=np.int8))
     assert (
-        report.peak_normal_force(case)
+        measures.peak_normal_force(case)
         == measures.peak_total_normal_force(case)
         == pytest.approx(30)
     )
