@@ -66,7 +66,7 @@ def main() -> None:
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     for dimension in (2, 3):
         scene = read_scene(HERE / f"slip_liftoff_{dimension}d.toml")
-        scene = replace(scene, time=replace(scene.time, periods=1, steady_tolerance=0.0))
+        scene = replace(scene, time=scene.time.changed(periods=1, steady_tolerance=0.0))
         solid = Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
         modes = component_modes(solid, "rubin", 1)
         selection = Selection(modes.labels, SIX[dimension], {}, {})

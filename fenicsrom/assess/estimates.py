@@ -22,7 +22,7 @@ from fenicsrom.reduction.derivatives import all_pairs
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import Derivatives, differentiate, enrich
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, StepsPerPeriod, Tolerance
 
 PHASES = 200  # at which two periods are compared
 
@@ -31,11 +31,18 @@ def refined(scene: Scene, factor: int = 2) -> Scene:
     """The scene with its step divided (or its tolerance, by the factor to the power 3)."""
     time = scene.time
     if time.tolerance is not None:
-        return replace(scene, time=replace(time, tolerance=time.tolerance / factor**3))
+        return replace(
+            scene, time=replace(time, stepping=Tolerance(tolerance=time.tolerance / factor**3))
+        )
     if time.steps_per_period is not None:
-        return replace(scene, time=replace(time, steps_per_period=time.steps_per_period * factor))
+        return replace(
+            scene,
+            time=replace(
+                time, stepping=StepsPerPeriod(steps_per_period=time.steps_per_period * factor)
+            ),
+        )
     assert time.step is not None
-    return replace(scene, time=replace(time, step=time.step / factor))
+    return replace(scene, time=time.changed(step=time.step / factor))
 
 
 def coarser(scene: Scene) -> Scene:
@@ -44,14 +51,15 @@ def coarser(scene: Scene) -> Scene:
     """
     time = scene.time
     if time.tolerance is not None:
-        return replace(scene, time=replace(time, tolerance=8.0 * time.tolerance))
-    if time.steps_per_period is not None:
         return replace(
-            scene, time=replace(time, steps_per_period=max(time.steps_per_period // 2, 2))
+            scene, time=replace(time, stepping=Tolerance(tolerance=8.0 * time.tolerance))
         )
+    if time.steps_per_period is not None:
+        steps = StepsPerPeriod(steps_per_period=max(time.steps_per_period // 2, 2))
+        return replace(scene, time=replace(time, stepping=steps))
     assert time.step is not None
     assert time.duration is not None
-    return replace(scene, time=replace(time, step=min(2.0 * time.step, time.duration)))
+    return replace(scene, time=time.changed(step=min(2.0 * time.step, time.duration)))
 
 
 class StepErrors(NamedTuple):

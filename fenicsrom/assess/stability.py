@@ -487,15 +487,6 @@ def scene_of(table: Mapping[str, Any], source: str, folder: Path, changes: Itera
     """
     plain = dict(table)
     plain["reference"] = {**plain.get("reference", {}), "full": False}
-    named = {change.partition("=")[0] for change in changes}
-    time = dict(plain.get("time", {}))
-    for given, other in (
-        ("time.tolerance", "steps_per_period"),
-        ("time.steps_per_period", "tolerance"),
-    ):
-        if given in named:
-            time.pop(other, None)
-    plain["time"] = time
     return parse_scene(override_table(plain, list(changes), source), source, folder)
 
 

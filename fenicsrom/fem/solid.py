@@ -572,7 +572,7 @@ class Solid:
         within = ~np.isin(facets[facets < count], boundary)
         if self.comm.allreduce(bool(np.any(within)), op=MPI.LOR):
             raise SceneError(
-                f"{self.scene.source}: {key}.pressure = {load.pressure:g}: must act on the boundary, and some of "
+                f"{self.scene.source}: {key}.pressure = {load.size:g}: must act on the boundary, and some of "
                 "these facets lie within the body"
             )
         return self._assembled(

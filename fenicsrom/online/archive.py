@@ -223,7 +223,7 @@ def rescene(stored: StoredModel, overrides: Sequence[str]) -> tuple[ReducedModel
 
     Args:
         stored: the model.
-        overrides: as for `fenicsrom.scene.schema.read_scene`, such as "loads.0.force=200".
+        overrides: as for `fenicsrom.scene.read_scene`, such as "loads.0.force=200".
 
     Returns:
         The model with its new time factors, and the new scene.
@@ -232,13 +232,6 @@ def rescene(stored: StoredModel, overrides: Sequence[str]) -> tuple[ReducedModel
         SceneError: an override is wrong, or changes what the model was built from.
     """
     table = scene_table(stored.scene)
-    named = {override.partition("=")[0].strip() for override in overrides}
-    for given, other in (
-        ("time.tolerance", "steps_per_period"),
-        ("time.steps_per_period", "tolerance"),
-    ):
-        if given in named:  # the table holds every default; one of the two excludes the other
-            table["time"] = {key: value for key, value in table["time"].items() if key != other}
     scene = parse_scene(
         override_table(table, overrides, stored.scene.source), stored.scene.source, None
     )

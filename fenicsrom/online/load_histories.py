@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import compiled, kernel
-from fenicsrom.scene import Load
+from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Static, Table
 
 # the columns of a sine
 AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH = range(8)
@@ -74,28 +74,25 @@ def _sine(
 
 def _parts(load: Load) -> tuple[list[list[float]], list[tuple[float, float]]]:
     """Sines and rows of the table of a load."""
-    size = load.size
-    if load.table is not None:
-        return [], [(time, size * factor) for time, factor in load.table]
-    if load.pulse is not None:
-        begin, length = load.pulse.start, load.pulse.duration
+    size, history = load.size, load.history
+    if isinstance(history, Table):
+        return [], [(time, size * factor) for time, factor in history.rows]
+    if isinstance(history, Pulse):
+        begin, length = history.pulse.start, history.pulse.duration
         return [_sine(size, math.pi / length, 0.0, start=begin, end=begin + length)], []
-    if load.frequency is None:
+    if isinstance(history, Static):
         return [_sine(size, 0.0, 0.5 * math.pi)], []
-    omega = 2.0 * math.pi * load.frequency
-    if load.harmonics is not None:
-        return [
-            _sine(size * amplitude, order * omega, phase)
-            for order, amplitude, phase in load.harmonics
-        ], []
-    if load.sweep is None:
-        return [_sine(size, omega, load.phase)], []
-    ramp, last = load.sweep.duration, 2.0 * math.pi * load.sweep.to
-    if load.sweep.kind == "linear":
-        return [_sine(size, omega, load.phase, ramp=ramp, slope=(last - omega) / ramp)], []
-    return [
-        _sine(size, omega, load.phase, ramp=ramp, growth=(math.log(last) - math.log(omega)) / ramp)
-    ], []
+    omega = 2.0 * math.pi * history.frequency
+    if isinstance(history, Harmonics):
+        terms = history.harmonics
+        return [_sine(size * factor, order * omega, phase) for order, factor, phase in terms], []
+    if isinstance(history, Harmonic):
+        return [_sine(size, omega, history.phase)], []
+    ramp, last = history.sweep.duration, 2.0 * math.pi * history.sweep.to
+    if history.sweep.kind == "linear":
+        return [_sine(size, omega, history.phase, ramp=ramp, slope=(last - omega) / ramp)], []
+    growth = (math.log(last) - math.log(omega)) / ramp
+    return [_sine(size, omega, history.phase, ramp=ramp, growth=growth)], []
 
 
 def _joined(

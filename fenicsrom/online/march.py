@@ -276,7 +276,7 @@ def integrate(
         model: a `ReducedModel` or any `Model`.
         contacts: parameters of the P contact points, in the order of the model's contact
         displacements.
-        settings: a `fenicsrom.scene.schema.Time`: scheme, step or tolerance, periods, steady tolerance, or
+        settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady tolerance, or
         duration.
         period: of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.

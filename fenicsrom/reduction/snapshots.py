@@ -60,10 +60,9 @@ def linear_snapshots(solid: Structure, modes: ComponentModes) -> Array:
         solid.comm.allreduce,
     )
     coarse = scene.time.steady_tolerance
-    time = replace(
-        scene.time,
-        steady_tolerance=max(coarse, SNAPSHOT_STEADINESS) if coarse is not None else None,
-    )
+    time = scene.time
+    if coarse is not None:
+        time = time.changed(steady_tolerance=max(coarse, SNAPSHOT_STEADINESS))
     motion = simulate(
         project(solid, basis, nonlinear=False), replace(scene, time=time), keep_coordinates=True
     )

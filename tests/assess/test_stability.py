@@ -310,7 +310,7 @@ def test_a_tolerance_so_large_that_the_next_is_no_larger_is_refused(tolerance: f
     """Off by an eighth, it once was taken as exact: what it was compared with had the same
     tolerance."""
     model, scene, _ = oscillator()
-    scene = replace(scene, time=replace(scene.time, steps_per_period=None, tolerance=tolerance))
+    scene = replace(scene, time=scene.time.changed(tolerance=tolerance))
     assert (
         estimates.step_errors(model, scene, simulate.simulate(model, scene)).amplitude
         > verdicts.UNSETTLED_ERROR
@@ -319,14 +319,7 @@ def test_a_tolerance_so_large_that_the_next_is_no_larger_is_refused(tolerance: f
 
 def test_a_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> None:
     model, scene, motion = oscillator()
-    once = replace(
-        scene.time,
-        steps_per_period=None,
-        periods=None,
-        steady_tolerance=None,
-        duration=1.0,
-        step=1.0,
-    )
+    once = scene.time.changed(duration=1.0, step=1.0)
     single = replace(scene, time=once)
     assert estimates.step_errors(model, single, replace(motion, period=None)) == (np.inf, np.inf)
     still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
@@ -359,7 +352,7 @@ def test_the_steps_that_are_advised_are_enough(steps: int) -> None:
 def test_shorter_steps_are_advised_in_the_key_that_was_given() -> None:
     _, scene, _ = oscillator(8)
     for key, value, advised in (("tolerance", 0.032, 0.0005), ("step", 0.1, 0.025)):
-        time = replace(scene.time, steps_per_period=None, **{key: value})
+        time = scene.time.changed(**{key: value})
         with pytest.raises(
             AccuracyError,
             match=rf'{key} = {advised:g} is likely enough; or time.scheme = "generalised-alpha"',

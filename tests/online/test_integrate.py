@@ -161,7 +161,7 @@ def forced(scheme: str = "discrete-gradient", **settings: Any) -> tuple[Motion, 
     )
     period = 2 * np.pi / omega
     motion = integrate(
-        model, FREE, Time(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2
+        model, FREE, Time.of(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2
     )
     w = omega
     if settings.get(
@@ -395,7 +395,7 @@ PERIOD = 2 * np.pi / 1.1
 def test_compiled_loop_is_the_plain_one(scheme: str, settings: dict[str, Any]) -> None:
     """Compiled, in plain Python, and in plain Python on a model in numpy."""
     model, contacts = rubbing()
-    time = Time(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
+    time = Time.of(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
     fast = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
     assert {OPEN, SLIP, STICK} == set(fast.state.ravel())
     for slow in (
@@ -430,7 +430,7 @@ def test_compiled_loop_is_the_plain_one(scheme: str, settings: dict[str, Any]) -
 
 def ledger(scheme: str, steps: int) -> float:
     model, contacts = rubbing()
-    time = Time(
+    time = Time.of(
         scheme=scheme, periods=2, steady_tolerance=0.0, steps_per_period=steps, spectral_radius=0.8
     )
     motion = integrate(model, contacts, time, PERIOD, dimension=2)
@@ -465,7 +465,7 @@ def test_ledger_of_the_others_closes_with_the_step(scheme: str) -> None:
 
 def test_coordinates_and_their_times_are_those_of_the_last_period() -> None:
     model, contacts = rubbing()
-    time = Time(periods=3, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
     assert motion.coordinates.shape == (41, 3)
     span = motion.last_period()
@@ -480,7 +480,7 @@ def test_two_contacts_are_two() -> None:
     stiffness = [np.array([[9.0, 2.0], [2.0, 6.0]]), np.array([[5.0, -1.0], [-1.0, 8.0]])]
     touch = [{"preload": 0.2, "friction": 0.3}, {"preload": 0.1, "friction": 0.8}]
     zero = np.zeros((2, 2))
-    time = Time(periods=2, steady_tolerance=0.0, steps_per_period=60)
+    time = Time.of(periods=2, steady_tolerance=0.0, steps_per_period=60)
     pair = np.block([[stiffness[0], zero], [zero, stiffness[1]]])
     model = linear_model(
         np.eye(4), pair, loads=np.ones(4), load_histories=load_histories, masters=4
@@ -513,13 +513,13 @@ def test_two_contacts_are_two() -> None:
 
 def test_adaptive_step_meets_its_tolerance() -> None:
     model, contacts = rubbing()
-    fine = Time(periods=2, steady_tolerance=0.0, steps_per_period=20_000)
+    fine = Time.of(periods=2, steady_tolerance=0.0, steps_per_period=20_000)
     exact = integrate(model, contacts, fine, PERIOD, dimension=2)
     size = np.abs(exact.displacement).max()
     tolerances = np.array([1e-2, 1e-3, 1e-4, 1e-5])
     errors, steps = [], []
     for tolerance in tolerances:
-        time = Time(periods=2, steady_tolerance=0.0, tolerance=tolerance)
+        time = Time.of(periods=2, steady_tolerance=0.0, tolerance=tolerance)
         motion = integrate(model, contacts, time, PERIOD, dimension=2)
         at = np.array(
             [np.interp(motion.time, exact.time, column) for column in exact.displacement[:, 0].T]
@@ -550,7 +550,7 @@ def brittle(broken: float) -> DenseModel:
 @pytest.mark.parametrize("settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}])
 def test_failure_says_when_and_where_and_keeps_the_motion(settings: dict[str, Any]) -> None:
     _, contacts = rubbing()
-    time = Time(periods=3, steady_tolerance=0.0, **settings)
+    time = Time.of(periods=3, steady_tolerance=0.0, **settings)
     whole = integrate(
         brittle(np.inf), contacts, time, PERIOD, dimension=2, keep_coordinates=True, start=AT_REST
     )
@@ -603,7 +603,7 @@ def test_a_rejected_step_leaves_no_trace() -> None:
 
 def test_a_run_of_a_duration_ends_on_it() -> None:
     model, contacts = rubbing()
-    for settings in (Time(duration=1.0, step=0.3), Time(duration=1.0, tolerance=1e-3)):
+    for settings in (Time.of(duration=1.0, step=0.3), Time.of(duration=1.0, tolerance=1e-3)):
         motion = integrate(model, contacts, settings, None, dimension=2)
         assert motion.time[-1] == pytest.approx(1.0, abs=1e-12)
         assert motion.period is None and not motion.steady and motion.periods == 0
@@ -613,7 +613,7 @@ def test_a_run_of_a_duration_ends_on_it() -> None:
 def test_progress_is_told_after_each_period() -> None:
     model, contacts = rubbing()
     told: list[tuple[float, float]] = []
-    time = Time(periods=3, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     integrate(
         model,
         contacts,
@@ -632,7 +632,7 @@ def test_unknown_scheme_is_refused() -> None:
         integrate(
             model,
             contacts,
-            replace(Time(duration=1.0, step=0.1), scheme="euler"),
+            replace(Time.of(duration=1.0, step=0.1), scheme="euler"),
             None,
             dimension=2,
         )

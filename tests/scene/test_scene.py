@@ -341,178 +341,169 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
     ("override", "sentence"),
     [
         # unknown keys
-        ("materal={}", "materal = {}: unknown key, did you mean material?"),
-        ("material.yung=1.0", "material.yung = 1.0: unknown key, did you mean young?"),
+        ("materal={}", ErrorKind.UNKNOWN_KEY, "materal"),
+        ("material.yung=1.0", ErrorKind.UNKNOWN_KEY, "material.yung"),
         (
             "contacts.0.frction=0.3",
-            "contacts[0].frction = 0.3: unknown key, did you mean friction?",
+            ErrorKind.UNKNOWN_KEY, "contacts[0].frction",
         ),
         (
             "loads.0.qq=1",
-            "loads[0].qq = 1: unknown key, known here are group, box, plane, node, nearest, at, direction, "
-            "force, traction, pressure, acceleration, frequency, engine_order, phase, harmonics, sweep, pulse, "
-            "table",
+            ErrorKind.UNKNOWN_KEY, "loads[0].qq",
         ),
         (
             'source="x"',
-            'source = "x": unknown key, known here are title, geometrically_nonlinear, geometry, material, '
-            "supports, loads, contacts, rotation, probe, basis, time, reference, output, compare, campbell",
+            ErrorKind.UNKNOWN_KEY, "source",
         ),
         # types
-        ('material.young="207e9"', 'material.young = "207e9": must be a finite number above 0'),
-        ("material.young=true", "material.young = true: must be a finite number above 0"),
-        ("basis.modes=3.0", "basis.modes = 3.0: must be an integer from 0 to 1000"),
-        ("basis.modes=true", "basis.modes = true: must be an integer from 0 to 1000"),
-        ("output.pictures=1", "output.pictures = 1: must be true or false"),
-        ("title=1979-05-27", 'title = "1979-05-27": must be a text in quotes'),
-        ("geometry.dimension=2.0", "geometry.dimension = 2.0: must be 2 or 3"),
-        ("geometry.degree=true", "geometry.degree = true: must be 1 or 2"),
-        ("geometry=3", "geometry = 3: must be a table"),
-        ("geometry.parameters=3", "geometry.parameters = 3: must be a table of numbers"),
+        ('material.young="207e9"', ErrorKind.TYPE, "material.young"),
+        ("material.young=true", ErrorKind.TYPE, "material.young"),
+        ("basis.modes=3.0", ErrorKind.TYPE, "basis.modes"),
+        ("basis.modes=true", ErrorKind.TYPE, "basis.modes"),
+        ("output.pictures=1", ErrorKind.TYPE, "output.pictures"),
+        ("title=1979-05-27", ErrorKind.TYPE, "title"),
+        ("geometry.dimension=2.0", ErrorKind.TYPE, "geometry.dimension"),
+        ("geometry.degree=true", ErrorKind.TYPE, "geometry.degree"),
+        ("geometry=3", ErrorKind.TYPE, "geometry"),
+        ("geometry.parameters=3", ErrorKind.TYPE, "geometry.parameters"),
         (
             'loads={group="x"}',
-            'loads = {"group": "x"}: must be a list of tables, each headed [[loads]]',
+            ErrorKind.TYPE, "loads",
         ),
-        ("loads=[1]", "loads[0] = 1: must be a table"),
-        ("supports.0.group=7", "supports[0].group = 7: must be a name in quotes"),
-        ('supports.0.group=" "', 'supports[0].group = " ": must be a name in quotes'),
+        ("loads=[1]", ErrorKind.TYPE, "loads[0]"),
+        ("supports.0.group=7", ErrorKind.TYPE, "supports[0].group"),
+        ('supports.0.group=" "', ErrorKind.RANGE, "supports[0].group"),
         # not a number, infinite, too large for a float
-        ("material.density=nan", "material.density = NaN: must be a finite number above 0"),
-        ("loads.0.force=inf", "loads[0].force = Infinity: must be a finite number"),
-        ("loads.0.force=-inf", "loads[0].force = -Infinity: must be a finite number"),
+        ("material.density=nan", ErrorKind.RANGE, "material.density"),
+        ("loads.0.force=inf", ErrorKind.RANGE, "loads[0].force"),
+        ("loads.0.force=-inf", ErrorKind.RANGE, "loads[0].force"),
         (
             "contacts.0.normal=[nan, 1]",
-            "contacts[0].normal = [NaN, 1]: must be a list of as many finite numbers as the "
-            "dimension",
+            ErrorKind.TYPE, "contacts[0].normal",
         ),
         (
             "geometry.parameters.length=nan",
-            "geometry.parameters.length = NaN: must be a finite number",
+            ErrorKind.RANGE, "geometry.parameters.length",
         ),
         (
             "loads.0.force=0x" + 300 * "f",
-            "loads[0].force = " + str(16**300 - 1)[:59] + "…: must be a finite number",
+            ErrorKind.RANGE, "loads[0].force",
         ),
-        ("loads.0.force=0x" + 9999 * "f", "loads[0].force = (int): must be a finite number"),
+        ("loads.0.force=0x" + 9999 * "f", ErrorKind.RANGE, "loads[0].force"),
         # ranges
-        ("material.young=0", "material.young = 0: must be a finite number above 0"),
+        ("material.young=0", ErrorKind.RANGE, "material.young"),
         (
             "material.poisson=0.5",
-            "material.poisson = 0.5: must be a finite number of at least 0 and below 0.5",
+            ErrorKind.RANGE, "material.poisson",
         ),
         (
             "material.poisson=-0.1",
-            "material.poisson = -0.1: must be a finite number of at least 0 and below 0.5",
+            ErrorKind.RANGE, "material.poisson",
         ),
         (
             "material.mass_damping=-1",
-            "material.mass_damping = -1: must be a finite number of at least 0",
+            ErrorKind.RANGE, "material.mass_damping",
         ),
         (
             "contacts.0.normal_stiffness=-1",
-            "contacts[0].normal_stiffness = -1: must be a finite number above 0",
+            ErrorKind.RANGE, "contacts[0].normal_stiffness",
         ),
         (
             "contacts.0.tangential_stiffness=0",
-            "contacts[0].tangential_stiffness = 0: must be a finite number above 0",
+            ErrorKind.RANGE, "contacts[0].tangential_stiffness",
         ),
         (
             "contacts.0.friction=-0.1",
-            "contacts[0].friction = -0.1: must be a finite number of at least 0",
+            ErrorKind.RANGE, "contacts[0].friction",
         ),
         (
             "contacts.0.preload=-1",
-            "contacts[0].preload = -1: must be a finite number of at least 0",
+            ErrorKind.RANGE, "contacts[0].preload",
         ),
-        ("contacts.0.gap=-1", "contacts[0].gap = -1: must be a finite number of at least 0"),
-        ("loads.0.frequency=0", "loads[0].frequency = 0: must be a finite number above 0"),
-        ("basis.modes=-1", "basis.modes = -1: must be an integer from 0 to 1000"),
+        ("contacts.0.gap=-1", ErrorKind.RANGE, "contacts[0].gap"),
+        ("loads.0.frequency=0", ErrorKind.RANGE, "loads[0].frequency"),
+        ("basis.modes=-1", ErrorKind.RANGE, "basis.modes"),
         (
             "basis.threshold=1.5",
-            "basis.threshold = 1.5: must be a finite number of at least 0 and of at most 1",
+            ErrorKind.RANGE, "basis.threshold",
         ),
         (
             "time.steps_per_period=3",
-            "time.steps_per_period = 3: must be an integer from 4 to 1000000",
+            ErrorKind.RANGE, "time.steps_per_period",
         ),
-        ("geometry.thickness=0.0", "geometry.thickness = 0.0: must be a finite number above 0"),
+        ("geometry.thickness=0.0", ErrorKind.RANGE, "geometry.thickness"),
         # choices
-        ('basis.method="macneal"', 'basis.method = "macneal": must be "rubin" or "craig-bampton"'),
+        ('basis.method="macneal"', ErrorKind.RANGE, "basis.method"),
         (
             'time.scheme="euler"',
-            'time.scheme = "euler": must be "average-acceleration" or "generalised-alpha" or '
-            '"discrete-gradient"',
+            ErrorKind.RANGE, "time.scheme",
         ),
-        ('loads.0.at="edge"', 'loads[0].at = "edge": must be "mean" or "centre" or "nodes"'),
+        ('loads.0.at="edge"', ErrorKind.RANGE, "loads[0].at"),
         # vectors
         (
             "contacts.0.normal=[0.0, 0]",
-            "contacts[0].normal = [0.0, 0]: must have a length above zero",
+            ErrorKind.RANGE, "contacts[0].normal",
         ),
         (
             "loads.0.direction=[0, 0, 0]",
-            "loads[0].direction = [0, 0, 0]: must have a length above zero",
+            ErrorKind.RANGE, "loads[0].direction",
         ),
         (
             "loads.0.direction=[0, 0, 1]",
-            "loads[0].direction = [0.0, 0.0, 1.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT, "loads[0].direction",
         ),
         (
             "contacts.0.normal=[0, 1, 0]",
-            "contacts[0].normal = [0.0, 1.0, 0.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT, "contacts[0].normal",
         ),
         (
             "probe.node=[0, 1, 0]",
-            "probe.node = [0.0, 1.0, 0.0]: must have 2 components, as geometry.dimension says",
+            ErrorKind.CONFLICT, "probe.node",
         ),
         (
             "loads.0.direction=[1]",
-            "loads[0].direction = [1]: must be a list of as many finite numbers as the dimension",
+            ErrorKind.TYPE, "loads[0].direction",
         ),
         (
             "loads.0.direction=1",
-            "loads[0].direction = 1: must be a list of as many finite numbers as the dimension",
+            ErrorKind.TYPE, "loads[0].direction",
         ),
         # places
         (
             "loads.0.node=[1, 0]",
-            "loads[0].node = [1.0, 0.0]: must not be given together with group",
+            ErrorKind.CONFLICT, "loads[0].node",
         ),
-        ("probe={}", "probe.group is missing: must be given, or node, nearest, box or plane"),
+        ("probe={}", ErrorKind.MISSING, "probe.group"),
         (
             'probe={node=[1, 0], at="centre"}',
-            'probe.at = "centre": must not be given together with node',
+            ErrorKind.CONFLICT, "probe.at",
         ),
         (
             "supports=[]",
-            "supports = []: must be a list of at least one table, each headed [[supports]]",
+            ErrorKind.TYPE, "supports",
         ),
         # geometry
-        ('geometry.mesh=""', 'geometry.mesh = "": must be a name in quotes'),
+        ('geometry.mesh=""', ErrorKind.RANGE, "geometry.mesh"),
         (
             "geometry.dimension=3",
-            "geometry.thickness = 0.01: must not be given in three dimensions",
+            ErrorKind.CONFLICT, "geometry.thickness",
         ),
         (
             'geometry.mesh="a.msh"',
-            'geometry.parameters = {"length": 1.0}: must not be given unless mesh is a .geo file',
+            ErrorKind.CONFLICT, "geometry.parameters",
         ),
         (
             "geometry.parameters.structured=1",
-            "geometry.parameters.structured = 1.0: must be set by geometry.cells",
+            ErrorKind.CONFLICT, "geometry.parameters.structured",
         ),
         (
             'geometry.parameters={"a;b"=1}',
-            "geometry.parameters.a;b = 1: a parameter's name must be of letters, digits "
-            "and underscores",
+            ErrorKind.RANGE, "geometry.parameters.a;b",
         ),
         # derivatives
         (
             'basis.derivatives="some"',
-            'basis.derivatives = "some": must be "none", "all", "mmi", "mmi-nls" or a list of '
-            'labels such as "1V1S"',
+            ErrorKind.RANGE, "basis.derivatives",
         ),
         *(
             (
@@ -524,45 +515,45 @@ def test_overrides_that_are_refused(override: str, sentence: str) -> None:
         ),
         (
             'basis.derivatives=["1V4V"]',
-            'basis.derivatives[0] = "1V4V": must be of the 3 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT, "basis.derivatives[0]",
         ),
         (
             'basis.derivatives=["1V3S"]',
-            'basis.derivatives[0] = "1V3S": must be of the 3 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT, "basis.derivatives[0]",
         ),
         (
             'basis={modes=0, derivatives=["1S1S", "1V1S"]}',
-            'basis.derivatives[1] = "1V1S": must be of the 0 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT, "basis.derivatives[1]",
         ),
         (
             'basis.derivatives=["1V1S", "1S1V"]',
-            'basis.derivatives[1] = "1S1V": must not name the same derivative twice',
+            ErrorKind.RANGE, "basis.derivatives[1]",
         ),
         # time
         (
             "time={tolerance=1e-4, steps_per_period=100}",
-            "time.tolerance = 0.0001: must not be given together with steps_per_period",
+            ErrorKind.CONFLICT, "time.tolerance",
         ),
         (
             "time.duration=1.0",
-            "time.duration = 1.0: must not be given with a harmonic load: use periods",
+            ErrorKind.CONFLICT, "time.duration",
         ),
         (
             "time.step=1.0",
-            "time.step = 1.0: must not be given with a harmonic load: use steps_per_period",
+            ErrorKind.CONFLICT, "time.step",
         ),
         (
             "time.spectral_radius=0.5",
-            'time.spectral_radius = 0.5: must not be given unless scheme is "generalised-alpha"',
+            ErrorKind.CONFLICT, "time.spectral_radius",
         ),
         # reference
         (
             "reference.beam=true",
-            "reference.beam_section is missing: must be a table, as beam = true asks for it",
+            ErrorKind.MISSING, "reference.beam_section",
         ),
         (
             "reference.beam_section={}",
-            "reference.beam_section.length is missing: must be a finite number above 0",
+            ErrorKind.MISSING, "reference.beam_section.length",
         ),
     ],
 )
@@ -575,38 +566,37 @@ def test_a_mistake_gets_its_sentence(override: str, sentence: str) -> None:
     [
         (
             'geometry.plane="stress"',
-            'geometry.plane = "stress": must not be given in three dimensions',
+            ErrorKind.CONFLICT, "geometry.plane",
         ),
         (
             'geometry.cells="simplex"',
-            'geometry.cells = "simplex": must not be given unless mesh is a .geo file',
+            ErrorKind.CONFLICT, "geometry.cells",
         ),
-        ("loads.0.phase=1.0", "loads[0].phase = 1.0: must not be given without frequency"),
-        ("loads=[]", "probe is missing: must be a table in a scene with neither contact nor load"),
-        ("basis.modes=0", "basis.modes = 0: must be at least 1 in a scene without contact"),
+        ("loads.0.phase=1.0", ErrorKind.CONFLICT, "loads[0].phase"),
+        ("loads=[]", ErrorKind.MISSING, "probe"),
+        ("basis.modes=0", ErrorKind.CONFLICT, "basis.modes"),
         (
             'basis.derivatives=["1S1V"]',
-            'basis.derivatives[0] = "1V1S": must be of the 3 normal (V) and 0 static (S) modes',
+            ErrorKind.CONFLICT, "basis.derivatives[0]",
         ),
         (
             "time={step=1.0}",
-            "time.duration is missing: must be a number above 0, as no load has a frequency",
+            ErrorKind.MISSING, "time.duration",
         ),
         (
             "time={duration=1.0}",
-            "time.step is missing: must be a number above 0, or tolerance be given, as no load has "
-            "a frequency",
+            ErrorKind.MISSING, "time.step",
         ),
         ("time.tolerance=0.1", "time.tolerance = 0.1: must not be given together with step"),
-        ("time.step=2.0", "time.step = 2.0: must be at most the duration of 1"),
-        ("time.periods=10", "time.periods = 10: must not be given unless a load has a frequency"),
+        ("time.step=2.0", ErrorKind.CONFLICT, "time.step"),
+        ("time.periods=10", ErrorKind.CONFLICT, "time.periods"),
         (
             "time.steps_per_period=10",
-            "time.steps_per_period = 10: must not be given unless a load has a frequency",
+            ErrorKind.CONFLICT, "time.steps_per_period",
         ),
         (
             "time.steady_tolerance=0",
-            "time.steady_tolerance = 0.0: must not be given unless a load has a frequency",
+            ErrorKind.CONFLICT, "time.steady_tolerance",
         ),
     ],
 )
@@ -626,124 +616,121 @@ CASING = RUBBING.replace(
         (
             CASING,
             "contacts.0.normal=[1.0, 0.0]",
-            "contacts[0].normal = [1.0, 0.0]: must not be given together with surface",
+            ErrorKind.CONFLICT, "contacts[0].normal",
         ),
         (
             CASING,
             'contacts.0.surface.kind="plane"',
-            'contacts[0].surface.kind = "plane": must be "cylinder" or "sphere"',
+            ErrorKind.RANGE, "contacts[0].surface.kind",
         ),
         (
             CASING,
             'contacts.0.surface.kind="sphere"',
-            'contacts[0].surface.kind = "sphere": must be "cylinder" in two dimensions',
+            ErrorKind.CONFLICT, "contacts[0].surface.kind",
         ),
         (
             CASING,
             "contacts.0.surface.axis=[0, 1]",
-            "contacts[0].surface.axis = [0.0, 1.0]: must not be given but of a cylinder "
-            "in three dimensions",
+            ErrorKind.CONFLICT, "contacts[0].surface.axis",
         ),
         (
             CASING,
             "contacts.0.surface.point=[0, 0, 0]",
-            "contacts[0].surface.point = [0.0, 0.0, 0.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT, "contacts[0].surface.point",
         ),
         (
             CASING,
             "contacts.0.surface.radius=0",
-            "contacts[0].surface.radius = 0: must be a finite number above 0",
+            ErrorKind.RANGE, "contacts[0].surface.radius",
         ),
         (
             CASING,
             "contacts.0={surface={kind='cylinder', point=[0, 0], radius=1.0}, gap=1e-3, group='tip', friction=0.1, "
             "normal_stiffness=1, tangential_stiffness=1}",
-            "contacts[0].gap = 0.001: must not be given together with surface.radius, from which it follows",
+            ErrorKind.CONFLICT, "contacts[0].gap",
         ),
         (
             CASING,
             "contacts.0.surface.inside=1",
-            "contacts[0].surface.inside = 1: must be true or false",
+            ErrorKind.TYPE, "contacts[0].surface.inside",
         ),
         (
             CASING,
             'contacts.0.surface.spin="fast"',
-            'contacts[0].surface.spin = "fast": must be a finite number',
+            ErrorKind.TYPE, "contacts[0].surface.spin",
         ),
         (
             CASING,
             "contacts.0.surface.waves=[[2, 1e-4]]",
-            "contacts[0].surface.waves[0] = [2, 0.0001]: must be [order, height, "
-            "phase], finite numbers",
+            ErrorKind.TYPE, "contacts[0].surface.waves[0]",
         ),
         (
             CASING,
             "contacts.0.surface.waves=[[1.5, 1e-4, 0]]",
-            "contacts[0].surface.waves[0] = 1.5: must be of an integer order of at least 1",
+            ErrorKind.RANGE, "contacts[0].surface.waves[0]",
         ),
         (
             CASING,
             "contacts.0.surface.raduis=1",
-            "contacts[0].surface.raduis = 1: unknown key, did you mean radius?",
+            ErrorKind.UNKNOWN_KEY, "contacts[0].surface.raduis",
         ),
         (
             RUBBING,
             "contacts.0={group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
-            "contacts[0].normal is missing: must be given, or a surface",
+            ErrorKind.MISSING, "contacts[0].normal",
         ),
         # approach
         (
             RUBBING,
             "contacts.0.approach=1e-3",
-            "contacts[0].approach = 0.001: must be a list of [time, distance], finite numbers",
+            ErrorKind.TYPE, "contacts[0].approach",
         ),
         (
             RUBBING,
             "contacts.0.approach=[[0, 0, 0]]",
-            "contacts[0].approach[0] = [0, 0, 0]: must be [time, distance], finite numbers",
+            ErrorKind.TYPE, "contacts[0].approach[0]",
         ),
         (
             RUBBING,
             "contacts.0.approach=[[0, 0], [0, 1e-3]]",
-            "contacts[0].approach = [0.0, 0.0]: must have times that increase",
+            ErrorKind.RANGE, "contacts[0].approach",
         ),
         # nodes
         (
             RUBBING,
             'loads.0.at="nodes"',
-            'loads[0].at = "nodes": must be "mean" or "centre", but of a contact',
+            ErrorKind.CONFLICT, "loads[0].at",
         ),
         (
             RUBBING,
             'probe={group="tip", at="nodes"}',
-            'probe.at = "nodes": must be "mean" or "centre", but of a contact',
+            ErrorKind.CONFLICT, "probe.at",
         ),
         (
             RUBBING,
             'contacts.0={node=[1, 0], at="nodes", normal=[1, 0], friction=0, normal_stiffness=1, tangential_stiffness=1}',
-            'contacts[0].at = "nodes": must not be given together with node',
+            ErrorKind.CONFLICT, "contacts[0].at",
         ),
         # masters
         (
             RUBBING,
             'basis.masters="tangents"',
-            'basis.masters = "tangents": must be "all", "normal" or an integer from 1 to 1000',
+            ErrorKind.RANGE, "basis.masters",
         ),
         (
             RUBBING,
             "basis.masters=0",
-            'basis.masters = 0: must be "all", "normal" or an integer from 1 to 1000',
+            ErrorKind.RANGE, "basis.masters",
         ),
         (
             RUBBING,
             "basis={masters='normal', derivatives=['1V2S']}",
-            'basis.derivatives[0] = "1V2S": must be of the 3 normal (V) and 1 static (S) modes',
+            ErrorKind.CONFLICT, "basis.derivatives[0]",
         ),
         (
             DECAY,
             "basis.masters=3",
-            "basis.masters = 3: must not be given in a scene without contact",
+            ErrorKind.CONFLICT, "basis.masters",
         ),
     ],
 )
