@@ -19,6 +19,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel, provenance, save_model
 from fenicsrom.online.checkpoints import keeper, load_checkpoint, save_end
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
+from fenicsrom.online.history import HISTORY
 from fenicsrom.online.measures import (
     errors_percent,
     has_settled,
@@ -47,15 +48,6 @@ if TYPE_CHECKING:
 CHECKPOINT = "checkpoint.npz"
 FRAMES = 60  # of the motion for ParaView and of the animation, at most
 FEW_POINTS = 4  # contact points with a picture of their own each, at most; more share one
-
-
-# The arrays of history.npz, and the attribute of a `Motion` that each holds.
-HISTORY = {
-    **{key: key for key in ("time", "displacement", "force", "gap", "state")},
-    **{key: key for key in ("kinetic", "elastic", "contact_energy", "work")},
-    "damped": "damping_dissipation",
-    "rubbed": "friction_dissipation",
-}
 
 
 def summary(study: Study) -> dict[str, Any]:
