@@ -11,8 +11,8 @@ contact points in their local frames [normal, tangents] is
 
     x(q) = x0 + B_c q                                                                (3)
 
-and contact forces F (m,) in these frames, which act on the body, add B_c^T F to the right side
-of (1).
+A contact force F (m,) in the same frames acts against the displacement (its normal component is
+positive when the body presses on the surface): subtract B_c^T F from the right side of (1).
 """
 
 from __future__ import annotations
