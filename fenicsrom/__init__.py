@@ -13,7 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+    from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full import FullModel
     from fenicsrom.fem.mesh import Mesh, build_mesh
     from fenicsrom.fem.solid import Solid
@@ -27,13 +27,14 @@ if TYPE_CHECKING:
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
     from fenicsrom.scene import Scene, parse_scene, read_scene
-    from fenicsrom.study import Study, run
+    from fenicsrom.study import Study, build_model, run
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AccuracyError",
     "ConvergenceError",
+    "ErrorKind",
     "FullModel",
     "History",
     "Mesh",
@@ -47,6 +48,7 @@ __all__ = [
     "Study",
     "amplitudes",
     "build_mesh",
+    "build_model",
     "choose",
     "component_modes",
     "contact_fractions",
@@ -65,7 +67,7 @@ __all__ = [
 ]
 
 _MODULES = {
-    "errors": ("AccuracyError", "ConvergenceError", "SceneError"),
+    "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "parse_scene", "read_scene"),
     "fem.mesh": ("Mesh", "build_mesh"),
     "fem.solid": ("Solid",),
@@ -79,7 +81,7 @@ _MODULES = {
     "online.motion": ("Motion",),
     "online.history": ("History", "read_history"),
     "online.measures": ("amplitudes", "contact_fractions"),
-    "study": ("Study", "run"),
+    "study": ("Study", "build_model", "run"),
 }
 
 

@@ -12,7 +12,7 @@ import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from fenicsrom.assess.verdicts import (
     check_time_error,
     other_scheme,
 )
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.measures import has_settled, is_unsteady, out_of_reach
@@ -37,6 +37,10 @@ from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import Derivatives, Reduction, reduce
 from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.mesh import Mesh
+    from fenicsrom.online.archive import StoredModel
 
 
 class Stopwatch:
@@ -110,7 +114,9 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
 
 
-def offline(scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False) -> Study:
+def offline(
+    scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False, mesh: Mesh | None = None
+) -> Study:
     """What comes before the motion: mesh, solid, modes, selection and derivatives of a scene, basis
     and model.
 
@@ -120,8 +126,9 @@ def offline(scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False)
     from fenicsrom.fem.mesh import build_mesh
 
     stages = plan(scene, modes_only)
-    with watch("mesh"):
-        mesh = build_mesh(scene.geometry, comm)
+    if mesh is None:
+        with watch("mesh"):
+            mesh = build_mesh(scene.geometry, comm)
     with watch("solid"):
         solid = Solid(mesh, scene)
     if scene.static_only and not modes_only:
@@ -168,20 +175,55 @@ def _reported(study: Study) -> Study:
     return study
 
 
-def run(
-    scene: Scene,
-    comm: Any,
-    say: Callable[[str], None],
-    restarts: Callable[[Study], dict[str, Any]] | None = None,
-) -> Study:
-    """Everything a scene asks for, but the files.
+def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> StoredModel:
+    """Build the reduced model of a scene, without integrating it.
 
     Args:
         scene: the scene.
-        comm: MPI communicator of the offline stage and the full model.
-        say: is told what happens, a line at a time.
-        restarts: is shown the reduced model before it moves, and gives the `resume` and
+        mesh: the mesh; None to make it from the scene's [geometry].
+        comm: MPI communicator of the mesh; None for all ranks.
+
+    Returns:
+        The model with its scene and labels, for `simulate`, `rescene` and `save_model`.
+
+    Raises:
+        SceneError: the scene is impossible, or all its loads are static.
+        ConvergenceError, AccuracyError: a stage failed.
+    """
+    from fenicsrom.post.results import stored_model
+
+    if scene.static_only:
+        reason = "all loads are static, so there is no reduced model to integrate"
+        raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
+    return stored_model(offline(scene, comm or _all_ranks(), Stopwatch(_silent), mesh=mesh))
+
+
+def _all_ranks() -> Any:
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
+
+
+def _silent(line: str) -> None:
+    """Report nothing."""
+
+
+def run(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] = _silent,
+    restarts: Callable[[Study], dict[str, Any]] | None = None,
+    mesh: Mesh | None = None,
+) -> Study:
+    """Run all that a scene asks for, but write no files.
+
+    Args:
+        scene: the scene.
+        comm: MPI communicator of the offline stage and the full model; None for all ranks.
+        say: receives the progress, a line at a time.
+        restarts: receives the study before the reduced model moves, and returns the `resume` and
             `checkpoint` of its motion.
+        mesh: the mesh; None to make it from the scene's [geometry].
 
     Returns:
         What was found; `unfinished` names a model whose integration failed, its motion up to there
@@ -192,7 +234,7 @@ def run(
         ConvergenceError, AccuracyError: an offline stage failed.
     """
     watch = Stopwatch(say)
-    study = offline(scene, comm, watch)
+    study = offline(scene, comm or _all_ranks(), watch, mesh=mesh)
     if scene.static_only:
         return study
     models: dict[str, Callable[[], Any]] = {"reduced": lambda: study.model}

@@ -14,6 +14,7 @@ import pytest
 from support import oscillator, random_model, random_polynomial
 
 import fenicsrom
+from fenicsrom.errors import ErrorKind
 from fenicsrom.online.history import HISTORY
 from fenicsrom.online.matrices import UNITS, full_tensors
 from fenicsrom.online.polynomial import elastic_force, elastic_polynomial, strain_products
@@ -153,11 +154,15 @@ def test_history_read_back_equals_the_motion(tmp_path: Path) -> None:
 
 def test_history_that_is_damaged_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "history.npz"
-    with pytest.raises(fenicsrom.SceneError):
-        fenicsrom.read_history(path)
+
+    def kind() -> ErrorKind:
+        with pytest.raises(fenicsrom.SceneError) as caught:
+            fenicsrom.read_history(path)
+        assert caught.value.source == str(path)
+        return caught.value.kind
+
+    assert kind() is ErrorKind.FILE
     path.write_bytes(b"no archive")
-    with pytest.raises(fenicsrom.SceneError):
-        fenicsrom.read_history(path)
+    assert kind() is ErrorKind.FORMAT
     np.savez(path, reduced_time=np.zeros(3))
-    with pytest.raises(fenicsrom.SceneError):
-        fenicsrom.read_history(path)
+    assert kind() is ErrorKind.FORMAT

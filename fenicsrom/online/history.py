@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 
 HISTORY: Mapping[str, str] = {
     **{key: key for key in ("time", "displacement", "force", "gap", "state")},
@@ -82,13 +82,18 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
         SceneError: the file is missing, damaged, or not a `history.npz`.
     """
     path = Path(path)
+
+    def refuse(reason: str, kind: ErrorKind) -> SceneError:
+        return SceneError(f"{path}: {reason}", kind=kind, source=str(path))
+
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
+        raise refuse("no such file", ErrorKind.FILE) from None
     except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
-        raise SceneError(f"{path}: is not a history.npz ({type(error).__name__})") from None
+        reason = f"is not a history.npz ({type(error).__name__})"
+        raise refuse(reason, ErrorKind.FORMAT) from None
     names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
     try:
         return {
@@ -99,4 +104,5 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
             for name in names
         }
     except KeyError as error:
-        raise SceneError(f"{path}: the array {error} is missing: the file is damaged") from None
+        reason = f"the array {error} is missing; the file is damaged"
+        raise refuse(reason, ErrorKind.FORMAT) from None
