@@ -24,10 +24,11 @@ if TYPE_CHECKING:
     from fenicsrom.online.model import ReducedModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
+    from fenicsrom.post.record import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
     from fenicsrom.scene import Scene, parse_scene, read_scene
-    from fenicsrom.study import Study, build_model, run
+    from fenicsrom.study import build_model, run
 
 __version__ = "0.1.0"
 
@@ -81,7 +82,8 @@ _MODULES = {
     "online.motion": ("Motion",),
     "online.history": ("History", "read_history"),
     "online.measures": ("amplitudes", "contact_fractions"),
-    "study": ("Study", "build_model", "run"),
+    "post.record": ("Study",),
+    "study": ("build_model", "run"),
 }
 
 

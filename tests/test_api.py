@@ -15,7 +15,7 @@ from support import oscillator, random_model, random_polynomial
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.history import HISTORY
+from fenicsrom.online.history import HISTORY_ARRAYS
 from fenicsrom.online.matrices import UNITS, full_tensors
 from fenicsrom.online.polynomial import elastic_force, elastic_polynomial, strain_products
 
@@ -136,13 +136,13 @@ def test_model_arrays_of_a_linear_model_have_zero_tensors() -> None:
 
 
 def test_history_read_back_equals_the_motion(tmp_path: Path) -> None:
-    from fenicsrom.post.results import write_history
+    from fenicsrom.post.summary import write_history
 
     _, scene, motion = oscillator()
     write_history(tmp_path / "history.npz", {"reduced": motion, "full": motion})
     found = fenicsrom.read_history(tmp_path / "history.npz", scene.period)
     assert set(found) == {"reduced", "full"}
-    for attribute in HISTORY.values():
+    for attribute in HISTORY_ARRAYS.values():
         np.testing.assert_array_equal(
             getattr(found["reduced"], attribute), getattr(motion, attribute)
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 
-HISTORY: Mapping[str, str] = {
+HISTORY_ARRAYS: Mapping[str, str] = {
     **{key: key for key in ("time", "displacement", "force", "gap", "state")},
     **{key: key for key in ("kinetic", "elastic", "contact_energy", "work")},
     "damped": "damping_dissipation",
@@ -98,7 +98,7 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
     try:
         return {
             name: History(
-                **{attribute: arrays[f"{name}_{key}"] for key, attribute in HISTORY.items()},
+                **{attribute: arrays[f"{name}_{key}"] for key, attribute in HISTORY_ARRAYS.items()},
                 period=period,
             )
             for name in names
