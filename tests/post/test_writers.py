@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from motions import jenkins
 
-from fenicsrom.errors import AccuracyError
+from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.post.figures import plot_motion
 from fenicsrom.post.html_page import html_report
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_summary
+from fenicsrom.post.writers import write_rows, write_summary
 
 
 def test_text_table_aligns_columns():
