@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from pathlib import Path
 
 import pytest
@@ -81,6 +80,8 @@ def test_every_demo_is_in_the_gallery() -> None:
     gallery = (ROOT / "demos" / "README.md").read_text()
     for scene in sorted((ROOT / "demos").glob("*.toml")):
         assert f"({scene.name})" in gallery and f"pictures/{scene.stem}.png" in gallery
+    for script in sorted((ROOT / "demos").glob("*.py")):
+        assert f"({script.name})" in gallery, script.name
 
 
 def test_scene_keys_have_one_place() -> None:
@@ -91,25 +92,14 @@ def test_scene_keys_have_one_place() -> None:
 
 @pytest.mark.slow
 def test_python_block_of_the_readme_runs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """After the command of the README, which stores the model, without the reference models."""
     pytest.importorskip("dolfinx")
-    from fenicsrom.cli import main
-
-    shutil.copytree(ROOT / "demos", tmp_path / "demos")
-    scene = tmp_path / "demos" / "slip_liftoff_2d.toml"
-    text = re.sub(r"(?m)^(full|beam) = true", r"\1 = false", scene.read_text())
-    assert text.count(" = false") >= 2
-    scene.write_text(text)
-    monkeypatch.chdir(tmp_path)
-    quick = ["--set", "output.pictures=false", "--set", "output.paraview=false"]
-    assert main(["run", "demos/slip_liftoff_2d.toml", "--output", "out", *quick]) == 0
-    capsys.readouterr()
+    monkeypatch.chdir(ROOT)
     (block,) = PYTHON.findall((ROOT / "README.md").read_text())
     exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
     printed = capsys.readouterr().out
     found = [float(value) for value in re.findall(r"'tangential': \[([\d.]+)\]", printed)]
-    assert len(found) == 4
+    assert len(found) == 4 and "1V1S" in printed
     assert found[0] == pytest.approx(0.15759, rel=1e-4)
-    assert found[1] < found[2] < found[3] == pytest.approx(0.2124, rel=0.2)
+    assert found[1] < found[2] < found[0] < found[3]
