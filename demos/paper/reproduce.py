@@ -29,7 +29,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online import measures
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.post import report
+from fenicsrom.post import figures
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.beam import beam_structure
 from fenicsrom.reduction.derivatives import all_pairs

@@ -16,7 +16,7 @@ pyvista = pytest.importorskip("pyvista")
 from dolfinx import mesh as dmesh  # noqa: E402
 from support import needs_mpirun, on_ranks  # noqa: E402
 
-from fenicsrom.post import export
+from fenicsrom.post import vtk
 
 CELLS = {
     "triangle": (5, 22),
@@ -350,7 +350,7 @@ def test_a_motion_is_animated_without_a_display(tmp_path, monkeypatch, cell, siz
     magnified or not."""
     from PIL import Image
 
-    from fenicsrom.post.report import STATES
+    from fenicsrom.post.style import STATES
 
     monkeypatch.delenv("DISPLAY", raising=False)
     space = space_on(cell)

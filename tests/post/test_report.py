@@ -15,7 +15,7 @@ from fenicsrom.errors import AccuracyError
 from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online import measures
 from fenicsrom.online.motion import Motion
-from fenicsrom.post import report
+from fenicsrom.post import figures
 
 PERIOD = 0.25
 FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4
