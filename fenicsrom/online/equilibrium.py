@@ -25,6 +25,7 @@ from fenicsrom.online.contact_state import Interval, contact_scratch, zero_conta
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.dense import negative_eigenvalues
 from fenicsrom.online.load_histories import largest
+from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
@@ -58,19 +59,12 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     q = np.zeros_like(problem.push)
     if not problem.touches(q):
         return q, 0
-    reached, part = 0.0, 1.0
-    while reached < 1.0:
-        aim = min(1.0, reached + part)
-        trial = problem.newton(q, aim, 0.0)
-        if trial is not None:
-            q, reached, part = trial, aim, 2.0 * part
-        elif part <= SMALLEST_PART:
-            raise ConvergenceError(
-                f"equilibrium of the preload: no convergence beyond {100.0 * reached:.4g} % of it",
-                None,
-            )
-        else:
-            part *= 0.5
+    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    if reached < 1.0:
+        raise ConvergenceError(
+            f"equilibrium of the preload: no convergence beyond {100.0 * reached:.4g} % of it",
+            None,
+        )
     unstable = problem.unstable(q)
     return (problem.downhill(q), unstable) if unstable else (q, 0)
 
@@ -115,11 +109,11 @@ class _Statics:
             preload=self.contacts.preload - (1.0 - part) * self.pressed
         )
         zero, one = np.zeros_like(q0), np.ones(1)
-        dq, first, last = zero.copy(), 0.0, 0.0
         self._touch(q0, contacts)
         self.end.x[:] = self.start.x
         interval = Interval(0.0, 0.0, 0.0, False)
-        for iteration in range(ITERATIONS):
+
+        def correct(dq: Array) -> Correction | None:
             elastic, slope = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
             residual = elastic - self.push + inertia * model.mass_times(dq)
             y, unit, compliance = model.responses(inertia, 0.0, slope, residual)
@@ -132,30 +126,25 @@ class _Statics:
             ):
                 return None
             change = y - unit @ room.mean.reshape(-1)
-            dq += change
-            decrement = abs(
-                model.dot(residual, change) + float(np.sum(room.mean * (self.end.x - before)))
-            )
+            contact_work = float(np.sum(room.mean * (self.end.x - before)))
+            return change, abs(model.dot(residual, change) + contact_work)
+
+        def converged(dq: Array, decrement: float, first: float, last: float) -> bool:
             work = abs(model.dot(self.push, q0 + dq)) + float(
                 np.sum(np.abs(room.mean * (self.end.x - self.rest)))
             )
-            first = first or decrement
             scale = max(first, work)
-            if not np.isfinite(decrement) or decrement > 1e8 * first:
-                return None
-            coming = (
-                decrement * (decrement / last) ** 2
-                if iteration > 0 and decrement < 1e-3 * last
-                else decrement
-            )
+            # the decrement after the next iteration, where the convergence is quadratic
+            coming = decrement * (decrement / last) ** 2 if decrement < 1e-3 * last else decrement
             carried = np.sum(np.abs(room.mean), axis=1) @ np.max(
                 np.abs(self.end.x), axis=1, initial=0.0
             )
             floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
-            if coming <= TOLERANCE**2 * scale or (decrement <= floor and decrement > 0.1 * last):
-                return np.asarray(q0 + dq)
-            last = decrement
-        return None
+            stalled = decrement <= floor and decrement > 0.1 * last
+            return bool(coming <= TOLERANCE**2 * scale or stalled)
+
+        dq = newton(zero, correct, converged, ITERATIONS, growth=1e8)
+        return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
         """Number of negative eigenvalues of the stiffness with the contacts that touch."""
