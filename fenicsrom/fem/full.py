@@ -56,7 +56,7 @@ class FullModel:
         self._mass = solid.matrix(solid.mass_form, 1.0)
         self._effective = solid.stiffness.copy()
         self._factor: Factorisation | None = None
-        self._key: tuple[float, float] | None = None
+        self._key: tuple[float, float, float] | None = None
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -85,13 +85,17 @@ class FullModel:
             return force, 0.5 * self.dot(q, force + self._start)
         return force, self._solid.energy(self._solid.equilibrium + q) - self._energy
 
-    def responses(
-        self, inertia: float, drag: float, slope: Slope, residual: Array
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Slope,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + sum of weighted tangents) [y, Z] = [-residual, B]."""
-        key = (inertia, sum(weight for weight, _ in slope))
+        """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`."""
+        key = (mass_coefficient, gyroscopic_coefficient, sum(weight for weight, _ in tangent))
         if not (self.linear and key == self._key):
-            self._assemble(inertia, drag, slope)
+            self._assemble(mass_coefficient, gyroscopic_coefficient, tangent)
             try:
                 if self._factor is None:
                     self._factor = Factorisation(
