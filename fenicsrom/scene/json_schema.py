@@ -36,7 +36,7 @@ def _table(kind: type) -> dict[str, Any]:
         "properties": properties,
         "additionalProperties": False,
     }
-    required, alternatives = _needed(kind)
+    required, alternatives = needed(kind)
     if required:
         schema["required"] = required
     if alternatives:
@@ -44,7 +44,7 @@ def _table(kind: type) -> dict[str, Any]:
     return schema
 
 
-def _needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
+def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
     """Give the required keys of a table, and for each set of alternatives what each requires."""
     required = [name for name, _, _, default in _own_keys(kind) if default is MISSING]
     alternatives: list[list[dict[str, Any]]] = []
@@ -54,7 +54,7 @@ def _needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
             kinds = [*entry.kinds, *([entry.otherwise] if entry.otherwise else [])]
             alternatives.append([_alternative(each, every) for each in kinds])
         elif isinstance(entry, type):
-            inner, more = _needed(entry)
+            inner, more = needed(entry)
             required += inner
             alternatives += more
     return required, alternatives
