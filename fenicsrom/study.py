@@ -528,6 +528,8 @@ def _selection(run: Run) -> None:
     assert study.modes is not None
     selection = study.selection = run.reduction.selection
     study.derivatives = Derivatives((), study.modes.normal[:, :0])  # until they are computed
+    if not selection.derivatives:
+        run.reduction.derivatives = study.derivatives
     threshold = study.scene.basis.threshold
     dropped = [label for label in study.modes.labels if label not in selection.modes]
     light = [label for label in selection.weights if label not in selection.derivatives]

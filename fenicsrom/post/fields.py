@@ -46,8 +46,8 @@ def contact_vectors(
     """Positions of the contact points and contact forces on the body, in global axes.
 
     Returns:
-        Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N, all
-        (ns, P, 3); the third component is 0 in 2D.
+        Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N,
+        all (ns, P, 3); the third component is 0 in 2D.
     """
     d = scene.geometry.dimension
     frames = np.zeros((points.frame.shape[0], d, 3))

@@ -210,7 +210,8 @@ def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarra
     expected = (index_map.size_local + index_map.num_ghosts) * block
     if values.shape != (expected,):
         raise ValueError(
-            f"a field has shape {values.shape}, but the space has {expected} local and ghost unknowns"
+            f"a field has shape {values.shape}, but the space has {expected} local and ghost "
+            "unknowns"
         )
     return values
 
