@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full import FullModel
+    from fenicsrom.fem.in_memory import mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.mesh import Mesh, build_mesh
     from fenicsrom.fem.solid import Solid
     from fenicsrom.online.archive import StoredModel, load_model, rescene, save_model
@@ -56,6 +57,8 @@ __all__ = [
     "differentiate",
     "enrich",
     "load_model",
+    "mesh_from_dolfinx",
+    "mesh_from_gmsh_model",
     "model_arrays",
     "parse_scene",
     "read_history",
@@ -71,6 +74,7 @@ _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "parse_scene", "read_scene"),
     "fem.mesh": ("Mesh", "build_mesh"),
+    "fem.in_memory": ("mesh_from_dolfinx", "mesh_from_gmsh_model"),
     "fem.solid": ("Solid",),
     "fem.full": ("FullModel",),
     "reduction.modes": ("component_modes",),
