@@ -35,11 +35,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
-from fenicsrom.post.writers import write_summary
 from fenicsrom.post.html_page import html_report
-from fenicsrom.post.tables import text_table
 from fenicsrom.post.style import COLOURS, new_figure, styled
-from fenicsrom.post.writers import write_figure
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_figure, write_summary
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.reduction.projection import projected_gyroscopic
 from fenicsrom.scene import Scene
@@ -132,7 +131,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         ConvergenceError, AccuracyError: nothing was found at all.
     """
     from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import solid_of
 
     begin = clock.perf_counter()
     rotation, speeds = scene.rotation, speeds_rpm(scene)
@@ -140,7 +139,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
     say("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     say("solid ..")
-    solid = Solid(mesh, replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))))
+    solid = solid_of(replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))), mesh)
     count = scene.campbell.modes
     if count > solid.free:
         raise SceneError(

@@ -49,9 +49,9 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
-from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.post.html_page import html_report
 from fenicsrom.post.style import new_figure, styled
+from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 
 if TYPE_CHECKING:
@@ -535,7 +535,7 @@ def own_basis_error(study: Study, scene: Scene, motion: Motion) -> float | None:
     richer = complete(study, motion.buckled > 0)
     if richer is None:
         return None
-    estimate = basis_error(reduce(study.solid, richer), scene, motion)
+    estimate = basis_error(reduce(study.solid, scene.basis, richer), scene, motion)
     check_basis_error(scene, estimate)
     return estimate
 

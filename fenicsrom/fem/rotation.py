@@ -93,14 +93,17 @@ class RotatingFrame:
         """Centrifugal potential V(u) − V(0) of (1) at a displacement u (local,), J."""
         return float(
             self._comm.allreduce(
-                -self.omega_squared * float(np.dot(u, self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)))
+                -self.omega_squared
+                * float(np.dot(u, self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)))
             )
         )
 
     def add_spin_softening(self, matrix: PETSc.Mat, weight: float) -> None:
         """Add `weight` times −Ω² Q, the second derivative of (1), to a tangent stiffness."""
         matrix.axpy(
-            -weight * self.omega_squared, self.mass, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+            -weight * self.omega_squared,
+            self.mass,
+            structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN,
         )
 
     def gyroscopic(self) -> PETSc.Mat | None:

@@ -257,5 +257,3 @@ def _node_at(fraction: float, elements: int) -> int:
         kind=ErrorKind.RANGE,
         key="reference.beam_section.load_at",
     )
-
-

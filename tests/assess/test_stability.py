@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, oscillator
+from support import beam_scene, linear_model, oscillator, scene_of
 
 from fenicsrom.assess import estimates, stability, verdicts
 from fenicsrom.assess.stability import (

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
-from support import linear_model, one_contact
+from support import linear_model, one_contact, scene_of
 
 from fenicsrom.assess import stability
 from fenicsrom.online import equilibrium as statics
