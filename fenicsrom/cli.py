@@ -13,10 +13,10 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from fenicsrom import __version__
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
 
@@ -140,31 +140,13 @@ def _ranks() -> Any:
     return mpi.COMM_WORLD if mpi and mpi.COMM_WORLD.size > 1 else None
 
 
-def _version() -> str:
-    """Give the version of the installed package."""
-    try:
-        return version("fenicsrom")
-    except PackageNotFoundError:
-        return "(not installed as a package)"
-
-
-class _Version(argparse.Action):
-    """Print the version and exit; the version is looked up only then."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
-        print(f"fenicsrom {_version()}")
-        parser.exit()
-
-
 def _parser() -> argparse.ArgumentParser:
     """Make the parser of the command line."""
     parser = argparse.ArgumentParser(
         prog="fenicsrom",
         description="Reduced-order models of geometrically nonlinear structures with friction.",
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, help="print the version of fenicsrom and exit"
-    )
+    parser.add_argument("--version", action="version", version=f"fenicsrom {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run a scene, or integrate a stored reduced model again")

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 
 if TYPE_CHECKING:
+    from fenicsrom.fem.mesh import Mesh
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.march import Checkpoint
     from fenicsrom.online.motion import Motion
@@ -122,7 +123,7 @@ class Run:
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         interrupt: called between stages and after each period; it may raise to stop the run.
-        mesh: the mesh.
+        mesh: the mesh; None until it is made.
         snapshots: the deflections by which modes and derivatives are selected.
         reduction: the stages from the modes to the reduced model.
     """
@@ -133,7 +134,7 @@ class Run:
     folder: Path | None = None
     resume: Path | None = None
     interrupt: Callable[[], None] = nothing
-    mesh: Any = None
+    mesh: Mesh | None = None
     snapshots: Snapshots = field(init=False)
     reduction: Reduction = field(init=False)
 
@@ -382,6 +383,7 @@ def run(
     resume: Path | None = None,
     modes_only: bool = False,
     interrupt: Callable[[], None] = nothing,
+    mesh: Mesh | None = None,
 ) -> Study:
     """Run all stages that a scene needs.
 
@@ -393,6 +395,7 @@ def run(
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
         interrupt: called between stages and after each period; it may raise to stop the run.
+        mesh: the mesh; None makes or reads the one of the scene.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
@@ -405,23 +408,52 @@ def run(
     """
     from fenicsrom.post.record import Study
 
-    if comm is None:
-        from mpi4py import MPI
-
-        comm = MPI.COMM_WORLD
     watch = Stopwatch(say if say is not None else lambda line: None)
-    run = Run(Study(scene), comm, watch, folder, resume, interrupt)
+    run = Run(Study(scene), comm or _all_ranks(), watch, folder, resume, interrupt, mesh)
     execute(run, stages(scene, modes_only, files=folder is not None))
     return run.study
 
 
-def offline(scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False) -> Study:
+def offline(
+    scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False, mesh: Mesh | None = None
+) -> Study:
     """Run the stages up to the reduced model, or up to the modal derivatives; write no files."""
     from fenicsrom.post.record import Study
 
-    run = Run(Study(scene), comm, watch)
+    run = Run(Study(scene), comm, watch, mesh=mesh)
     execute(run, _offline_stages(scene, modes_only))
     return run.study
+
+
+def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> StoredModel:
+    """Build the reduced model of a scene, without integrating it.
+
+    Args:
+        scene: the scene.
+        mesh: the mesh; None makes or reads the one of the scene.
+        comm: MPI communicator; by default all ranks.
+
+    Returns:
+        The model with its scene and labels, for `simulate`, `rescene` and `save_model`.
+
+    Raises:
+        SceneError: the scene cannot be used, or all its loads are static.
+        ConvergenceError, AccuracyError: a stage failed.
+    """
+    from fenicsrom.post.summary import stored_model
+
+    if scene.static_only:
+        reason = "all loads are static, so there is no reduced model to integrate"
+        raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
+    watch = Stopwatch(lambda line: None)
+    return stored_model(offline(scene, comm or _all_ranks(), watch, mesh=mesh))
+
+
+def _all_ranks() -> Any:
+    """Give the communicator of all ranks."""
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
 
 
 def execute(run: Run, listed: list[Stage]) -> None:
@@ -447,10 +479,11 @@ def execute(run: Run, listed: list[Stage]) -> None:
 
 
 def _mesh(run: Run) -> None:
-    """Make or read the mesh."""
+    """Make or read the mesh, unless the caller gave one."""
     from fenicsrom.fem.mesh import build_mesh
 
-    run.mesh = build_mesh(run.study.scene.geometry, run.comm)
+    if run.mesh is None:
+        run.mesh = build_mesh(run.study.scene.geometry, run.comm)
 
 
 def _solid(run: Run) -> None:

@@ -98,7 +98,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     since = float(motion.time[0])  # what a resumed run recorded
     peak, resolved = (
         peak_normal_force(motion),
-        motion.end is None or np.all(motion.end.state.trial.room.lean < 0.5),
+        motion.end is None or np.all(motion.end.state.trial.scratch.blending < 0.5),
     )
     apart = 2.0 * abs(peak - peak_normal_force(other, since))
     force = 0.0 if peak == apart == 0.0 else apart / peak if resolved and peak > 0.0 else np.inf

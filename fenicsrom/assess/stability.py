@@ -49,9 +49,9 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
-from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.post.html_page import html_report
 from fenicsrom.post.style import new_figure, styled
+from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.state import TIME, Checkpoint, no_record, no_state
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
-FORMAT = "fenicsrom checkpoint 1"
+FORMAT = "fenicsrom checkpoint 2"
 EVERY = 10.0  # s between two checkpoints, at least
 ENDS = (
     "periods",
@@ -81,9 +81,11 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
     state, last = checkpoint.state, checkpoint.last
     return {
         **{
-            name: array for name, array in state._asdict().items() if name not in ("touch", "trial")
+            name: array
+            for name, array in state._asdict().items()
+            if name not in ("contact", "trial")
         },
-        **{f"touch_{name}": array for name, array in state.touch._asdict().items()},
+        **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
         **{
             f"last_{name}": array for name, array in last._asdict().items() if name != "coordinates"
         },

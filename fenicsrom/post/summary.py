@@ -11,6 +11,7 @@ import numpy as np
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.history import HISTORY_ARRAYS
 from fenicsrom.online.measures import (
     errors_percent,
     out_of_reach,
@@ -28,14 +29,6 @@ SUMMARY = "summary.json"
 HISTORY = "history.npz"
 MODEL = "reduced_model.npz"
 CHECKPOINT = "checkpoint.npz"
-
-# Array of history.npz -> attribute of a `Motion`.
-HISTORY_ARRAYS = {
-    **{key: key for key in ("time", "displacement", "force", "gap", "state")},
-    **{key: key for key in ("kinetic", "elastic", "contact_energy", "work")},
-    "damped": "damping_dissipation",
-    "rubbed": "friction_dissipation",
-}
 
 
 def summary(study: Study) -> dict[str, Any]:
