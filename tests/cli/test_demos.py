@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from support import scene_of
+
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid

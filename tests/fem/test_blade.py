@@ -28,8 +28,6 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
-from fenicsrom.plan import plan
-from fenicsrom.post.results import stored_model
 
 from fenicsrom.fem.full import FullModel
 from fenicsrom.online.archive import StoredModel, changed_key, load_model, rescene, save_model

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.plan import plan
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,

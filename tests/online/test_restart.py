@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, one_contact, random_model, scene_of
+from support import beam_scene, linear_model, one_contact, random_model
 from test_contact import casing
 
 from fenicsrom.cli import main
