@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -11,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import oscillator, random_model, random_polynomial
+from support import beam_scene, oscillator, random_model, random_polynomial
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind
@@ -166,3 +167,115 @@ def test_history_that_is_damaged_is_refused(tmp_path: Path) -> None:
     assert kind() is ErrorKind.FORMAT
     np.savez(path, reduced_time=np.zeros(3))
     assert kind() is ErrorKind.FORMAT
+
+
+# ------------------------------------------------------------------ meshes in memory
+
+
+def frequencies(mesh: Any, scene: Any) -> Any:
+    """The first three natural frequencies in Hz of a scene on a mesh."""
+    solid = fenicsrom.Solid(mesh, scene)
+    return fenicsrom.component_modes(solid, "rubin", 3).frequencies_hz
+
+
+def test_gmsh_model_in_memory_gives_the_mesh_of_its_file(tmp_path: Path) -> None:
+    pytest.importorskip("dolfinx")
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.add("plate")
+        gmsh.model.occ.addRectangle(0.0, 0.0, 0.0, 1.0, 0.2)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [1], name="solid")
+        gmsh.model.addPhysicalGroup(1, [4], name="root")
+        gmsh.model.addPhysicalGroup(1, [2], name="tip")
+        gmsh.model.addPhysicalGroup(1, [3], name="load")
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.1)
+        gmsh.model.mesh.generate(2)
+        found = fenicsrom.mesh_from_gmsh_model(dimension=2)
+        gmsh.write(str(tmp_path / "plate.msh"))
+        gmsh.model.addPhysicalGroup(1, [1], name="below")
+        with pytest.raises(fenicsrom.SceneError) as caught:
+            fenicsrom.mesh_from_gmsh_model(dimension=3)
+        assert caught.value.kind is ErrorKind.MESH
+    finally:
+        gmsh.finalize()
+    assert set(found.groups) == {"solid", "root", "tip", "load"}
+    geometry = {"mesh": tmp_path / "plate.msh", "dimension": 2, "thickness": 0.01}
+    scene = beam_scene(2, geometry=geometry | {"mesh": str(tmp_path / "plate.msh")})
+    from mpi4py import MPI
+
+    ours, theirs = (
+        frequencies(found, scene),
+        frequencies(fenicsrom.build_mesh(scene.geometry, MPI.COMM_WORLD), scene),
+    )
+    np.testing.assert_allclose(ours, theirs, rtol=1e-8)
+
+
+def test_dolfinx_mesh_with_tags_gives_the_beam_of_the_geo_file(beam2d: Any) -> None:
+    import dolfinx.mesh
+    from mpi4py import MPI
+
+    scene = beam_scene(2)
+    domain = dolfinx.mesh.create_rectangle(
+        MPI.COMM_WORLD,
+        [[0.0, 0.0], [2.54, 0.0254]],
+        [20, 1],
+        dolfinx.mesh.CellType.quadrilateral,
+    )
+    root = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: x[0] < 1e-9)
+    tip = dolfinx.mesh.locate_entities_boundary(domain, 1, lambda x: x[0] > 2.54 - 1e-9)
+    load = dolfinx.mesh.locate_entities(domain, 1, lambda x: abs(x[0] - 0.7 * 2.54) < 1e-9)
+    facets = np.concatenate([root, tip, load])
+    values = np.repeat(np.array([1, 2, 3], dtype=np.int32), [len(root), len(tip), len(load)])
+    order = np.argsort(facets)
+    tags = dolfinx.mesh.meshtags(domain, 1, facets[order], values[order])
+    mesh = fenicsrom.mesh_from_dolfinx(domain, tags, {"root": 1, "tip": [2], "load": 3})
+    ours = frequencies(mesh, scene)
+    np.testing.assert_allclose(ours, frequencies(beam2d.mesh, scene), rtol=1e-6)
+    with pytest.raises(fenicsrom.SceneError) as caught:
+        fenicsrom.mesh_from_dolfinx(domain, tags, {"root": 7})
+    assert caught.value.kind is ErrorKind.MESH
+
+
+# ------------------------------------------------------------------ the demos
+
+
+def demo(name: str) -> dict[str, Any]:
+    """What a script of demos/ computes."""
+    pytest.importorskip("dolfinx")
+    return runpy.run_path(str(ROOT / "demos" / f"{name}.py"))
+
+
+def test_demo_of_many_loads_sticks_slips_and_lifts_off() -> None:
+    found = demo("loop_over_loads")
+    motions, amplitudes = found["motions"], found["amplitudes"]
+    assert amplitudes[30.0] == pytest.approx(3.0 * amplitudes[10.0], rel=2e-3)
+    assert amplitudes[60.0] > 10.0 * amplitudes[30.0]
+    assert 1e3 * amplitudes[111.29] == pytest.approx(157.60, rel=2e-3)  # tests/cli/test_demos.py
+    fractions = [fenicsrom.contact_fractions(motions[force]) for force in (30.0, 60.0, 111.29)]
+    assert fractions[0]["stick"] == pytest.approx(1.0, rel=1e-12)
+    assert fractions[1]["slip"] > 0.3 and fractions[1]["open"] == 0.0
+    assert fractions[2]["open"] == pytest.approx(0.37, abs=0.02)
+
+
+def test_demo_of_matrices_in_scipy_moves_as_the_program_does() -> None:
+    found = demo("hand_over_matrices")
+    assert found["solution"].success
+    assert found["difference"] < 1e-5
+    assert np.abs(found["probe"]).max() > 0.01  # m: far in the nonlinear range
+
+
+def test_demo_built_from_python_rubs_and_balances_its_energy() -> None:
+    found = demo("build_from_python")
+    motion, stored = found["motion"], found["stored"]
+    assert motion.relative_imbalance < 1e-6
+    shares = fenicsrom.contact_fractions(motion)
+    assert min(shares.values()) > 0.1
+    # a straight cantilever as long as both legs is softer than the bracket, one leg is stiffer
+    straight = [
+        1.8751**2 / (2 * np.pi) * np.sqrt(207e9 * 0.03**2 / 12 / 7801.0) / length**2
+        for length in (0.8, 0.4)
+    ]
+    assert straight[0] < stored.frequencies_hz[0] < straight[1]

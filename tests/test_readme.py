@@ -90,6 +90,14 @@ def test_scene_keys_have_one_place() -> None:
     assert text.index(SCENE_KEYS[0]) < text.index(SCENE_KEYS[1])
 
 
+def test_citation_and_changelog_name_the_version() -> None:
+    from fenicsrom import __version__
+
+    cited = re.findall(r"(?m)^version: (\S+)$", (ROOT / "CITATION.cff").read_text())
+    assert cited == [__version__]
+    assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text()
+
+
 @pytest.mark.slow
 def test_python_block_of_the_readme_runs(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
