@@ -43,28 +43,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "a stored model runs without dolfinx: fenicsrom run --from reduced_model.npz",
             1,
         )
-    except Terminated:
-        return _stopped("terminated", 143)
     except KeyboardInterrupt:
+        if _is_terminated():
+            return _stopped("terminated", 143)
         return _stopped("interrupted", 130)
-
-
-class Terminated(BaseException):
-    """SIGTERM arrived."""
 
 
 _termination = {"requested": False}
 
 
-def _stop_if_terminated() -> None:
-    """Raise `Terminated` if SIGTERM arrived; called between stages and after each period."""
-    if _termination["requested"]:
-        raise Terminated
+def _is_terminated() -> bool:
+    """Tell whether SIGTERM arrived; asked between stages and after each period."""
+    return _termination["requested"]
 
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Note SIGTERM for `_stop_if_terminated`, if this is the main thread.
+    """Note SIGTERM for `_is_terminated`, if this is the main thread.
 
     The handler does not raise: numba drops exceptions that are raised while it compiles. A second
     SIGTERM ends the process at once; files are complete at any moment.
@@ -246,7 +241,7 @@ def _run(options: argparse.Namespace) -> int:
         say,
         folder=folder,
         resume=Path(options.resume) if options.resume else None,
-        interrupt=_stop_if_terminated,
+        stop=_is_terminated,
     )
     if comm.rank == 0:
         table = sentences.response_table(found.motions, found.sizes)
@@ -293,7 +288,7 @@ def _rerun(options: argparse.Namespace) -> int:
         folder,
         resume=resume,
         say=_progress,
-        interrupt=_stop_if_terminated,
+        stop=_is_terminated,
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
     resumed = sentences.resumed_sentence(found.motion)
@@ -310,9 +305,7 @@ def _modes(options: argparse.Namespace) -> int:
     from fenicsrom import study
     from fenicsrom.post import sentences
 
-    found = study.run(
-        scene, comm, say, folder=folder, modes_only=True, interrupt=_stop_if_terminated
-    )
+    found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=_is_terminated)
     if comm.rank == 0:
         _results(None, "", found.warnings, sentences.mode_lines(found))
         _files(found.files)
@@ -407,15 +400,14 @@ def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
     def say(line: str) -> None:
         if comm.rank == 0:
             _progress(line)
-        else:
-            _stop_if_terminated()
 
     return comm, say, scene, folder
 
 
 def _progress(line: str) -> None:
-    """Print a line of progress to stderr; stop if SIGTERM arrived."""
-    _stop_if_terminated()
+    """Print a line of progress to stderr; stop a serial run if SIGTERM arrived."""
+    if _is_terminated() and _ranks() is None:
+        raise KeyboardInterrupt
     print(line, file=sys.stderr, flush=True)
 
 
