@@ -564,8 +564,6 @@ def examine(case: Case, table: Mapping[str, Any], source: str, folder: Path) -> 
         verdict, why = _examine(case, table, source, folder, numbers)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         verdict, why = REFUSED, f"{type(error).__name__}: {error}"
-        if len(str(error).strip()) < 20:
-            verdict = WRONG
     except Exception as error:
         verdict, why = WRONG, f"{type(error).__name__}: {error}".splitlines()[0]
     return Finding(case, verdict, why, **numbers, seconds=clock.perf_counter() - begin)
