@@ -279,21 +279,14 @@ def _rerun(options: argparse.Namespace) -> int:
     from fenicsrom.post import results
 
     stored = archive.load_model(Path(options.stored))
-    overrides = list(options.overrides)
     resume = Path(options.resume) if options.resume else None
-    if (
-        resume is not None
-    ):  # under the scene it was run under, which need not be the one the model was made from
+    if resume is not None:  # the run to continue may have another scene than the stored model
         stored = replace(stored, scene=restart.load_scene(resume))
     if options.scene is not None:
-        wanted = read_scene(options.scene, overrides)
-        if (key := archive.changed_key(stored.scene, wanted)) is not None:
-            raise SceneError(
-                f"{options.scene}: {key} is not what {options.stored} was made from: run the scene without --from"
-            )
-        model, scene = archive.with_scene(stored, wanted)
+        current = stored.with_scene(read_scene(options.scene, options.overrides))
     else:
-        model, scene = archive.rescene(stored, overrides)
+        current = stored.with_overrides(options.overrides)
+    model, scene = current.model, current.scene
     begin = restart.load_checkpoint(resume, model, scene) if resume is not None else None
     folder = _folder(options, options.scene or options.stored)
     _writable(folder)

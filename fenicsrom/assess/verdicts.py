@@ -80,45 +80,6 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
     )
 
 
-def check_energy(motion: Motion) -> None:
-    """Refuse a motion whose energy ledger is off by more than `ENERGY_ERROR`, or in which friction
-    gives energy.
-
-    Energy from nowhere is held against the largest energy of the motion, as it may come to be all
-    of it. Energy that is lost (it is what generalised-alpha is made for) is held against the
-    largest energy and the work of the loads together: it is so much more damping.
-
-    Raises:
-        AccuracyError: it is.
-    """
-    energy = float(np.max(motion.kinetic + np.abs(motion.elastic)))
-    work = float(np.max(np.abs(motion.work - motion.work[0])))
-    both = "largest energy and the work of the loads"
-    for sign, share, found in ((1.0, energy, "largest energy"), (-1.0, energy + work, both)):
-        off = float(np.max(sign * motion.imbalance))
-        if not off <= ENERGY_ERROR * share:
-            kind = "comes from nowhere" if sign > 0.0 else "is lost"
-            raise AccuracyError(
-                f"the energy ledger is off: {off / share if share > 0.0 else np.inf:.1e} of the {found} {kind} "
-                f"(at most {ENERGY_ERROR:g} is allowed): the steps are too long for the scheme"
-            )
-    gains = np.diff(motion.friction_dissipation)
-    given, taken = (
-        -float(np.sum(gains[gains < 0.0])),
-        float(
-            np.sum(gains[gains > 0.0])
-            + motion.damping_dissipation[-1]
-            - motion.damping_dissipation[0]
-        ),
-    )
-    if given > ENERGY_ERROR * taken:
-        part = f"{given / taken:.1e} of what is dissipated" if taken > 0.0 else "from nothing"
-        raise AccuracyError(
-            f"friction gives energy to the motion, {part} (at most {ENERGY_ERROR:g} is allowed): the steps are too "
-            "long for the stiffness of the contact"
-        )
-
-
 def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
     """Why a motion is not to be relied on, as far as the model alone can tell; None if nothing
     speaks against it.

@@ -28,8 +28,7 @@ from hypothesis import strategies as st
 from support import beam_scene, random_model
 
 from fenicsrom.errors import SceneError
-from fenicsrom.online.archive import StoredModel, load_model, rescene, save_model
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
 
@@ -281,7 +280,7 @@ def test_a_model_survives_the_round_trip_and_runs(stored: Path, tmp_path: Path) 
     first = load_model(stored)
     save_model(tmp_path / "again.npz", first)
     assert same(stored, tmp_path / "again.npz")
-    assert simulate(*rescene(first, ["loads.0.force=0.1"])).periods == 2
+    assert first.with_overrides(["loads.0.force=0.1"]).simulate().periods == 2
 
 
 def test_a_bomb_is_not_unpacked(stored: Path, tmp_path: Path) -> None:

@@ -222,7 +222,7 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
     )  # those are the scene's
     for name in ("mass", "loads", "contact_rows", "probe"):
         other = model._replace(**{name: np.nextafter(getattr(model, name), 9.0)})
-        with pytest.raises(SceneError, match="is a checkpoint of another reduced model"):
+        with pytest.raises(SceneError, match="another reduced model wrote this checkpoint"):
             load_checkpoint(path, other, scene)
     changes = {
         "friction=0.4": "contacts",
@@ -242,12 +242,12 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
             other = replace(other, time=replace(scene.time, **{name: getattr(other.time, name)}))
         with pytest.raises(
             SceneError,
-            match=f"checkpoint.npz: {key} is another than that of the run: only when it ends",
+            match=f"checkpoint.npz: {key} differs from the scene of the run; a run",
         ):
             load_checkpoint(path, model, other)
     for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
         load_checkpoint(path, model, replace(scene, time=replace(scene.time, **ends)))
-    with pytest.raises(SceneError, match=r"time.periods = 2: the run has come there already"):
+    with pytest.raises(SceneError, match=r"time.periods = 2: the run already reached period 2"):
         load_checkpoint(path, model, replace(scene, time=replace(scene.time, periods=2)))
 
 
