@@ -17,16 +17,16 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.estimates import basis_error, complete, step_errors
+from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
 from fenicsrom.assess.verdicts import (
     check_basis_error,
-    check_energy,
     check_time_error,
     other_scheme,
 )
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import Solid
+from fenicsrom.online.energy import check_energy
 from fenicsrom.online.measures import has_settled, is_unsteady, out_of_reach
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
@@ -257,7 +257,14 @@ def check(study: Study) -> None:
             study.errors["peak force by the time step"] = force
         check_time_error(scene, study.errors["time step"], is_unsteady(motion))
         if has_settled(motion):
-            richer = complete(study, motion.buckled > 0)
+            richer = richer_basis(
+                study.solid,
+                scene,
+                study.modes,
+                study.selection,
+                study.derivatives,
+                motion.buckled > 0,
+            )
             if richer is not None:
                 study.errors["basis"] = basis_error(reduce(study.solid, richer), scene, motion)
                 check_basis_error(scene, study.errors["basis"])

@@ -103,8 +103,8 @@ class StoredModel:
         """
         if (key := changed_key(self.scene, scene)) is not None:
             raise SceneError(
-                f"{scene.source}: {key} differs from the scene of the stored model, which cannot "
-                "follow that change; run the scene again, without --from",
+                f"{scene.source}: {key} cannot change on a stored reduced model; "
+                "run the scene again, without --from",
                 kind=ErrorKind.MISMATCH,
                 key=key,
                 source=scene.source,

@@ -341,8 +341,8 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         for name, array in found.items():
             np.testing.assert_array_equal(array, whole[name][-len(array) :], err_msg=name)
     wrong = {
-        "time.periods = 3: the run has come there already": [*stored, *resume],
-        "contacts is another than that of the run": [
+        "time.periods = 3: the run already reached period": [*stored, *resume],
+        "contacts differs from the scene of the run": [
             *stored,
             *resume,
             *long,
@@ -359,7 +359,7 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_terminated_runs_leave_a_checkpoint(tmp_path: Path) -> None:
     """A long run that is stopped from outside goes on, to the same end."""
     pytest.importorskip("dolfinx")
-    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.EVERY = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
+    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.INTERVAL = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
     long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]
     run = subprocess.Popen(
         [
