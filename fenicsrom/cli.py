@@ -187,10 +187,15 @@ def _parser() -> argparse.ArgumentParser:
     campbell.set_defaults(command=_campbell)
 
     stability = commands.add_parser(
-        "stability", help="a hundred extreme variants of a scene, and a verdict on each"
+        "stability", help="extreme variants of a scene, and a verdict on each"
     )
+    stability.add_argument("scene", help="scene file (TOML)")
     stability.add_argument(
-        "scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)"
+        "--axis",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run this axis only, such as friction; may be repeated",
     )
     stability.set_defaults(command=_stability)
 
@@ -346,11 +351,12 @@ def _compare(options: argparse.Namespace) -> int:
 def _campbell(options: argparse.Namespace) -> int:
     comm, say, scene, folder = _start(options)
     from fenicsrom.assess import campbell
+    from fenicsrom.post import campbell_report
 
     found = campbell.campbell(scene, comm, say)
     if comm.rank == 0:
-        files = campbell.write(found, folder)
-        _found(scene, campbell.terminal(found), found.warnings)
+        files = campbell_report.write(found, folder)
+        _found(scene, campbell_report.terminal(found), found.warnings)
         _files(files)
     if found.unfinished:
         comm.barrier()
@@ -359,23 +365,22 @@ def _campbell(options: argparse.Namespace) -> int:
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from fenicsrom.scene.paths import shared_demos
-
-    path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
     folder = Path(options.output) if options.output else Path("out") / "stability"
     _writable(folder)
-    from fenicsrom.assess import schemes, stability
+    from fenicsrom.assess import stability
+    from fenicsrom.post import stability_report
 
     matrix = stability.stability(
-        path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True)
+        Path(options.scene),
+        options.overrides,
+        lambda line: print(line, file=sys.stderr, flush=True),
+        options.axis,
     )
-    files = stability.write(matrix, folder)
+    files = stability_report.write(matrix, folder)
     print()
-    print("\n".join(stability.sentences(matrix)))
-    if matrix.by_scheme:
-        print(f"\n{schemes.terminal(matrix.by_scheme)}")
+    print("\n".join([*stability_report.sentences(matrix), *matrix.left_out]))
     _files(files)
-    return 1 if matrix.count(stability.WRONG) else 0
+    return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
 def _plan(options: argparse.Namespace) -> int:

@@ -18,12 +18,9 @@ together keep to the lines, wide ones to the shapes.
 
 from __future__ import annotations
 
-import csv
-import io
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,24 +30,11 @@ from scipy.optimize import linear_sum_assignment
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.files import atomic_write
-from fenicsrom.online.archive import provenance
-from fenicsrom.post.report import (
-    COLOURS,
-    html_report,
-    new_figure,
-    styled,
-    text_table,
-    write_summary,
-)
-from fenicsrom.post.results import write_figure
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.reduction.projection import projected_gyroscopic
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from fenicsrom.fem.solid import Solid
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
@@ -391,163 +375,3 @@ def critical_speeds(speeds: Array, squares: Array, scene: Scene) -> list[Critica
                 Critical(mode + 1, order, float(root), order * float(root) / 60.0) for root in roots
             ]
     return sorted(found, key=lambda item: (item.speed_rpm, item.mode, item.order))
-
-
-# ---------------------------------------------------------------------- files
-
-
-def summary(found: Campbell) -> dict[str, Any]:
-    """The contents of `campbell.json`."""
-    rotation = found.scene.rotation
-    assert rotation is not None
-    return {
-        "scene": found.scene.source,
-        "dofs": found.unknowns,
-        "coriolis": rotation.coriolis,
-        "speeds_rpm": found.speeds_rpm,
-        "frequencies_hz": found.frequencies_hz,
-        "mac": found.mac,
-        "largest_displacement_m": found.largest,
-        "engine_orders": list(found.scene.campbell.engine_orders),
-        "critical_speeds": [vars(item) for item in found.critical],
-        "complex_change": found.change,
-        "seconds": found.seconds,
-        "unfinished": str(found.unfinished) if found.unfinished else None,
-        "warnings": found.warnings,
-        "provenance": provenance(),
-    }
-
-
-def frequency_table(found: Campbell) -> list[list[Any]]:
-    """Frequencies against speed, the head first."""
-    head = ["rpm", *(f"mode {k + 1} Hz" for k in range(found.squares.shape[1]))]
-    rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
-    return [head, *([f"{speed:.6g}", *(f"{value:.5g}" for value in line)] for speed, line in rows)]
-
-
-def critical_table(found: Campbell) -> list[list[Any]]:
-    """The critical speeds, the head first."""
-    rows = [
-        [item.order, item.mode, f"{item.speed_rpm:.5g}", f"{item.frequency_hz:.5g}"]
-        for item in found.critical
-    ]
-    return [["engine order", "mode", "rpm", "Hz"], *rows]
-
-
-def sentences(found: Campbell) -> list[str]:
-    """What was found, for the terminal and the report."""
-    speeds, modes = found.speeds_rpm, found.squares.shape[1]
-    orders = ", ".join(map(str, found.scene.campbell.engine_orders))
-    lines = [
-        f"{modes} modes at {speeds.size} speeds from {speeds[0]:g} to {speeds[-1]:g} rpm; the body gives way by up to "
-        f"{1e3 * found.largest.max():.3g} mm.",
-        f"Engine orders {orders} meet them at {len(found.critical)} speeds.",
-    ]
-    if speeds.size > 1:
-        k, mode = np.unravel_index(np.argmin(found.mac), found.mac.shape)
-        lines.append(
-            f"Modes were followed by their shapes: the least alike from speed to speed is mode {mode + 1} at {speeds[k]:g} rpm, "
-            f"MAC {found.mac[k, mode]:.2f}."
-        )
-    if found.change is not None:
-        lines.append(
-            f"With the Coriolis force; frequencies settled to {found.change:.1e} in the space of complex modes."
-        )
-    if found.unfinished:
-        lines.append(f"It stopped there: {found.unfinished}")
-    return lines
-
-
-@styled
-def figure(found: Campbell) -> Figure:
-    """Frequencies by mode and engine-order lines against the speed, critical speeds marked."""
-    drawn = new_figure(9.0, 5.6)
-    axis = drawn.subplots()
-    speeds, frequencies = found.speeds_rpm, found.frequencies_hz
-    top = 1.08 * float(frequencies.max(initial=1.0))
-    right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
-    for order in found.scene.campbell.engine_orders:
-        end = min(right, 60.0 * top / order)
-        axis.plot([0.0, end], [0.0, order * end / 60.0], color="#A6ABB0", linewidth=1.0, zorder=1)
-        beside = end >= right
-        axis.annotate(
-            f"EO {order}",
-            (end, order * end / 60.0),
-            (3, 0) if beside else (0, 3),
-            textcoords="offset points",
-            fontsize=9,
-            color="#5b636b",
-            ha="left" if beside else "center",
-            va="center" if beside else "bottom",
-            annotation_clip=False,
-        )
-    for mode in range(frequencies.shape[1]):
-        colour = COLOURS[mode % len(COLOURS)]
-        style = ("-", "--", ":")[mode // len(COLOURS) % 3]
-        look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5, "zorder": 2}
-        axis.plot(speeds, frequencies[:, mode], style, label=f"mode {mode + 1}", **look)
-    for item in found.critical:
-        axis.plot(
-            item.speed_rpm,
-            item.frequency_hz,
-            "o",
-            color="black",
-            markerfacecolor="white",
-            markersize=6,
-            zorder=3,
-        )
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
-    drawn.legend(loc="outside upper center", ncols=min(frequencies.shape[1], 6))
-    return drawn
-
-
-def write(found: Campbell, folder: Path) -> list[Path]:
-    """Write `campbell.csv`, `campbell.json`, `report.html` and `campbell.png`.
-
-    Returns:
-        The files, the one to open first at the head.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    modes = found.squares.shape[1]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        [
-            "speed_rpm",
-            *(f"mode_{k + 1}_hz" for k in range(modes)),
-            *(f"mode_{k + 1}_mac" for k in range(modes)),
-        ]
-    )
-    for row in np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac]):
-        writer.writerow([repr(float(value)) for value in row])
-    _write_text(folder / "campbell.csv", text.getvalue())
-    write_summary(folder / "campbell.json", summary(found))
-    pictures = []
-    if found.scene.output.pictures:
-        pictures = [write_figure(folder / "campbell.png", figure(found))]
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)])
-    ]
-    sections += [("Campbell diagram", [path]) for path in pictures]
-    if found.critical:
-        sections.append(("Critical speeds", [critical_table(found)]))
-    sections.append(("Frequencies", [frequency_table(found)]))
-    title = f"{found.scene.title or found.scene.source}: Campbell diagram"
-    _write_text(folder / "report.html", html_report(title, sections))
-    return [folder / "report.html", folder / "campbell.json", folder / "campbell.csv", *pictures]
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
-
-
-def terminal(found: Campbell) -> str:
-    """The tables and the sentences, for the terminal."""
-    tables = [
-        text_table(frequency_table(found)),
-        *([text_table(critical_table(found))] if found.critical else []),
-    ]
-    return "\n\n".join([*tables, "\n".join(sentences(found))])
