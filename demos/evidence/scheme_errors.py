@@ -299,7 +299,7 @@ def _apart(values: Array, exact: Array) -> float | None:
 
 
 def events(motion: Motion) -> tuple[tuple[str, int], ...]:
-    """The number of changes of contact state on the path, by kind, without kinds that are absent."""
+    """The number of changes of contact state on the path, by kind."""
     state = motion.state[motion.time <= PATH * (motion.period or np.inf)]
     before, after = state[:-1], state[1:]
     kinds = {

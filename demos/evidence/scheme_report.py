@@ -47,8 +47,9 @@ def _cell(run: Run, measure: str) -> str | None:
 
 
 def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]]:
-    """An error in percent by case, scheme and steps a period, and the fitted orders of it and of
-    the path; the head first.
+    """An error in percent by case, scheme and steps per period, the head first.
+
+    The last columns hold the fitted orders of this error and of the path.
     """
     steps = list(dict.fromkeys(run.steps for s in found for run in s.runs if run.steps is not None))
     fitted = dict.fromkeys((measure, "path"))
@@ -71,9 +72,7 @@ def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]
 
 
 def tolerances(found: Sequence[Series]) -> list[list[Any]]:
-    """What adaptive steps come to: error of the amplitude in percent, and steps a period; the head
-    first.
-    """
+    """Error of the amplitude in percent and steps per period by tolerance, the head first."""
     asked = list(
         dict.fromkeys(run.tolerance for s in found for run in s.runs if run.tolerance is not None)
     )
@@ -251,8 +250,9 @@ DRAWN = {"amplitude": "steady amplitude", "path": f"first {PATH} periods"}
 
 @styled
 def figure(found: Sequence[Series]) -> Any:
-    """Error against steps a period, a panel for each case, a line for each scheme; above the steady
-    state, below the path.
+    """Error against steps per period: a panel for each case, a line for each scheme.
+
+    The upper row shows the steady state, the lower row the path.
     """
     from matplotlib.lines import Line2D
 
@@ -332,9 +332,7 @@ def _line(axis: Any, runs: Sequence[Run], measure: str, colour: str, marker: str
 
 
 def _triangle(axis: Any, least: float) -> None:
-    """A triangle of slope two in the lower left corner, from the least number of steps to three
-    times as many.
-    """
+    """Draw a triangle of slope two from the least number of steps to three times as many."""
     low, high = axis.get_ylim()
     high *= 5.0  # for the marks of runs without a motion
     x0, x1 = least, 3.0 * least
@@ -351,9 +349,9 @@ def _triangle(axis: Any, least: float) -> None:
 
 
 HOW = (
-    f"The reduced model by every scheme, compared with {REFERENCE} steps per period of the discrete "
-    "gradient: error of the amplitudes in percent by steps per period. A dash: no motion. In "
-    "brackets: the motion is refused. With a star (hollow in the picture): it has not settled. The "
+    f"The reduced model by every scheme, compared with {REFERENCE} steps per period of the "
+    "discrete gradient: error of the amplitudes in percent by steps per period. A dash: no motion. "
+    "In brackets: the motion is refused. With a star (hollow in the picture): it has not settled. The "
     f"orders are fitted from {ASYMPTOTIC} steps per period on; the path is the first {PATH} "
     "periods. The amplitude is read at the largest step, which misses the peak by chance."
 )

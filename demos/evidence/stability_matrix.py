@@ -2,10 +2,10 @@
 
     python3 demos/evidence/stability_matrix.py --output DIR
 
-`fenicsrom stability SCENE` drives any scene along axes that follow from the scene's own values. This
-script drives the demo `slip_liftoff_2d` along axes in absolute numbers, and along axes that belong
-to the geometry of the beam: slenderness, nearly coincident modes, units, distorted meshes, curved
-surfaces and contact at the clamp. The full model and the beam run some of the cases too. Two
+`fenicsrom stability SCENE` drives any scene along axes that follow from the scene's own values.
+This script drives the demo `slip_liftoff_2d` along axes in absolute numbers, and along axes that
+belong to the geometry of the beam: slenderness, nearly coincident modes, units, distorted meshes,
+curved surfaces and contact at the clamp. The full model and the beam run some of the cases too. Two
 processes need about an hour.
 """
 
@@ -50,9 +50,7 @@ CASING = "{{kind='cylinder', point=[{centre!r}, 0.0], inside={inside}}}"
 
 
 def round_surface(radius: float, inside: bool = True) -> tuple[str, ...]:
-    """The wall before the tip bent to a casing of this radius about the root's side, or to a shaft
-    beyond it.
-    """
+    """A curved surface at the tip: a casing around the beam, or a shaft beyond it; radius in m."""
     table = {
         "group": "'tip'",
         "at": "'centre'",
@@ -231,11 +229,9 @@ OTHER_MODELS: dict[str, tuple[str, ...]] = {
 
 
 def slender(ratio: float) -> tuple[str, ...]:
-    """The beam with another L/h, shaken at the same place of its spectrum, as hard for its
-    stiffness.
-    """
+    """The beam with another L/h, at the same frequency ratio and the same relative loads."""
     s = 100.0 / ratio
-    bending = s**3  # of the stiffness in bending, the width as it was
+    bending = s**3  # factor of the bending stiffness; the width stays
     values = {
         "geometry.parameters.height": 0.0254 * s,
         "reference.beam_section.height": 0.0254 * s,
@@ -273,9 +269,7 @@ def in_units(length: float, mass: float, time: float) -> tuple[str, ...]:
 
 
 def solid_beam(width: float) -> tuple[str, ...]:
-    """The same beam in three dimensions, of this width: at that of its height every frequency of
-    bending is double.
-    """
+    """The same beam in 3D; with the width of its height every bending frequency is double."""
     return (
         f"geometry={{mesh='beam3d.geo', dimension=3, parameters={{width={width!r}}}}}",
         LOAD + "direction=[0.0, 1.0, 0.0]",
@@ -299,7 +293,7 @@ WIDTHS = {
     "one part in 1e8": 0.0254 * (1.0 + 1e-8),
     "one part in 1e4": 0.0254 * (1.0 + 1e-4),
 }
-SHIFTS = (0.2, 0.45, 0.6)  # of the length of a cell: at a half, its corners meet
+SHIFTS = (0.2, 0.45, 0.6)  # in cell lengths: cells are inverted beyond 0.5
 
 
 def cases(folder: Path) -> Iterator[Case]:
@@ -328,9 +322,7 @@ def cases(folder: Path) -> Iterator[Case]:
 def zigzag_mesh(
     path: Path, shift: float, along: int = 20, length: float = 2.54, height: float = 0.0254
 ) -> Path:
-    """Write a mesh of the beam, one cell high, its upper and lower nodes moved to and fro by a
-    fraction of a cell.
-    """
+    """Write a mesh of the beam, one cell high, with nodes shifted by a fraction of a cell."""
     x = np.linspace(0.0, length, along + 1)
     sway = shift * length / along * (-1.0) ** np.arange(along + 1)
     load = round(0.7 * along)

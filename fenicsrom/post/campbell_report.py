@@ -65,32 +65,32 @@ def critical_table(found: Campbell) -> list[list[Any]]:
 
 
 def sentences(found: Campbell) -> list[str]:
-    """What was found, for the terminal and the report."""
+    """The results in sentences, for the terminal and the report."""
     speeds, modes = found.speeds_rpm, found.squares.shape[1]
     orders = ", ".join(map(str, found.scene.campbell.engine_orders))
     lines = [
-        f"{modes} modes at {speeds.size} speeds from {speeds[0]:g} to {speeds[-1]:g} rpm; the body gives way by up to "
-        f"{1e3 * found.largest.max():.3g} mm.",
-        f"Engine orders {orders} meet them at {len(found.critical)} speeds.",
+        f"{modes} modes at {speeds.size} speeds from {speeds[0]:g} to {speeds[-1]:g} rpm; largest "
+        f"displacement of the equilibrium {1e3 * found.largest.max():.3g} mm.",
+        f"Engine orders {orders} have {len(found.critical)} critical speeds.",
     ]
     if speeds.size > 1:
         k, mode = np.unravel_index(np.argmin(found.mac), found.mac.shape)
         lines.append(
-            f"Modes were followed by their shapes: the least alike from speed to speed is mode {mode + 1} at {speeds[k]:g} rpm, "
-            f"MAC {found.mac[k, mode]:.2f}."
+            f"Modes were tracked by their shapes; the smallest MAC from speed to speed is "
+            f"{found.mac[k, mode]:.2f}, of mode {mode + 1} at {speeds[k]:g} rpm."
         )
     if found.change is not None:
         lines.append(
-            f"With the Coriolis force; frequencies settled to {found.change:.1e} in the space of complex modes."
+            f"With the Coriolis force; the complex frequencies converged to {found.change:.1e}."
         )
     if found.unfinished:
-        lines.append(f"It stopped there: {found.unfinished}")
+        lines.append(f"The computation stopped: {found.unfinished}")
     return lines
 
 
 @styled
 def figure(found: Campbell) -> Figure:
-    """Frequencies by mode and engine-order lines against the speed, critical speeds marked."""
+    """Frequencies of the modes and lines of the engine orders against speed."""
     drawn = new_figure(9.0, 5.6)
     axis = drawn.subplots()
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
