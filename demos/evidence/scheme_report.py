@@ -351,7 +351,8 @@ def _triangle(axis: Any, least: float) -> None:
 HOW = (
     f"The reduced model by every scheme, compared with {REFERENCE} steps per period of the "
     "discrete gradient: error of the amplitudes in percent by steps per period. A dash: no motion. "
-    "In brackets: the motion is refused. With a star (hollow in the picture): it has not settled. The "
+    "In brackets: the motion is refused. With a star (hollow in the picture): it has not settled. "
+    "The "
     f"orders are fitted from {ASYMPTOTIC} steps per period on; the path is the first {PATH} "
     "periods. The amplitude is read at the largest step, which misses the peak by chance."
 )

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fenicsrom.assess.schemes import SCHEMES, Errors, Run, Series
 from support import oscillator
 
 from fenicsrom.assess import schemes, stability
-from fenicsrom.assess.schemes import SCHEMES, Errors, Run, Series
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.measures import amplitude
 from fenicsrom.online.motion import Motion
