@@ -20,17 +20,11 @@ from scheme_errors import (
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.files import atomic_write
 from fenicsrom.online.energy import ENERGY_ERROR
-from fenicsrom.post.report import (
-    COLOURS,
-    html_report,
-    new_figure,
-    styled,
-    text_table,
-    write_rows,
-    write_summary,
-)
+from fenicsrom.post.html_page import write_report
+from fenicsrom.post.style import COLOURS, new_figure, styled
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_figure, write_rows, write_summary
 
 
 def _words(scheme: str) -> str:
@@ -374,13 +368,10 @@ def write(found: Sequence[Series], folder: Path) -> list[Path]:
     if lines:
         files += [folder / "schemes.csv", folder / "schemes.png"]
         write_rows(files[2], lines)
-        with atomic_write(files[3]) as temporary:
-            figure(found).savefig(temporary, format="png", dpi=130)
+        write_figure(files[3], figure(found))
         sections[0][1].extend(_tables(found, files[3]))
         sections.append(("Every run of the schemes", [every_run(lines)]))
-    with atomic_write(files[0]) as temporary:
-        page = html_report("Errors of the time integration schemes", sections)
-        temporary.write_text(page, encoding="utf-8")
+    write_report(files[0], "Errors of the time integration schemes", sections)
     return files
 
 

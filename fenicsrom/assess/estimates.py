@@ -95,7 +95,7 @@ def _force_error(motion: Motion, other: Motion) -> float:
     apart = 2.0 * abs(peak - peak_normal_force(other, _start(motion)))
     if peak == apart == 0.0:
         return 0.0
-    resolved = motion.end is None or np.all(motion.end.state.trial.room.lean < 0.5)
+    resolved = motion.end is None or np.all(motion.end.state.trial.scratch.blending < 0.5)
     return apart / peak if resolved and peak > 0.0 else np.inf
 
 

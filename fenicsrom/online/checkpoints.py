@@ -23,7 +23,7 @@ from fenicsrom.online.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.online.state import TIME, Checkpoint, no_record, no_state
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
-FORMAT = "fenicsrom checkpoint 1"
+FORMAT = "fenicsrom checkpoint 2"
 INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 
 
@@ -77,9 +77,9 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
     state, last = checkpoint.state, checkpoint.last
     return {
         **{
-            name: array for name, array in state._asdict().items() if name not in ("touch", "trial")
+            name: array for name, array in state._asdict().items() if name not in ("contact", "trial")
         },
-        **{f"touch_{name}": array for name, array in state.touch._asdict().items()},
+        **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
         **{
             f"last_{name}": array for name, array in last._asdict().items() if name != "coordinates"
         },

@@ -20,11 +20,12 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact_problem import resolve
+from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.dense import negative_eigenvalues
 from fenicsrom.online.load_histories import largest
+from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
@@ -58,19 +59,12 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     q = np.zeros_like(problem.push)
     if not problem.touches(q):
         return q, 0
-    reached, part = 0.0, 1.0
-    while reached < 1.0:
-        aim = min(1.0, reached + part)
-        trial = problem.newton(q, aim, 0.0)
-        if trial is not None:
-            q, reached, part = trial, aim, 2.0 * part
-        elif part <= SMALLEST_PART:
-            raise ConvergenceError(
-                f"equilibrium of the preload: no convergence beyond {100.0 * reached:.4g} % of it",
-                None,
-            )
-        else:
-            part *= 0.5
+    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    if reached < 1.0:
+        raise ConvergenceError(
+            f"equilibrium of the preload: no convergence beyond {100.0 * reached:.4g} % of it",
+            None,
+        )
     unstable = problem.unstable(q)
     return (problem.downhill(q), unstable) if unstable else (q, 0)
 
@@ -85,7 +79,7 @@ class _Statics:
             contacts._replace(friction=np.zeros(count)),
             dimension,
         )
-        self.room, self.start, self.end = (
+        self.scratch, self.start, self.end = (
             contact_scratch(count, dimension),
             *(zero_contact_state(count, dimension) for _ in "12"),
         )
@@ -99,83 +93,76 @@ class _Statics:
     def touches(self, q: Array) -> bool:
         """Whether a contact presses at q (n,); it is from there that it is pressed on in parts."""
         self._touch(q, self.contacts)
-        self.pressed = np.maximum(self.start.raw, 0.0)
+        self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
 
     def _touch(self, q: Array, contacts: Contacts) -> None:
         x = self.model.contact_displacement(q).reshape(-1, self.d).copy()
-        at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
+        at_rest(contacts, x, x.copy(), 0.0, self.start, self.scratch)
 
-    def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) with part of the contacts' pressure, or a step downhill, inertia
+    def newton(self, q0: Array, part: float, mass_coefficient: float) -> Array | None:
+        """Equilibrium near q0 (n,) with part of the contacts' pressure, or a step downhill, mass_coefficient
         = 1/tau; None without.
         """
-        model, room, d = self.model, self.room, self.d
+        model, scratch, d = self.model, self.scratch, self.d
         contacts = self.contacts._replace(
             preload=self.contacts.preload - (1.0 - part) * self.pressed
         )
         zero, one = np.zeros_like(q0), np.ones(1)
-        dq, first, last = zero.copy(), 0.0, 0.0
         self._touch(q0, contacts)
         self.end.x[:] = self.start.x
         interval = Interval(0.0, 0.0, 0.0, False)
-        for iteration in range(ITERATIONS):
-            elastic, slope = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
-            residual = elastic - self.push + inertia * model.mass_times(dq)
-            y, unit, compliance = model.responses(inertia, 0.0, slope, residual)
+
+        def correct(dq: Array) -> Correction | None:
+            elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
+            residual = elastic - self.push + mass_coefficient * model.mass_times(dq)
+            y, unit, delassus = model.solve_effective(mass_coefficient, 0.0, tangent, residual)
             before = self.end.x.copy()
             free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
             if not np.all(np.isfinite(free)):
                 return None
-            if before.size and not resolve(
-                contacts, interval, compliance, free, self.start, self.end, room
+            if before.size and not solve_contact(
+                contacts, interval, delassus, free, self.start, self.end, scratch
             ):
                 return None
-            change = y - unit @ room.mean.reshape(-1)
-            dq += change
-            decrement = abs(
-                model.dot(residual, change) + float(np.sum(room.mean * (self.end.x - before)))
-            )
+            change = y - unit @ scratch.mean_force.reshape(-1)
+            contact_work = float(np.sum(scratch.mean_force * (self.end.x - before)))
+            return change, abs(model.dot(residual, change) + contact_work)
+
+        def converged(dq: Array, decrement: float, first: float, last: float) -> bool:
             work = abs(model.dot(self.push, q0 + dq)) + float(
-                np.sum(np.abs(room.mean * (self.end.x - self.rest)))
+                np.sum(np.abs(scratch.mean_force * (self.end.x - self.rest)))
             )
-            first = first or decrement
             scale = max(first, work)
-            if not np.isfinite(decrement) or decrement > 1e8 * first:
-                return None
-            coming = (
-                decrement * (decrement / last) ** 2
-                if iteration > 0 and decrement < 1e-3 * last
-                else decrement
-            )
-            carried = np.sum(np.abs(room.mean), axis=1) @ np.max(
+            # the decrement after the next iteration, where the convergence is quadratic
+            coming = decrement * (decrement / last) ** 2 if decrement < 1e-3 * last else decrement
+            carried = np.sum(np.abs(scratch.mean_force), axis=1) @ np.max(
                 np.abs(self.end.x), axis=1, initial=0.0
             )
             floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
-            if coming <= TOLERANCE**2 * scale or (decrement <= floor and decrement > 0.1 * last):
-                return np.asarray(q0 + dq)
-            last = decrement
-        return None
+            stalled = decrement <= floor and decrement > 0.1 * last
+            return bool(coming <= TOLERANCE**2 * scale or stalled)
+
+        dq = newton(zero, correct, converged, ITERATIONS, growth=1e8)
+        return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
         """Number of negative eigenvalues of the stiffness with the contacts that touch."""
         zero, one = np.zeros_like(q), np.ones(1)
-        _, slope = self.model.elastic_over_step(zero, q, zero, 0.0, one, one)
-        found: int = self.model.negative_directions(slope)
-        _, _, compliance = self.model.responses(0.0, 0.0, slope, zero)
+        _, tangent = self.model.elastic_over_step(zero, q, zero, 0.0, one, one)
+        found: int = self.model.negative_directions(tangent)
+        _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, zero)
         springs = self._springs(q)
         if springs.shape[1]:  # of K + sum k n n^T: those of K, and of k^-1 + n^T K^-1 n
-            found += negative_eigenvalues(
-                np.eye(springs.shape[1]) + springs.T @ compliance @ springs
-            )
+            found += negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
         return found
 
     def _springs(self, q: Array) -> Array:
         """(m, closed) sqrt(k) n of each contact that touches at q."""
         self._touch(q, self.contacts)
         columns = []
-        for p in np.flatnonzero(self.start.raw > 0.0):
-            column = np.zeros((self.start.raw.size, self.d))
+        for p in np.flatnonzero(self.start.trial_normal_force > 0.0):
+            column = np.zeros((self.start.trial_normal_force.size, self.d))
             column[p] = self.start.normal[p] / np.linalg.norm(self.start.normal[p])
             columns.append(np.sqrt(self.contacts.normal_stiffness[p]) * column.reshape(-1))
         return np.array(columns).T if columns else np.zeros((self.start.x.size, 0))
@@ -189,13 +176,13 @@ class _Statics:
         rate = 0.0
         for _ in range(TURNS):
             shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
-            inertia = model.mass_times(shape).copy()
-            _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
-            y, unit, compliance = model.responses(0.0, 0.0, slope, -inertia)
-            inner = np.eye(springs.shape[1]) + springs.T @ compliance @ springs
+            mass_coefficient = model.mass_times(shape).copy()
+            _, tangent = model.elastic_over_step(zero, q, zero, 0.0, one, one)
+            y, unit, delassus = model.solve_effective(0.0, 0.0, tangent, -mass_coefficient)
+            inner = np.eye(springs.shape[1]) + springs.T @ delassus @ springs
             x = model.contact_displacement(y) - model.contact_displacement(zero)
             new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
-            rate = 1.0 / model.dot(inertia, new)
+            rate = 1.0 / model.dot(mass_coefficient, new)
             shape = new
         return shape / np.sqrt(model.dot(shape, model.mass_times(shape))), rate
 
@@ -206,16 +193,16 @@ class _Statics:
         shape, rate = self._soften(q, seed)
         if model.dot(push, shape) < 0.0:  # to the side that the loads push to first
             shape = -shape
-        inertia = 2.0 * abs(rate)
+        mass_coefficient = 2.0 * abs(rate)
         size = np.sqrt(
             max(model.dot(q, model.mass_times(q)), model.dot(seed, model.mass_times(seed)))
         )
         here = q + PUSH * size * shape
         stable = False
         for _ in range(DOWNHILL_STEPS):
-            trial = self.newton(here, 1.0, inertia)
+            trial = self.newton(here, 1.0, mass_coefficient)
             if trial is None:
-                inertia *= 2.0
+                mass_coefficient *= 2.0
                 continue
             here = trial
             stable = stable or self.unstable(here) == 0
@@ -223,7 +210,7 @@ class _Statics:
                 found = self.newton(here, 1.0, 0.0)
                 if found is not None and self.unstable(found) == 0:
                     return found
-                inertia *= 0.5
+                mass_coefficient *= 0.5
         raise ConvergenceError(
             "the equilibrium under the preload is unstable, and no other was found downhill of it",
             here,
@@ -235,8 +222,8 @@ class _Statics:
         """
         model, zero, one = self.model, np.zeros_like(q), np.ones(1)
         push = model.loads @ largest(model.load_histories)
-        _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
-        y, unit, _ = model.responses(0.0, 0.0, slope, -push)
+        _, tangent = model.elastic_over_step(zero, q, zero, 0.0, one, one)
+        y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -push)
         if model.dot(y, model.mass_times(y)) > 0.0:
             return np.asarray(y), push
         return np.asarray(unit.sum(axis=1)), push

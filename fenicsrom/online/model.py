@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import kernel
+from fenicsrom.online.compiled import compile_methods, kernel
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.dense import (
     add_times,
@@ -25,6 +25,18 @@ from fenicsrom.online.load_histories import LoadHistories, factors, write_factor
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 
 
+class Tangent(NamedTuple):
+    """The derivative of the mean elastic force of a step by dq.
+
+    Attributes:
+        matrix: (n, n), N/m.
+        coefficient: sum of w_g s_g, with which the stiffness of a linear model stands in `matrix`.
+    """
+
+    matrix: Array
+    coefficient: float
+
+
 class Workspace(NamedTuple):
     """Where a `ReducedModel` of n coordinates and m contact displacements puts its results: valid
     until its next call.
@@ -37,34 +49,34 @@ class Workspace(NamedTuple):
         points: (2, n) coordinates.
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
-        slope: (n, n) its derivative.
+        tangent: (n, n) its derivative.
         factor: (n, n) the last effective stiffness factorised.
         pivots: (n,)
         key: (2,) what the factor held was made of (a linear model keeps its factor).
         block: (n, 1 + m) right-hand sides and solutions.
-        compliance: (m, m) contact displacement by contact force.
+        delassus: (m, m) contact displacement by contact force.
         contact: (m,) contact displacement.
-        inertia: (n,) M v.
-        gyroscopic: (n,) Gamma v.
+        mass_product: (n,) M v.
+        gyroscopic_product: (n,) Gamma v.
         factors: (loads,) time factors of the loads.
-        load: (n,) load vector.
+        load_vector: (n,) load vector, N.
     """
 
     columns: Array
     points: Array
     products: Array
     force: Array
-    slope: Array
+    tangent: Array
     factor: Array
     pivots: NDArray[np.int64]
     key: Array
     block: Array
-    compliance: Array
+    delassus: Array
     contact: Array
-    inertia: Array
-    gyroscopic: Array
+    mass_product: Array
+    gyroscopic_product: Array
     factors: Array
-    load: Array
+    load_vector: Array
 
 
 class ReducedModel(NamedTuple):
@@ -125,12 +137,14 @@ class ReducedModel(NamedTuple):
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Tangent]:
         """Mean elastic force over a step and its derivative by dq: see
         `fenicsrom.online.scheme.Scheme`.
         """
-        elastic_mean(self.elastic, self.work, start, q0, dq, start_weight, points, weights)
-        return self.work.force, self.work.slope
+        coefficient = elastic_mean(
+            self.elastic, self.work, start, q0, dq, start_weight, points, weights
+        )
+        return self.work.force, Tangent(self.work.tangent, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
@@ -141,33 +155,37 @@ class ReducedModel(NamedTuple):
             self.work.products,
             q,
             self.work.force,
-            self.work.slope,
+            self.work.tangent,
         )
 
-    def responses(
-        self, inertia: float, drag: float, slope: Array, residual: Array
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S = inertia M + drag Gamma + slope; returns y (n,),
+        """Solve S [y, Z] = [-residual, B] with S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent; returns y (n,),
         Z (n, m), G = B^T Z (m, m).
 
         A linear model keeps its factor while S is the same. A singular S gives NaN.
         """
-        solve_responses(
+        write_effective_solution(
             self.mass,
             self.gyroscopic_matrix,
             self.contact_rows,
             self.elastic.cubic.shape[0] == 0,
             self.work,
-            inertia,
-            drag,
-            slope,
+            mass_coefficient,
+            gyroscopic_coefficient,
+            tangent,
             residual,
         )
-        return self.work.block[:, 0], self.work.block[:, 1:], self.work.compliance
+        return self.work.block[:, 0], self.work.block[:, 1:], self.work.delassus
 
-    def negative_directions(self, slope: Array) -> int:
+    def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        return negative_eigenvalues(slope)
+        return negative_eigenvalues(tangent.matrix)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
@@ -180,13 +198,13 @@ class ReducedModel(NamedTuple):
 
     def mass_times(self, v: Array) -> Array:
         """M v (n,)."""
-        write_times(self.mass, v, self.work.inertia)
-        return self.work.inertia
+        write_times(self.mass, v, self.work.mass_product)
+        return self.work.mass_product
 
     def gyroscopic_times(self, v: Array) -> Array:
         """Gamma v (n,)."""
-        write_times(self.gyroscopic_matrix, v, self.work.gyroscopic)
-        return self.work.gyroscopic
+        write_times(self.gyroscopic_matrix, v, self.work.gyroscopic_product)
+        return self.work.gyroscopic_product
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors (n,)."""
@@ -195,8 +213,8 @@ class ReducedModel(NamedTuple):
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
         write_factors(self.load_histories, time, self.work.factors)
-        write_times(self.loads, self.work.factors, self.work.load)
-        return self.work.load
+        write_times(self.loads, self.work.factors, self.work.load_vector)
+        return self.work.load_vector
 
 
 def reduced_model(
@@ -238,48 +256,55 @@ def reduced_model(
             points=np.zeros((2, n)),
             products=np.zeros((3, 2, coefficients.cubic.shape[0])),
             force=np.zeros(n),
-            slope=np.zeros((n, n)),
+            tangent=np.zeros((n, n)),
             factor=np.zeros((n, n)),
             pivots=np.zeros(n, dtype=np.int64),
-            key=np.zeros(2),
+            key=np.full(3, np.nan),
             block=np.zeros((n, 1 + m)),
-            compliance=np.zeros((m, m)),
+            delassus=np.zeros((m, m)),
             contact=np.zeros(m),
-            inertia=np.zeros(n),
-            gyroscopic=np.zeros(n),
+            mass_product=np.zeros(n),
+            gyroscopic_product=np.zeros(n),
             factors=np.zeros(loads.shape[1]),
-            load=np.zeros(n),
+            load_vector=np.zeros(n),
         ),
     )
 
 
 @kernel
-def solve_responses(
+def write_effective_solution(
     mass: Array,
     gyroscopic_matrix: Array,
     rows: Array,
     linear: bool,
     work: Workspace,
-    inertia: float,
-    drag: float,
-    slope: Array,
+    mass_coefficient: float,
+    gyroscopic_coefficient: float,
+    tangent: Tangent,
     residual: Array,
 ) -> None:
-    """Leave the solutions of `ReducedModel.responses` in the columns of work.block and in
-    work.compliance.
+    """Leave the solutions of `ReducedModel.solve_effective` in the columns of work.block and in
+    work.delassus.
     """
     n, m = residual.size, rows.shape[0]
-    factor, key, block, compliance = work.factor, work.key, work.block, work.compliance
-    if not (linear and key[0] == inertia and key[1] == slope[0, 0]):
+    factor, key, block, delassus = work.factor, work.key, work.block, work.delassus
+    is_kept = (
+        linear
+        and key[0] == mass_coefficient
+        and key[1] == gyroscopic_coefficient
+        and key[2] == tangent.coefficient
+    )
+    if not is_kept:
         for i in range(n):
             for j in range(n):
-                factor[i, j] = inertia * mass[i, j] + slope[i, j]
-        if drag != 0.0 and gyroscopic_matrix.shape[0] > 0:
+                factor[i, j] = mass_coefficient * mass[i, j] + tangent.matrix[i, j]
+        if gyroscopic_coefficient != 0.0 and gyroscopic_matrix.shape[0] > 0:
             for i in range(n):
                 for j in range(n):
-                    factor[i, j] += drag * gyroscopic_matrix[i, j]
-        key[0] = inertia if lu_factor(factor, work.pivots, n) else np.nan
-        key[1] = slope[0, 0]
+                    factor[i, j] += gyroscopic_coefficient * gyroscopic_matrix[i, j]
+        key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
+        key[1] = gyroscopic_coefficient
+        key[2] = tangent.coefficient
     for i in range(n):
         block[i, 0] = -residual[i]
         for j in range(m):
@@ -293,7 +318,23 @@ def solve_responses(
             value = 0.0
             for k in range(n):
                 value += rows[i, k] * block[k, 1 + j]
-            compliance[i, j] = value
+            delassus[i, j] = value
+
+
+compile_methods(
+    ReducedModel,
+    (
+        "elastic_over_step",
+        "elastic_at",
+        "solve_effective",
+        "contact_displacement",
+        "probe_displacement",
+        "mass_times",
+        "gyroscopic_times",
+        "dot",
+        "load",
+    ),
+)
 
 
 class DenseModel:
@@ -356,34 +397,39 @@ class DenseModel:
         self._rows, self._offset = contact_rows, contact_offset
         self._probe, self._probe_offset = probe, probe_offset
         self._factor: tuple[Array, NDArray[np.int32]] | None = None
-        self._key: tuple[float, float] | None = None
+        self._key: tuple[float, float, float] | None = None
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Array, Tangent]:
         """Mean force over a step and its derivative by dq."""
-        mean, slope = start_weight * start, np.zeros_like(self.mass)
+        mean, matrix, coefficient = start_weight * start, np.zeros_like(self.mass), 0.0
         for point, weight in zip(points, weights, strict=True):
             force, tangent = self._elastic(q0 + point * dq)
             mean = mean + weight * force
-            slope += weight * point * tangent
-        return mean, slope
+            matrix += weight * point * tangent
+            coefficient += weight * point
+        return mean, Tangent(matrix, float(coefficient))
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy."""
         return self._elastic(q)[0], self._energy(q)
 
-    def responses(
-        self, inertia: float, drag: float, slope: Array, residual: Array
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + drag Gamma + slope) [y, Z] = [-residual, B]; NaN if the matrix is
+        """Solve (mass_coefficient M + gyroscopic_coefficient Gamma + tangent) [y, Z] = [-residual, B]; NaN if the matrix is
         singular.
         """
-        key = (inertia, float(slope[-1, -1]))
+        key = mass_coefficient, gyroscopic_coefficient, tangent.coefficient
         if not (self.linear and key == self._key):
-            effective = inertia * self.mass + slope
+            effective = mass_coefficient * self.mass + tangent.matrix
             if self.gyroscopic:
-                effective += drag * self._gyroscopic_matrix
+                effective += gyroscopic_coefficient * self._gyroscopic_matrix
             self._factor = (
                 scipy.linalg.lu_factor(effective, check_finite=False)
                 if np.all(np.isfinite(effective))
@@ -397,9 +443,9 @@ class DenseModel:
             block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
         return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
 
-    def negative_directions(self, slope: Array) -> int:
+    def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness."""
-        return negative_eigenvalues(slope)
+        return negative_eigenvalues(tangent.matrix)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""

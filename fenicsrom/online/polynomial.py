@@ -175,9 +175,13 @@ def elastic_mean(
     start_weight: float,
     points: Array,
     weights: Array,
-) -> None:
-    """Leave the results of `ReducedModel.elastic_over_step` in work.force and work.slope."""
-    n, count, mean, slope = q0.size, points.size, work.force, work.slope
+) -> float:
+    """Write the results of `ReducedModel.elastic_over_step` to work.force and work.tangent.
+
+    Returns:
+        sum of w_g s_g: the coefficient of the stiffness in the tangent.
+    """
+    n, count, mean, tangent = q0.size, points.size, work.force, work.tangent
     q = work.points[:count]
     total, moved = 0.0, 0.0
     for g in range(count):
@@ -189,28 +193,29 @@ def elastic_mean(
         value = start_weight * start[i] + total * elastic.force[i]
         for j in range(n):
             value += elastic.stiffness[i, j] * (total * q0[j] + moved * dq[j])
-            slope[i, j] = moved * elastic.stiffness[i, j]
+            tangent[i, j] = moved * elastic.stiffness[i, j]
         mean[i] = value
     if elastic.cubic.shape[0] == 0:
-        return
+        return moved
     s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
     elastic_products(work.columns, elastic.cubic, q, s, a, b)
     for g in range(count):
-        weight, moved = weights[g], weights[g] * points[g]
+        weight, lever = weights[g], weights[g] * points[g]
         row = 0
         for i in range(n):
             value = (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
-            slope[i, i] += moved * (a[g, row] + 2.0 * b[g, row])
+            tangent[i, i] += lever * (a[g, row] + 2.0 * b[g, row])
             row += 1
             for j in range(i + 1, n):
-                both = moved * (a[g, row] + b[g, row])
+                both = lever * (a[g, row] + b[g, row])
                 mixed = 0.5 * a[g, row] + b[g, row] * (1.0 / 3.0)
-                slope[i, j] += both
-                slope[j, i] += both
+                tangent[i, j] += both
+                tangent[j, i] += both
                 value += mixed * q[g, j]
                 mean[j] += weight * mixed * q[g, i]
                 row += 1
             mean[i] += weight * value
+    return moved
 
 
 @compiled

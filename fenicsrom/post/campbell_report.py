@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.assess.campbell import Campbell
-from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
-from fenicsrom.post.report import (
-    COLOURS,
-    html_report,
-    new_figure,
-    styled,
-    text_table,
-    write_summary,
-)
-from fenicsrom.post.results import write_figure
+from fenicsrom.post.html_page import write_report
+from fenicsrom.post.style import COLOURS, new_figure, styled
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_figure, write_rows, write_summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -140,19 +132,11 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    modes = found.squares.shape[1]
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        [
-            "speed_rpm",
-            *(f"mode_{k + 1}_hz" for k in range(modes)),
-            *(f"mode_{k + 1}_mac" for k in range(modes)),
-        ]
-    )
-    for row in np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac]):
-        writer.writerow([repr(float(value)) for value in row])
-    _write_text(folder / "campbell.csv", text.getvalue())
+    numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
+    modes = range(1, found.squares.shape[1] + 1)
+    columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
+    rows = [dict(zip(columns, map(float, row), strict=True)) for row in numbers]
+    write_rows(folder / "campbell.csv", rows)
     write_summary(folder / "campbell.json", summary(found))
     pictures = []
     if found.scene.output.pictures:
@@ -165,13 +149,8 @@ def write(found: Campbell, folder: Path) -> list[Path]:
         sections.append(("Critical speeds", [critical_table(found)]))
     sections.append(("Frequencies", [frequency_table(found)]))
     title = f"{found.scene.title or found.scene.source}: Campbell diagram"
-    _write_text(folder / "report.html", html_report(title, sections))
+    write_report(folder / "report.html", title, sections)
     return [folder / "report.html", folder / "campbell.json", folder / "campbell.csv", *pictures]
-
-
-def _write_text(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
 
 
 def terminal(found: Campbell) -> str:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.stability import NEGLIGIBLE, Finding, Matrix, Verdict
-from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
-from fenicsrom.post.report import html_report, new_figure, styled, write_rows, write_summary
+from fenicsrom.post.html_page import write_report
+from fenicsrom.post.style import new_figure, styled
+from fenicsrom.post.writers import write_figure, write_rows, write_summary
 
 COLOURS = {
     Verdict.CONVERGED: "#B7E1CD",
@@ -164,9 +165,7 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
         },
     )
     write_rows(files[2], rows)
-    picture = folder / "stability.png"
-    with atomic_write(picture) as temporary:
-        figure(matrix).savefig(temporary, format="png", dpi=130)
+    picture = write_figure(folder / "stability.png", figure(matrix))
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(matrix), HOW]),
         ("Verdicts", [picture]),
@@ -180,6 +179,5 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
     versions = ", ".join(f"{name} {number}" for name, number in provenance().items())
     sections.append(("Made by", [versions or "this program"]))
     title = f"Stability: {matrix.scene.title or matrix.scene.source}"
-    with atomic_write(files[0]) as temporary:
-        temporary.write_text(html_report(title, sections), encoding="utf-8")
+    write_report(files[0], title, sections)
     return [*files, picture]

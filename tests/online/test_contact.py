@@ -78,7 +78,11 @@ def step(
     """A step of all points to x (P, d): the state at its end, what was found, dissipation and work
     of the surface."""
     points, d = x.shape
-    end, found, interval = zero_contact_state(points, d), contact_scratch(points, d), Interval(*time, a, line)
+    end, found, interval = (
+        zero_contact_state(points, d),
+        contact_scratch(points, d),
+        Interval(*time, a, line),
+    )
     end.x[:] = x
     sums = np.zeros(2)
     for p in range(points):
@@ -442,7 +446,14 @@ def test_two_points_of_half_weight_equal_one() -> None:
         start, double = zero_contact_state(1, 3), zero_contact_state(2, 3)
         x, w = rng.uniform(-2e-3, 2e-3, (2, 1, 3))
         at_rest(whole, x, w, 0.0, start, contact_scratch(1, 3))
-        at_rest(half, np.repeat(x, 2, axis=0), np.repeat(w, 2, axis=0), 0.0, double, contact_scratch(2, 3))
+        at_rest(
+            half,
+            np.repeat(x, 2, axis=0),
+            np.repeat(w, 2, axis=0),
+            0.0,
+            double,
+            contact_scratch(2, 3),
+        )
         root = rng.standard_normal((3, 3))
         compliance, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
         ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
@@ -635,7 +646,14 @@ def random_problem(
     x = rng.uniform(-0.5, 0.5, (points, d))
     x[:, 0] = contacts.radius + (raw - contacts.preload) / np.where(raw > 0, k, 1.0)
     start = zero_contact_state(points, d)
-    at_rest(contacts, x, x + rng.uniform(-1.0, 1.0, (points, d)) / k, 0.0, start, contact_scratch(points, d))
+    at_rest(
+        contacts,
+        x,
+        x + rng.uniform(-1.0, 1.0, (points, d)) / k,
+        0.0,
+        start,
+        contact_scratch(points, d),
+    )
     return {
         "contacts": contacts,
         "compliance": np.eye(m) + 0.3 * root @ root.T / m,
