@@ -9,7 +9,6 @@ if it were made alone (its modes are the first of the largest requested number).
 
 from __future__ import annotations
 
-import copy
 import itertools
 import time as clock
 from collections.abc import Callable, Iterator
@@ -33,7 +32,7 @@ from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.scene.step_size import with_time
 
 if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+    from fenicsrom.reduction.protocols import Structure
 
 # a run of more seconds is repeated over two periods only, scaled by the number of steps
 SLOW = 1.0
@@ -179,16 +178,17 @@ def with_combination(scene: Scene, combination: Combination) -> Scene:
 class Workshop:
     """Makes the reduced models of a body; shared stages run once, and their seconds are kept."""
 
-    def __init__(self, body: Structure, seconds: dict[str, float], largest: int):
+    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float], largest: int):
         """Start from a body.
 
         Args:
             body: the structure.
+            scene: its scene.
             seconds: of its stages.
             largest: the largest number of normal modes that will be requested.
         """
         self.body, self._seconds, self._largest = body, dict(seconds), largest
-        self._scene = body.scene
+        self._scene = scene
         self._solved: dict[str, tuple[SolvedModes, float]] = {}
         self._modes: dict[tuple[str, int], tuple[ComponentModes, Snapshots]] = {}
         self._taking: dict[tuple[str, int, str], float] = {}
@@ -206,24 +206,19 @@ class Workshop:
             if scene.geometrically_nonlinear
         )
         seconds = {**self._seconds, "modes": taken, "selection": shared}
-        return Reduction(self._under(scene), partial(timed, seconds), modes, snapshots), seconds
-
-    def _under(self, scene: Scene) -> Any:
-        """The same body with the [basis] and [time] of another scene."""
-        body = copy.copy(self.body)
-        body.scene = scene
-        return body
+        return Reduction(self.body, scene, partial(timed, seconds), modes, snapshots), seconds
 
     def _component_modes(self, method: str, count: int) -> tuple[ComponentModes, Snapshots, float]:
         if method not in self._solved:
             spent: dict[str, float] = {}
             with timed(spent, "solve"):
-                solved = solve_modes(self.body, method, self._largest)
+                options = replace(self._scene.basis, method=method, modes=self._largest)
+                solved = solve_modes(self.body, options)
             self._solved[method] = solved, spent["solve"]
         solved, seconds = self._solved[method]
         if (method, count) not in self._modes:
             modes = first_modes(self.body, solved, count)
-            self._modes[method, count] = modes, Snapshots(self._under(self._scene), modes)
+            self._modes[method, count] = modes, Snapshots(self.body, self._scene, modes)
         return *self._modes[method, count], seconds
 
     def _taken(self, snapshots: Snapshots, key: tuple[str, int, str]) -> float:
@@ -322,7 +317,7 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
             combination is part of its outcome.
     """
     from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import solid_of
 
     if scene.static_only:
         raise SceneError(
@@ -339,15 +334,15 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         mesh = build_mesh(scene.geometry, comm)
     say("compiling and warming up ..")
     cold: dict[str, float] = {}
-    warm = Workshop(Solid(mesh, scene), {}, largest)
+    warm = Workshop(solid_of(scene, mesh), scene, {}, largest)
     with timed(cold, "compilation"):
         warm_up(warm, scenes[0])
     with timed(seconds, "solid"):
-        solid = Solid(mesh, scene)
+        solid = solid_of(scene, mesh)
     full, full_run = None, {}
     if scene.compare.full:
         full, full_run = full_motion(solid, scene, say)
-    outcomes = compare_bases(Workshop(solid, seconds, largest), scene, full, say)
+    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
     unknowns = solid.free
     return Comparison(
         scene, outcomes, full, full_run, unknowns, cold["compilation"], solid.warnings

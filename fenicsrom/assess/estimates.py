@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -28,7 +29,7 @@ from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import coarser
 
 if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+    from fenicsrom.reduction.protocols import Structure
 
 PHASES = 200  # instants at which two periods are compared
 MORE_MODES = 2  # normal modes added to a basis that has all derivatives of its modes
@@ -149,7 +150,7 @@ def richer_basis(
     )
     if buckled or not missing:
         return _with_more_modes(body, scene)
-    more = differentiate(body, modes, tuple(missing[:MORE_DERIVATIVES]))
+    more = differentiate(body, scene.basis, modes, tuple(missing[:MORE_DERIVATIVES]))
     vectors = np.concatenate([derivatives.vectors, more.vectors], axis=1)
     try:
         return enrich(body, modes, selection, Derivatives((*kept, *more.labels), vectors))
@@ -161,9 +162,10 @@ def _with_more_modes(body: Structure, scene: Scene) -> ReducedBasis | None:
     """The basis of `MORE_MODES` more normal modes with all derivatives; None if there are none."""
     wanted = scene.basis
     try:
-        modes = component_modes(body, wanted.method, wanted.modes + MORE_MODES)
+        modes = component_modes(body, replace(wanted, modes=wanted.modes + MORE_MODES))
         selection = Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
-        return enrich(body, modes, selection, differentiate(body, modes, selection.derivatives))
+        derivatives = differentiate(body, wanted, modes, selection.derivatives)
+        return enrich(body, modes, selection, derivatives)
     except (AccuracyError, SceneError):
         return None
 

@@ -28,7 +28,7 @@ from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, scene_table
 
 if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+    from fenicsrom.reduction.protocols import Structure
 
 PACKAGE = Path(__file__).parents[1]
 

@@ -23,10 +23,12 @@ from fenicsrom.fem.full import full_model
 from fenicsrom.online.load_histories import largest
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.scheme import scheme
+from fenicsrom.online.state import no_state
+from fenicsrom.online.step import step_coefficients, write_residual
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+    from fenicsrom.reduction.protocols import Structure
 
 INSTANTS = 16  # steps of the last period at which the residual is taken
 
@@ -45,35 +47,31 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
     """
     model = full_model(body)
     plan = scheme(scene.time.scheme, model, scene.time.spectral_radius or 0.0)
-    am, af, beta, gamma = plan.alpha_m, plan.alpha_f, plan.beta, plan.gamma
-    assert (
-        motion.coordinates is not None
-        and motion.velocity is not None
-        and motion.acceleration is not None
-    )
-    assert motion.coordinate_time is not None
+    assert motion.coordinates is not None and motion.coordinate_time is not None
+    assert motion.velocity is not None and motion.acceleration is not None
     time, count = motion.coordinate_time, motion.coordinate_time.size
     first = motion.time.size - count
-    rows = body.contact_rows
-    found = []
+    state = no_state(vectors.shape[0], 0, 1)
+    trial, found = state.trial, []
     for k in np.unique(np.linspace(0, count - 2, INSTANTS).round().astype(int)):
-        h = time[k + 1] - time[k]
-        q, v, a = (
-            vectors @ motion.coordinates[k],
-            vectors @ motion.velocity[k],
-            vectors @ motion.acceleration[k],
+        state.q[:] = vectors @ motion.coordinates[k]
+        state.v[:] = vectors @ motion.velocity[k]
+        state.a[:] = vectors @ motion.acceleration[k]
+        trial.dq[:] = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
+        coefficients = step_coefficients(plan, time[k + 1] - time[k])
+        trial.inertia_offset[:] = (
+            coefficients.inertia_v * state.v + coefficients.inertia_a * state.a
         )
-        dq = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
-        a1 = dq / (beta * h * h) - v / (beta * h) - (0.5 / beta - 1.0) * a
-        v1 = v + h * ((1.0 - gamma) * a + gamma * a1)
-        start = model.elastic_at(q)[0] if plan.start_weight else np.zeros_like(q)
+        trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
+        trial.external_force[:] += plan.alpha_f * model.load(time[k])
+        if plan.start_weight:
+            state.elastic_force[:] = model.elastic_at(state.q)[0]
         elastic, _ = model.elastic_over_step(
-            start, q, dq, plan.start_weight, plan.points, plan.weights
+            state.elastic_force, state.q, trial.dq, plan.start_weight, plan.points, plan.weights
         )
-        inertia = (1.0 - am) * a1 + am * a + plan.damping * ((1.0 - af) * v1 + af * v)
-        load = (1.0 - af) * model.load(time[k + 1]) + af * model.load(time[k])
+        write_residual(model, plan, state, coefficients, elastic)
         force = motion.mean_force[first + k + 1].reshape(-1)
-        found.append(model.mass_times(inertia) + elastic + rows.T @ force - load)
+        found.append(trial.residual + body.contact_rows.T @ force)
     return np.array(found).T
 
 
@@ -86,7 +84,7 @@ def indicators(
         In the energy norm, and in the plain norm.
     """
     found = residuals(body, vectors, motion, scene)
-    varying = [not load.static for load in body.scene.loads]
+    varying = [not load.static for load in scene.loads]
     loads = (
         np.abs(body.load_vectors) @ np.where(varying, largest(body.load_histories), 0.0)[:, None]
     )

@@ -171,17 +171,16 @@ def build(scene: Scene, model: str) -> tuple[Any, Reduction | None, Any]:
     from mpi4py import MPI
 
     from fenicsrom.fem.full import full_model
-    from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import build_solid
     from fenicsrom.reduction.beam import beam_model
     from fenicsrom.reduction.stages import Reduction
 
     if model == "beam":
         return beam_model(scene), None, None
-    solid = Solid(build_mesh(scene.geometry, MPI.COMM_SELF), scene)
+    solid = build_solid(scene, MPI.COMM_SELF)
     if model == "full":
         return full_model(solid), None, None
-    found = Reduction(solid, lambda stage: nullcontext())
+    found = Reduction(solid, scene, lambda stage: nullcontext())
     return found.model, found, solid
 
 
@@ -254,7 +253,7 @@ def _own_basis_error(
     )
     if richer is None:
         return None
-    estimate = basis_error(reduce(solid, richer), scene, motion)
+    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion)
     check_basis_error(scene, estimate)
     return estimate
 
