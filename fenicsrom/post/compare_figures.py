@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.compare import Comparison, Outcome, pareto_front
+from fenicsrom.assess.agreement import pareto_front
+from fenicsrom.assess.compare import Comparison, Outcome
 from fenicsrom.post.style import COLOURS, new_figure, styled
 
 if TYPE_CHECKING:

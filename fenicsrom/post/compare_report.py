@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.assess.compare import Comparison, machine
+from fenicsrom.assess.compare import Comparison
+from fenicsrom.assess.full_cache import machine
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import response_summary
 from fenicsrom.post.compare_figures import (
