@@ -269,9 +269,7 @@ def _bisect_normal_force(
                 x[k] -= delassus[row + k, row + j] * total
         after = trial_normal_force(contacts, p, x, interval.end)
         if interval.discrete_gradient:
-            found, _ = blended_normal_force(
-                start.trial_normal_force[p], after, scratch.blending[p]
-            )
+            found, _ = blended_normal_force(start.trial_normal_force[p], after, scratch.blending[p])
         else:
             found = theta * positive(after)
         if step == 0:
@@ -378,9 +376,7 @@ def solve_point(
         first, time, a = start.x[p], 0.5 * (interval.begin + interval.end), 0.0
     else:
         first, time, a = x, interval.end, interval.start_weight
-    gap_discrete_gradient(
-        contacts, p, first, x, time, n, point.mean_normal_derivative, point.work
-    )
+    gap_discrete_gradient(contacts, p, first, x, time, n, point.mean_normal_derivative, point.work)
     force = _bisect_normal_force(contacts, interval, delassus, p, start, end, scratch)
     _project_friction(contacts, interval, delassus, p, start, end, force, scratch)
     for k in range(d):

@@ -160,8 +160,7 @@ def _add_normal_force(
         mean[k] = a * start.normal[p, k] + theta * pressed * gradient[k]
         for j in range(d):
             derivative[k, j] = (
-                force_by_end * kn * gradient[k] * gradient[j]
-                + theta * pressed * 2.0 * bend[k, j]
+                force_by_end * kn * gradient[k] * gradient[j] + theta * pressed * 2.0 * bend[k, j]
             )
 
 

@@ -1,4 +1,4 @@
-"""The reduced model in coordinates q."""
+"""The reduced model in coordinates q, and a model of dense matrices with any elastic force."""
 
 from __future__ import annotations
 
@@ -38,21 +38,22 @@ class Tangent(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Where a `ReducedModel` of n coordinates and m contact displacements puts its results: valid
-    until its next call.
+    """The results of a `ReducedModel` of n coordinates and m contact displacements.
 
-    (A new array costs numba more than the arithmetic on it, in models of this size.)
+    They are valid until its next call. In models of this size a new array costs compiled code more
+    than the arithmetic on it.
 
     Attributes:
         columns: (n, p) the columns of the quadratic coefficients, which are combined faster than
-        their rows.
+            their rows.
         points: (2, n) coordinates.
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
         tangent: (n, n) its derivative.
         factor: (n, n) the last effective stiffness factorised.
         pivots: (n,)
-        key: (2,) what the factor held was made of (a linear model keeps its factor).
+        key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
+            keeps it; the first is NaN if the matrix is singular.
         block: (n, 1 + m) right-hand sides and solutions.
         delassus: (m, m) contact displacement by contact force.
         contact: (m,) contact displacement.
@@ -87,14 +88,14 @@ class ReducedModel(NamedTuple):
         damping: alpha in C = alpha M, 1/s.
         elastic: coefficients of the elastic force.
         loads: (n, loads), unit loads projected on the basis.
-        signals: time factors of the loads.
+        load_histories: time factors of the loads.
         points: the contact points.
         contact_rows: (m, n) B^T R, contact displacements by coordinates; m = 0 without contact.
         contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
         gyroscopic_matrix: (n, n) gyroscopic matrix Gamma, kg/s; (0, 0) of a model without.
-        work: where the results go.
+        work: arrays for the results.
     """
 
     mass: Array
@@ -127,20 +128,15 @@ class ReducedModel(NamedTuple):
 
     @property
     def gauss_points(self) -> int:
-        """Gauss points that integrate the force along a step exactly: 2 for a cubic, 1 for a linear
-        force.
-        """
+        """Gauss points that integrate a force along a step exactly: 2 if cubic, 1 if linear."""
         return 1 if self.linear else 2
 
-    # The operations of `fenicsrom.online.operations.Model`. Compiled code calls the same functions with the
-    # model as first argument.
+    # The operations of `fenicsrom.online.operations.Model`, which compiled code calls too.
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:
-        """Mean elastic force over a step and its derivative by dq: see
-        `fenicsrom.online.scheme.Scheme`.
-        """
+        """Mean elastic force over a step and its derivative by dq."""
         coefficient = elastic_mean(
             self.elastic, self.work, start, q0, dq, start_weight, points, weights
         )
@@ -159,12 +155,16 @@ class ReducedModel(NamedTuple):
         )
 
     def solve_effective(
-        self, mass_coefficient: float, gyroscopic_coefficient: float, tangent: Tangent, residual: Array
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent; returns y (n,),
-        Z (n, m), G = B^T Z (m, m).
+        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and G = B^T Z (m, m).
 
-        A linear model keeps its factor while S is the same. A singular S gives NaN.
+        S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent. A linear model keeps its
+        factor while the three coefficients are the same. A singular S gives NaN.
         """
         write_effective_solution(
             self.mass,
@@ -279,9 +279,7 @@ def write_effective_solution(
     tangent: Tangent,
     residual: Array,
 ) -> None:
-    """Leave the solutions of `ReducedModel.solve_effective` in the columns of work.block and in
-    work.delassus.
-    """
+    """Write the solutions of `ReducedModel.solve_effective` to work.block and work.delassus."""
     n, m = residual.size, rows.shape[0]
     factor, key, block, delassus = work.factor, work.key, work.block, work.delassus
     is_kept = (
@@ -366,7 +364,7 @@ class DenseModel:
             elastic: q -> force (n,) and tangent (n, n).
             energy: q -> elastic energy, J.
             loads: (n, loads) unit loads.
-            signals: their time factors.
+            load_histories: their time factors.
             points: the contact points.
             contact_rows: (m, n) B^T.
             contact_offset: (m,) contact displacement at q = 0.
@@ -412,11 +410,13 @@ class DenseModel:
         return self._elastic(q)[0], self._energy(q)
 
     def solve_effective(
-        self, mass_coefficient: float, gyroscopic_coefficient: float, tangent: Tangent, residual: Array
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve (mass_coefficient M + gyroscopic_coefficient Gamma + tangent) [y, Z] = [-residual, B]; NaN if the matrix is
-        singular.
-        """
+        """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
         key = mass_coefficient, gyroscopic_coefficient, tangent.coefficient
         if not (self.linear and key == self._key):
             effective = mass_coefficient * self.mass + tangent.matrix

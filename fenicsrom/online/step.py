@@ -164,9 +164,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
     """
     trial, scratch, q0 = state.trial, state.trial.scratch, state.q
     points, x, af = trial.contact.x.shape[0], trial.contact.x, scheme.alpha_f
-    interval = Interval(
-        state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient
-    )
+    interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
     coefficients = step_coefficients(scheme, h)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)

@@ -11,7 +11,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import SceneError
 from fenicsrom.online.compiled import kernel, part
 
-
 PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance depends on
 
 
@@ -259,9 +258,7 @@ def _add_waves(
 
 
 @part
-def advect_with_surface(
-    contacts: Contacts, p: int, time: float, point: Array, out: Array
-) -> None:
+def advect_with_surface(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
     """Write to out (d,) where a point (d,) of a turning surface moves in a time."""
     d = point.size
     for k in range(d):

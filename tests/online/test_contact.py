@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from support import assert_tangent, fixed_steps, linear_model, one_contact, slope
 
-from fenicsrom.online.contact_problem import resolve
+from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import (
     OPEN,
     SLIP,
@@ -23,12 +23,12 @@ from fenicsrom.online.contact_state import (
 )
 from fenicsrom.online.contact_step import (
     at_rest,
+    commit_contact_state,
     contact_energy,
-    lean_to_the_end,
-    over_step,
-    settle,
+    contact_force,
+    implicit_blending,
 )
-from fenicsrom.online.friction import leaning_normal_force, mean_normal_force
+from fenicsrom.online.friction import blended_normal_force, mean_normal_force
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
 from fenicsrom.online.surfaces import (
@@ -36,9 +36,9 @@ from fenicsrom.online.surfaces import (
     PLANE,
     SPHERE,
     Contacts,
-    carry,
-    direction,
+    advect_with_surface,
     frame,
+    gap_discrete_gradient,
     no_contacts,
     penetration,
 )
@@ -78,12 +78,16 @@ def step(
     """A step of all points to x (P, d): the state at its end, what was found, dissipation and work
     of the surface."""
     points, d = x.shape
-    end, found, interval = zero_contact_state(points, d), contact_scratch(points, d), Interval(*time, a, line)
+    end, found, interval = (
+        zero_contact_state(points, d),
+        contact_scratch(points, d),
+        Interval(*time, a, line),
+    )
     end.x[:] = x
     sums = np.zeros(2)
     for p in range(points):
-        over_step(contacts, interval, p, start, end, found)
-        sums += settle(contacts, interval, p, start, end, found)[:2]
+        contact_force(contacts, interval, p, start, end, found)
+        sums += commit_contact_state(contacts, interval, p, start, end, found)[:2]
     return end, found, *sums
 
 
@@ -230,7 +234,7 @@ def test_waves_turn_with_the_surface() -> None:
         penetration(still, 0, x, 1.3), rel=1e-12
     )
     carried = np.empty(2)
-    carry(gyroscopic_matrix, 0, 1.3, x, carried)
+    advect_with_surface(gyroscopic_matrix, 0, 1.3, x, carried)
     np.testing.assert_allclose(carried, there, rtol=1e-14)
 
 
@@ -242,7 +246,7 @@ def test_direction_is_the_discrete_gradient_of_the_penetration(surface: Any, d: 
     n, slope_, spare = np.empty(d), np.empty((d, d)), np.empty(d)
 
     def mean(x0: Array, x1: Array) -> Array:
-        direction(contacts, 0, x0, x1, 0.4, n, slope_, spare)
+        gap_discrete_gradient(contacts, 0, x0, x1, 0.4, n, slope_, spare)
         return n.copy()
 
     for _ in range(20):
@@ -301,16 +305,16 @@ def test_slope_of_the_mean_force_is_consistent(surface: Any, d: int, a: float, l
             for e in np.eye(d)
             for s in (-1e-6, 1e-6)
         ]
-        sides = {(int(found.motion[0]), bool(end.raw[0] > 0.0)) for end, found in near}
+        sides = {(int(found.mode[0]), bool(end.trial_normal_force[0] > 0.0)) for end, found in near}
         if len(sides) > 1:
             continue  # a kink
         seen |= {motion for motion, _ in sides}
-        if np.abs(found(x).slopes).max() < 1e-9:  # open, or only at its start not
-            np.testing.assert_array_equal(found(x + 1e-7).mean.copy(), found(x).mean)
+        if np.abs(found(x).force_derivative).max() < 1e-9:  # open, or only at its start not
+            np.testing.assert_array_equal(found(x + 1e-7).mean_force.copy(), found(x).mean_force)
             continue
         assert_tangent(
-            lambda x: found(x).mean[0].copy(),
-            lambda x: found(x).slopes[0].copy(),
+            lambda x: found(x).mean_force[0].copy(),
+            lambda x: found(x).force_derivative[0].copy(),
             x,
             step=1e-7,
             tolerance=5e-8,
@@ -323,14 +327,14 @@ def test_a_force_that_leans_to_the_end_takes_energy(lean: float) -> None:
     """Whatever the step; and its slope is its derivative."""
     rng = np.random.default_rng(3)
     for before, after in rng.uniform(-2.0, 2.0, (500, 2)):
-        force, slope = leaning_normal_force(before, after, lean)
+        force, slope = blended_normal_force(before, after, lean)
         stored = (max(after, 0.0) ** 2 - max(before, 0.0) ** 2) / 2
         lost = force * (after - before) - stored
         assert lost >= -1e-14 if lean else abs(lost) < 1e-14
-        ahead, behind = (leaning_normal_force(before, after + e, lean)[0] for e in (1e-6, -1e-6))
+        ahead, behind = (blended_normal_force(before, after + e, lean)[0] for e in (1e-6, -1e-6))
         if abs(after) > 1e-5:
             assert slope == pytest.approx((ahead - behind) / 2e-6, abs=1e-5)
-    assert leaning_normal_force(0.0, 2.0, lean)[0] == pytest.approx(1.0 + lean)
+    assert blended_normal_force(0.0, 2.0, lean)[0] == pytest.approx(1.0 + lean)
 
 
 def test_a_small_displacement_is_not_lost_in_a_large_radius() -> None:
@@ -370,13 +374,13 @@ def test_every_step_dissipates_and_balances_its_energy(
             contacts, here, x, a, line, (0.01 * k, 0.01 * (k + 1))
         )
         gain = contact_energy(contacts, end) - contact_energy(contacts, here)
-        work = float(np.sum(found.mean * (x - here.x)))
+        work = float(np.sum(found.mean_force * (x - here.x)))
         if (
             line and contacts.order.size == 0
         ):  # what goes in is stored, dissipated, or came from the surface
             assert work + surface_work == pytest.approx(gain + dissipated, rel=1e-9, abs=1e-12)
         lost.append(dissipated / (1.0 + contact_energy(contacts, here)))
-        limit = contacts.friction[0] * max(end.raw[0], 0.0)
+        limit = contacts.friction[0] * max(end.trial_normal_force[0], 0.0)
         assert np.linalg.norm(end.friction[0]) <= limit * (1 + 1e-12)
         states.add(int(end.state[0]))
         here = end
@@ -413,7 +417,7 @@ def test_node_dragged_around_a_casing_does_the_work_of_friction() -> None:
                 end, found, dissipated, surface = step(
                     contacts, here, x, 0.5, True, (k / steps, (k + 1) / steps)
                 )
-                total += np.sum(found.mean * (x - here.x)), dissipated, surface
+                total += np.sum(found.mean_force * (x - here.x)), dissipated, surface
                 assert end.state[0] == SLIP
                 here = end
             exact = 0.4 * normal * (radius + depth) * turn
@@ -442,16 +446,23 @@ def test_two_points_of_half_weight_equal_one() -> None:
         start, double = zero_contact_state(1, 3), zero_contact_state(2, 3)
         x, w = rng.uniform(-2e-3, 2e-3, (2, 1, 3))
         at_rest(whole, x, w, 0.0, start, contact_scratch(1, 3))
-        at_rest(half, np.repeat(x, 2, axis=0), np.repeat(w, 2, axis=0), 0.0, double, contact_scratch(2, 3))
+        at_rest(
+            half,
+            np.repeat(x, 2, axis=0),
+            np.repeat(w, 2, axis=0),
+            0.0,
+            double,
+            contact_scratch(2, 3),
+        )
         root = rng.standard_normal((3, 3))
         compliance, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
         ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
         rooms = contact_scratch(1, 3), contact_scratch(2, 3)
-        assert resolve(
+        assert solve_contact(
             whole, Interval(0.0, 0.3, a, line), compliance, free, start, ends[0], rooms[0]
         )
         both = np.tile(compliance, (2, 2))
-        assert resolve(
+        assert solve_contact(
             half,
             Interval(0.0, 0.3, a, line),
             both,
@@ -463,7 +474,9 @@ def test_two_points_of_half_weight_equal_one() -> None:
         np.testing.assert_allclose(
             ends[1].x, np.repeat(ends[0].x, 2, axis=0), rtol=1e-9, atol=1e-14
         )
-        np.testing.assert_allclose(rooms[1].mean.sum(axis=0), rooms[0].mean[0], rtol=1e-9)
+        np.testing.assert_allclose(
+            rooms[1].mean_force.sum(axis=0), rooms[0].mean_force[0], rtol=1e-9
+        )
 
 
 # ------------------------------------------------------------------ energies
@@ -532,7 +545,7 @@ def along(
         end, found, dissipated, _ = step(
             contacts, here, start.x + (x - start.x) * (k + 1) / parts, 0.5, True
         )
-        mean, lost, here = mean + found.mean / parts, lost + dissipated, end
+        mean, lost, here = mean + found.mean_force / parts, lost + dissipated, end
     return here, mean, lost
 
 
@@ -590,7 +603,7 @@ def test_a_point_led_in_a_circle_drags_its_slider_on_a_smaller_one() -> None:
 def test_energy_of_the_springs() -> None:
     two = one_contact(3, normal_stiffness=[1e4, 2e4], tangential_stiffness=[3e3, 4e3])
     here = zero_contact_state(2, 3)
-    here.raw[:] = [10.0, -5.0]
+    here.trial_normal_force[:] = [10.0, -5.0]
     here.friction[:] = [[0.0, 3.0, 4.0], [0.0, 6.0, 0.0]]
     assert contact_energy(two, here) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
 
@@ -635,7 +648,14 @@ def random_problem(
     x = rng.uniform(-0.5, 0.5, (points, d))
     x[:, 0] = contacts.radius + (raw - contacts.preload) / np.where(raw > 0, k, 1.0)
     start = zero_contact_state(points, d)
-    at_rest(contacts, x, x + rng.uniform(-1.0, 1.0, (points, d)) / k, 0.0, start, contact_scratch(points, d))
+    at_rest(
+        contacts,
+        x,
+        x + rng.uniform(-1.0, 1.0, (points, d)) / k,
+        0.0,
+        start,
+        contact_scratch(points, d),
+    )
     return {
         "contacts": contacts,
         "compliance": np.eye(m) + 0.3 * root @ root.T / m,
@@ -653,7 +673,7 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
     copies = {"compliance": problem["compliance"].copy(), "free": problem["free"].copy()} | {
         name: array.copy() for name, array in start._asdict().items()
     }
-    solved = resolve(
+    solved = solve_contact(
         problem["contacts"],
         Interval(0.0, 1.0, a, line),
         problem["compliance"],
@@ -682,13 +702,13 @@ def test_contact_problem_is_solved_at_any_stiffness(
         if not solved:
             unsolved += 1
             continue
-        seen |= set(found.motion.tolist())
-        expected = step(problem["contacts"], problem["start"], end.x, a, line)[1].mean
-        np.testing.assert_allclose(found.mean, expected, rtol=1e-12)
+        seen |= set(found.mode.tolist())
+        expected = step(problem["contacts"], problem["start"], end.x, a, line)[1].mean_force
+        np.testing.assert_allclose(found.mean_force, expected, rtol=1e-12)
         residual = (
             end.x
             - problem["free"]
-            + (problem["compliance"] @ found.mean.ravel()).reshape(points, d)
+            + (problem["compliance"] @ found.mean_force.ravel()).reshape(points, d)
         )
         # x is right to rounding, which a stiff contact multiplies
         stiffest = problem["contacts"].normal_stiffness.max() * np.abs(problem["compliance"]).max()
@@ -728,9 +748,9 @@ def test_a_stiff_contact_that_is_let_go_is_solved(d: int) -> None:
             np.eye(d),
         )
         end.x[:] = x
-        lean_to_the_end(contacts, interval, compliance, start, found)
-        unsolved += not resolve(contacts, interval, compliance, free, start, end, found)
-        slid += found.motion[0] == SLIP
+        implicit_blending(contacts, interval, compliance, start, found)
+        unsolved += not solve_contact(contacts, interval, compliance, free, start, end, found)
+        slid += found.mode[0] == SLIP
     assert unsolved <= 2, "the iteration cycles"
     assert slid > 100
 

@@ -17,7 +17,7 @@ from fenicsrom.online.contact_state import OPEN, SLIP, STICK
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
 from fenicsrom.online.model import DenseModel, ReducedModel
-from fenicsrom.online.motion import Motion
+from fenicsrom.online.motion import Interrupted, Motion
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.online.surfaces import Contacts, no_contacts
 from fenicsrom.scene import Time
@@ -626,9 +626,39 @@ def test_progress_is_told_after_each_period() -> None:
     assert all(change > 0 for _, change in told)
 
 
+def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
+    model, contacts = rubbing()
+    answers = iter([False, True])
+    time = Time(periods=5, steady_tolerance=0.0, steps_per_period=40)
+    with pytest.raises(Interrupted) as stopped:
+        integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: next(answers))
+    partial = stopped.value.partial
+    assert partial.periods == 2 and partial.steps == 80 and not partial.steady
+    whole = integrate(model, contacts, time, PERIOD, dimension=2)
+    np.testing.assert_array_equal(partial.displacement, whole.displacement[:81])
+    # from its end the run continues as if it had not been stopped
+    rest = integrate(model, contacts, time, PERIOD, dimension=2, resume=partial.end)
+    np.testing.assert_array_equal(rest.displacement[-120:], whole.displacement[-120:])
+
+
+def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
+    model, contacts = rubbing()
+    time = Time(duration=50.0, step=0.01)
+    with pytest.raises(Interrupted) as stopped:
+        integrate(model, contacts, time, None, dimension=2, stop=lambda: True)
+    assert stopped.value.partial.steps == 4096
+
+
+def test_stop_is_not_asked_at_the_end_of_a_run() -> None:
+    model, contacts = rubbing()
+    time = Time(periods=1, steady_tolerance=0.0, steps_per_period=40)
+    motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)
+    assert motion.periods == 1
+
+
 def test_unknown_scheme_is_refused() -> None:
     model, contacts = rubbing()
-    with pytest.raises(ValueError, match="scheme 'euler': allowed are"):
+    with pytest.raises(ValueError, match="scheme 'euler'"):
         integrate(
             model,
             contacts,
