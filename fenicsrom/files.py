@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 
 
 @contextmanager
@@ -135,31 +135,32 @@ def read_archive(
                 arrays = {name: np.array(file[name]) for name in file.files}
             header = json.loads(str(arrays.pop("header")[()]))
         if header.get("format") != form:
-            raise SceneError(f"{path}: format = {header.get('format')!r}: must be {form!r}")
+            raise _damaged(path, f"{path}: format = {header.get('format')!r}: must be {form!r}")
         yield header, arrays
     except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
+        raise SceneError(
+            f"{path}: cannot be read: no such file", kind=ErrorKind.FILE, source=str(path)
+        ) from None
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
+        raise SceneError(
+            f"{path}: cannot be read: {error.strerror or 'it is damaged'}",
+            kind=ErrorKind.FILE,
+            source=str(path),
+        ) from None
     except SceneError as error:
-        sentence = (
-            str(error)
-            if str(error).startswith(f"{path}: ")
-            else f"{path}: the scene in it is damaged ({error})"
-        )
-        raise SceneError(_one_line(sentence)) from None
+        if error.source == str(path):
+            raise
+        raise _damaged(path, f"{path}: the scene in it is damaged ({error})") from None
     except (
         Exception
     ) as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
         reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-        raise SceneError(
-            _one_line(f"{path}: is not {what} written by this program ({reason})")
-        ) from None
+        raise _damaged(path, f"{path}: is not {what} written by this program ({reason})") from None
 
 
-def _one_line(text: str) -> str:
-    """The first line of a text, shortened, without what cannot be printed."""
-    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
+def _damaged(path: Path, text: str) -> SceneError:
+    """The error of a damaged file, from the first line of a text, shortened."""
+    return SceneError(text.splitlines()[0][:500], kind=ErrorKind.FORMAT, source=str(path))
 
 
 @contextmanager

@@ -35,15 +35,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
-from fenicsrom.post.report import (
-    COLOURS,
-    html_report,
-    new_figure,
-    styled,
-    text_table,
-    write_summary,
-)
-from fenicsrom.post.results import write_figure
+from fenicsrom.post.html_page import html_report
+from fenicsrom.post.style import COLOURS, new_figure, styled
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_figure, write_summary
 from fenicsrom.reduction.basis import DEPENDENCE
 from fenicsrom.reduction.projection import projected_gyroscopic
 from fenicsrom.scene import Scene

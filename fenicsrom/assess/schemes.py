@@ -32,7 +32,9 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
-from fenicsrom.post.report import COLOURS, new_figure, styled, text_table, write_rows
+from fenicsrom.post.style import COLOURS, new_figure, styled
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")

@@ -1,14 +1,8 @@
-"""A study: the stages of a scene in their order, each run only if the scene needs it.
-
-    scene -> mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motion
-
-Each step is a function of its own, to be called from Python one by one (`demos/slip_liftoff.py`) or
-all together by `run`.
-"""
+"""The full model: all unknowns of the mesh, for the time integration."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,9 +13,7 @@ from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.load_histories import factors
 from fenicsrom.reduction.beam import BeamStructure
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+from fenicsrom.reduction.protocols import Structure
 
 
 def full_model(body: Structure) -> Any:
@@ -45,9 +37,9 @@ class FullModel:
     def __init__(self, solid: Solid):
         """Take the forms and matrices of the solid; geometrically linear if its scene is."""
         self._solid = solid
-        self.linear = not solid.scene.geometrically_nonlinear
+        self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
-        self.damping = solid.scene.material.mass_damping
+        self.damping = solid.mass_damping
         self.loads, self.load_histories, self.points = (
             solid.load_vectors,
             solid.load_histories,

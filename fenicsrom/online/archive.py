@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.model import ReducedModel, reduced_model
@@ -135,7 +135,9 @@ def _assemble(
         or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
     ):
         raise SceneError(
-            f"{path}: point_contact does not name the contacts of the scene: the file is damaged"
+            f"{path}: point_contact does not name the contacts of the scene: the file is damaged",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     points = belongs.size
     shapes = {
@@ -162,20 +164,34 @@ def _assemble(
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
             raise SceneError(
-                f"{path}: {name} has shape {array.shape} and type {array.dtype}: must be {shape} of finite float64"
+                f"{path}: {name} has shape {array.shape} and type {array.dtype}: must be {shape} of finite float64",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
             )
     for name in ("mass", "stiffness"):
         if np.max(np.abs(data[name] - data[name].T), initial=0.0) > 1e-9 * np.max(
             np.abs(data[name]), initial=0.0
         ):
-            raise SceneError(f"{path}: {name} is not symmetric: the file is damaged")
+            raise SceneError(
+                f"{path}: {name} is not symmetric: the file is damaged",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
+            )
     gyroscopic_matrix = data["gyroscopic_matrix"]
     if np.max(np.abs(gyroscopic_matrix + gyroscopic_matrix.T), initial=0.0) > 1e-9 * np.max(
         np.abs(gyroscopic_matrix), initial=0.0
     ):
-        raise SceneError(f"{path}: gyroscopic_matrix is not skew: the file is damaged")
+        raise SceneError(
+            f"{path}: gyroscopic_matrix is not skew: the file is damaged",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
+        )
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
-        raise SceneError(f"{path}: mass or damping is not positive: the file is damaged")
+        raise SceneError(
+            f"{path}: mass or damping is not positive: the file is damaged",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
+        )
     elastic = ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields))
     model = reduced_model(
         data["mass"],

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
@@ -81,7 +81,9 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
     state, last = checkpoint.state, checkpoint.last
     return {
         **{
-            name: array for name, array in state._asdict().items() if name not in ("contact", "trial")
+            name: array
+            for name, array in state._asdict().items()
+            if name not in ("contact", "trial")
         },
         **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
         **{
@@ -133,7 +135,9 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             or not np.all(np.isfinite(given))
         ):
             raise SceneError(
-                f"{path}: {name} is not {array.shape} of finite {array.dtype}: the file is damaged"
+                f"{path}: {name} is not {array.shape} of finite {array.dtype}: the file is damaged",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
             )
         array[...] = given
     end = scene.time.periods if scene.period is not None else scene.time.duration
@@ -155,7 +159,11 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
             not all(type(header[key]) is kind for key, kind in kinds.items())
             or data["last_time"].ndim != 1
         ):
-            raise SceneError(f"{path}: its header does not fit a checkpoint: the file is damaged")
+            raise SceneError(
+                f"{path}: its header does not fit a checkpoint: the file is damaged",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
+            )
         return header, parse_scene(header["scene"], str(header["source"]), None), data
 
 

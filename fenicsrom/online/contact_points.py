@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes, spin_of
 
 
@@ -119,6 +119,9 @@ def _surface_radius(scene: Any, k: int, position: Array) -> float:
         raise SceneError(
             f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into "
             f"the undeformed body, whose nearest contact point is at {nearest:.9g} m from the axis "
-            "or centre of the surface"
+            "or centre of the surface",
+            kind=ErrorKind.RANGE,
+            key=f"contacts[{k}].surface.radius",
+            source=scene.source,
         )
     return radius

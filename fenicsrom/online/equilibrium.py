@@ -18,12 +18,13 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.dense import negative_eigenvalues
 from fenicsrom.online.load_histories import largest
+from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
@@ -57,53 +58,15 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     q = np.zeros_like(problem.static_force)
     if not problem.touches(q):
         return q, 0
-    reached, part = 0.0, 1.0
-    while reached < 1.0:
-        aim = min(1.0, reached + part)
-        trial = problem.newton(q, aim, 0.0)
-        if trial is not None:
-            q, reached, part = trial, aim, 2.0 * part
-        elif part <= SMALLEST_PART:
-            raise ConvergenceError(
-                f"equilibrium under the preload: no convergence beyond {100.0 * reached:.4g} % of "
-                "the preload",
-                None,
-            )
-        else:
-            part *= 0.5
+    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    if reached < 1.0:
+        raise ConvergenceError(
+            f"equilibrium under the preload: no convergence beyond {100.0 * reached:.4g} % of "
+            "the preload",
+            None,
+        )
     unstable = problem.unstable(q)
     return (problem.downhill(q), unstable) if unstable else (q, 0)
-
-
-class _Convergence:
-    """The test of convergence of Newton's method for an equilibrium, by its decrements."""
-
-    def __init__(self) -> None:
-        self.first, self.last = 0.0, 0.0
-
-    def judge(self, decrement: float, work: float, carried: float) -> bool | None:
-        """Whether an iteration is the last; None if the method diverges.
-
-        Args:
-            decrement: Newton's decrement |r . dq| of this iteration, J.
-            work: of the loads, J.
-            carried: sum of the contact forces times the displacements, J.
-        """
-        begins = not self.first
-        self.first = self.first or decrement
-        scale = max(self.first, work)
-        if not np.isfinite(decrement) or decrement > DIVERGENCE * self.first:
-            return None
-        # quadratic convergence predicts the next decrement
-        coming = (
-            decrement * (decrement / self.last) ** 2
-            if not begins and decrement < 1e-3 * self.last
-            else decrement
-        )
-        floor = max(ROUNDING * scale, CONTACT_ROUNDING * carried)
-        is_rounding = decrement <= floor and decrement > 0.1 * self.last
-        self.last = decrement
-        return bool(coming <= TOLERANCE**2 * scale or is_rounding)
 
 
 class _Statics:
@@ -149,11 +112,11 @@ class _Statics:
         preload = self.contacts.preload - (1.0 - part) * self.pressed
         contacts = self.contacts._replace(preload=preload)
         zero, one = np.zeros_like(q0), np.ones(1)
-        dq, convergence = zero.copy(), _Convergence()
         self._close(q0, contacts)
         self.end.x[:] = self.start.x
         interval = Interval(0.0, 0.0, 0.0, False)
-        for _ in range(ITERATIONS):
+
+        def correct(dq: Array) -> Correction | None:
             elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
             residual = elastic - self.static_force + mass_coefficient * model.mass_times(dq)
             y, unit, delassus = model.solve_effective(mass_coefficient, 0.0, tangent, residual)
@@ -165,20 +128,25 @@ class _Statics:
                 contacts, interval, delassus, free, self.start, self.end, scratch
             ):
                 return None
+            change = y - unit @ scratch.mean_force.reshape(-1)
+            contact_work = float(np.sum(scratch.mean_force * (self.end.x - before)))
+            return change, abs(model.dot(residual, change) + contact_work)
+
+        def converged(dq: Array, decrement: float, first: float, last: float) -> bool:
             mean, x = scratch.mean_force, self.end.x
-            change = y - unit @ mean.reshape(-1)
-            dq += change
-            decrement = abs(model.dot(residual, change) + float(np.sum(mean * (x - before))))
             work = abs(model.dot(self.static_force, q0 + dq)) + float(
                 np.sum(np.abs(mean * (x - self.undeformed)))
             )
+            scale = max(first, work)
+            # the decrement after the next iteration, where the convergence is quadratic
+            coming = decrement * (decrement / last) ** 2 if decrement < 1e-3 * last else decrement
             carried = np.sum(np.abs(mean), axis=1) @ np.max(np.abs(x), axis=1, initial=0.0)
-            is_last = convergence.judge(decrement, work, float(carried))
-            if is_last is None:
-                return None
-            if is_last:
-                return np.asarray(q0 + dq)
-        return None
+            floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
+            is_rounding = decrement <= floor and decrement > 0.1 * last
+            return bool(coming <= TOLERANCE**2 * scale or is_rounding)
+
+        dq = newton(zero, correct, converged, ITERATIONS, growth=DIVERGENCE)
+        return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
         """Number of negative eigenvalues of the stiffness with the contacts that touch."""
@@ -248,6 +216,7 @@ class _Statics:
         raise ConvergenceError(
             "the equilibrium under the preload is unstable, and no stable one was found below it",
             here,
+            kind=ErrorKind.INSTABILITY,
         )
 
     def _seed(self, q: Array) -> tuple[Array, Array]:

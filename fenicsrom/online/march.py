@@ -39,7 +39,7 @@ from numba.extending import register_jitable
 from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.compiled import borrowed, compiled
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.dense import combine
@@ -521,6 +521,7 @@ def _require_balance(motion: Motion, scheme_name: str) -> None:
             f"the energy and work, more than {100.0 * allowed:.3g} % (scheme {scheme_name}, "
             f"{motion.steps} steps): take shorter steps{remedy}",
             motion,
+            kind=ErrorKind.ENERGY,
         )
 
 

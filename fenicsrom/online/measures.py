@@ -11,7 +11,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
-from fenicsrom.post.report import STATES, _touches
+from fenicsrom.post.figures import _touches
+from fenicsrom.post.style import STATES
 
 # of the largest displacement: an amplitude below it is rest; steadiness is told no finer either
 RESTS = 1e-6

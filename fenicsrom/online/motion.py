@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.history import last_period
 from fenicsrom.online.state import Checkpoint
 
 
@@ -108,8 +109,5 @@ class Motion:
         return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
 
     def last_period(self) -> slice:
-        """The steps of the last period, both its ends included; all steps without a period."""
-        if self.period is None:
-            return slice(0, self.time.size)
-        start = np.searchsorted(self.time, self.time[-1] - self.period * (1.0 + 1e-9))
-        return slice(int(start), self.time.size)
+        """The steps of the last period, both ends included; all steps without a period."""
+        return last_period(self.time, self.period)

@@ -11,14 +11,10 @@ from fenicsrom.assess.compare import Comparison, Outcome, machine, pareto_front
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import response_summary
-from fenicsrom.post.report import (
-    COLOURS,
-    html_report,
-    new_figure,
-    styled,
-    text_table,
-    write_summary,
-)
+from fenicsrom.post.html_page import html_report
+from fenicsrom.post.style import COLOURS, new_figure, styled
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_summary
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -32,13 +32,13 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
-from fenicsrom.plan import plan
-from fenicsrom.post.results import stored_model
+from fenicsrom.post.record import Study
+from fenicsrom.post.summary import stored_model
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, read_scene
-from fenicsrom.study import Stopwatch, Study, run
+from fenicsrom.study import Stopwatch, plan, run
 
 Array = NDArray[np.float64]
 
@@ -459,7 +459,7 @@ def test_plan_of_a_rub() -> None:
     need."""
 
     def stages(scene: Scene) -> dict[str, tuple[bool, str]]:
-        return {stage.name: (stage.runs, stage.why) for stage in plan(scene)}
+        return {stage.name: (stage.needed, stage.reason) for stage in plan(scene)}
 
     found = stages(blade())
     assert found["static modes"] == (True, "interface modes, at most 10")
@@ -496,7 +496,6 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, 
     found = Reduction(solid, Stopwatch(lambda line: None))
     study = Study(
         solid.scene,
-        [],
         solid,
         found.modes,
         found.selection,

@@ -37,10 +37,10 @@ from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.fem.full import FullModel
 from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
-from fenicsrom.plan import plan
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Place, parse_scene, scene_table
+from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
 
@@ -198,12 +198,12 @@ def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
     assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
     stages = {stage.name: stage for stage in plan(tiny_still.scene)}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert not stages[name].runs
+        assert not stages[name].needed
     stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert stages[name].runs
+        assert stages[name].needed
     quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
-    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
+    assert {stage.name: stage.needed for stage in plan(quiet)}["gyroscopic term"] is False
     assert make_solid(quiet).gyroscopic is None
 
 

@@ -29,7 +29,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.state import Checkpoint
 from fenicsrom.online.surfaces import Contacts
-from fenicsrom.post import results
+from fenicsrom.post.summary import write_checkpoint
 from fenicsrom.scene import Scene, Time
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -151,7 +151,7 @@ def test_three_periods_and_four_are_seven(
     # another motion
     first = replace(wanted, periods=3)
     short = integrate(model, contacts, first, PERIOD, dimension=2)
-    assert results.write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
+    assert write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
     longer = integrate(
         model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
     )
