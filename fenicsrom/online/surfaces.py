@@ -95,7 +95,7 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
         raise SceneError(
             f"{where}.surface.point: must not lie at the contact point itself",
             kind=ErrorKind.RANGE,
-            key=f"{where}.surface.point",
+            key=f"{where.rsplit(": ", 1)[-1]}.surface.point",
         )
     return np.asarray(
         (1.0 if contact.surface.inside else -1.0)
