@@ -82,7 +82,7 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
     Args:
         contact: a contact of the scene.
         position: (d,) m.
-        where: the key of the contact, for the message.
+        where: the file and the key of the contact, for the message.
 
     Raises:
         SceneError: the position is on the axis or at the centre of the surface.
@@ -95,7 +95,7 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
         raise SceneError(
             f"{where}.surface.point: must not lie at the contact point itself",
             kind=ErrorKind.RANGE,
-            key=f"{where.rsplit(": ", 1)[-1]}.surface.point",
+            key=where.rsplit(": ", 1)[-1] + ".surface.point",
         )
     return np.asarray(
         (1.0 if contact.surface.inside else -1.0)

@@ -14,9 +14,10 @@ from support import enriched, fixed_steps, linear_model, one_contact, random_mod
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
+from fenicsrom.online.dense_model import DenseModel
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
-from fenicsrom.online.model import DenseModel, ReducedModel
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Interrupted, Motion
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.online.surfaces import Contacts, no_contacts

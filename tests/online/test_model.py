@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from support import NO_LOADS, first
 
-from fenicsrom.online.model import DenseModel, reduced_model
+from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 
 Array = NDArray[np.float64]
