@@ -22,7 +22,7 @@ gmsh.model.addPhysicalGroup(2, [surface], name="solid")
 gmsh.model.addPhysicalGroup(1, [lines[0]], name="foot")
 gmsh.model.addPhysicalGroup(1, [lines[3]], name="root")
 gmsh.model.mesh.generate(2)
-mesh = fenicsrom.mesh_from_gmsh_model(gmsh.model, dimension=2)
+mesh = fenicsrom.mesh_from_gmsh_model(dimension=2)
 gmsh.finalize()
 
 table = {

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full import FullModel
-    from fenicsrom.fem.in_memory import mesh_from_dolfinx, mesh_from_gmsh_model
-    from fenicsrom.fem.mesh import Mesh, build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+    from fenicsrom.fem.solid import Solid, build_solid, solid_of
     from fenicsrom.online.archive import StoredModel, load_model, rescene, save_model
     from fenicsrom.online.history import History, read_history
     from fenicsrom.online.matrices import ModelArrays, model_arrays
@@ -51,6 +50,7 @@ __all__ = [
     "amplitudes",
     "build_mesh",
     "build_model",
+    "build_solid",
     "choose",
     "component_modes",
     "contact_fractions",
@@ -68,14 +68,14 @@ __all__ = [
     "run",
     "save_model",
     "simulate",
+    "solid_of",
 ]
 
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "parse_scene", "read_scene"),
-    "fem.mesh": ("Mesh", "build_mesh"),
-    "fem.in_memory": ("mesh_from_dolfinx", "mesh_from_gmsh_model"),
-    "fem.solid": ("Solid",),
+    "fem.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
+    "fem.solid": ("Solid", "build_solid", "solid_of"),
     "fem.full": ("FullModel",),
     "reduction.modes": ("component_modes",),
     "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),

@@ -490,9 +490,9 @@ def _solid(run: Run) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import solid_of
 
-    solid = run.study.solid = Solid(run.mesh, run.study.scene)
+    solid = run.study.solid = solid_of(run.study.scene, run.mesh)
     if solid.loaded:
         deflection = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
         run.study.deflection = np.asarray(deflection)
@@ -505,9 +505,11 @@ def _modes(run: Run) -> None:
     from fenicsrom.reduction.stages import Reduction
 
     study, basis = run.study, run.study.scene.basis
-    study.modes = component_modes(study.solid, basis.method, basis.modes)
-    run.snapshots = Snapshots(study.solid, study.modes)
-    run.reduction = Reduction(study.solid, lambda stage: nullcontext(), study.modes, run.snapshots)
+    study.modes = component_modes(study.solid, basis)
+    run.snapshots = Snapshots(study.solid, study.scene, study.modes)
+    run.reduction = Reduction(
+        study.solid, study.scene, lambda stage: nullcontext(), study.modes, run.snapshots
+    )
 
 
 def _linear_transient(run: Run) -> None:
@@ -670,7 +672,9 @@ def check(study: Study) -> None:
         if has_settled(motion):
             richer = complete(study, motion.buckled > 0)
             if richer is not None:
-                study.errors["basis"] = basis_error(reduce(study.solid, richer), scene, motion)
+                study.errors["basis"] = basis_error(
+                    reduce(study.solid, scene.basis, richer), scene, motion
+                )
                 check_basis_error(scene, study.errors["basis"])
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

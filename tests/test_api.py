@@ -193,11 +193,11 @@ def test_gmsh_model_in_memory_gives_the_mesh_of_its_file(tmp_path: Path) -> None
         gmsh.model.addPhysicalGroup(1, [3], name="load")
         gmsh.option.setNumber("Mesh.MeshSizeMax", 0.1)
         gmsh.model.mesh.generate(2)
-        found = fenicsrom.mesh_from_gmsh_model(gmsh.model, dimension=2)
+        found = fenicsrom.mesh_from_gmsh_model(dimension=2)
         gmsh.write(str(tmp_path / "plate.msh"))
         gmsh.model.addPhysicalGroup(1, [1], name="below")
         with pytest.raises(fenicsrom.SceneError) as caught:
-            fenicsrom.mesh_from_gmsh_model(gmsh.model, dimension=3)
+            fenicsrom.mesh_from_gmsh_model(dimension=3)
         assert caught.value.kind is ErrorKind.MESH
     finally:
         gmsh.finalize()

@@ -24,7 +24,7 @@ from mpi4py import MPI
 from fenicsrom.assess.compare import Outcome, Workshop, compare_bases, motion_errors
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.solid import solid_of
 from fenicsrom.files import atomic_write
 from fenicsrom.online import measures
 from fenicsrom.online.motion import Motion
@@ -59,7 +59,7 @@ def mesh() -> Any:
 
 def body(kind: str, of: Scene) -> Any:
     """The beam or the solid of a scene."""
-    return beam_structure(of) if kind == "beam" else Solid(mesh(), of)
+    return beam_structure(of) if kind == "beam" else solid_of(of, mesh())
 
 
 @functools.cache
@@ -248,9 +248,9 @@ def third_order_table() -> Table:
     """
     of = scene("high_load")
     beam = body("beam", of)
-    modes = component_modes(beam, "rubin", 1)
+    modes = component_modes(beam, replace(of.basis, method="rubin", modes=1))
     labels = tuple(all_pairs(modes.labels))
-    derivatives = differentiate(beam, modes, labels)
+    derivatives = differentiate(beam, of.basis, modes, labels)
     # the odd part of the nonlinear static deflection along the first mode, less its linear part, is
     # of third order
     force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (
@@ -320,10 +320,14 @@ def response(preload: int) -> dict[str, Any]:
     """
     of = scene("slip_liftoff", "time.steady_tolerance=1e-4")
     solid = body("solid", of)
-    modes = component_modes(solid, "rubin", of.basis.modes)
-    selection = choose(solid, modes)
+    modes = component_modes(solid, replace(of.basis, method="rubin"))
+    selection = choose(solid, of, modes)
     model = reduce(
-        solid, enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives))
+        solid,
+        of.basis,
+        enrich(
+            solid, modes, selection, differentiate(solid, of.basis, modes, selection.derivatives)
+        ),
     )
     low, high, step = RANGES[preload]
     up = np.arange(low, high + 0.5 * step, step)

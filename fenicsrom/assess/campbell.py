@@ -131,7 +131,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         ConvergenceError, AccuracyError: nothing was found at all.
     """
     from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import solid_of
 
     begin = clock.perf_counter()
     rotation, speeds = scene.rotation, speeds_rpm(scene)
@@ -139,7 +139,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
     say("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     say("solid ..")
-    solid = Solid(mesh, replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))))
+    solid = solid_of(replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))), mesh)
     count = scene.campbell.modes
     if count > solid.free:
         raise SceneError(

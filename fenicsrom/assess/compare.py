@@ -19,7 +19,6 @@ plain norm |r|/|p|. The plain norm is kept beside it, to compare how well the tw
 
 from __future__ import annotations
 
-import copy
 import hashlib
 import itertools
 import json
@@ -53,7 +52,7 @@ from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+    from fenicsrom.reduction.protocols import Structure
 
 PHASES = 2000  # points of the common grid on which two periods are compared
 INSTANTS = 16  # steps of the last period at which the residual is taken
@@ -302,7 +301,7 @@ def indicators(
     amplitude of the loads.
     """
     found = residuals(body, vectors, motion, scene)
-    varying = [not load.static for load in body.scene.loads]
+    varying = [not load.static for load in scene.loads]
     loads = (
         np.abs(body.load_vectors) @ np.where(varying, largest(body.load_histories), 0.0)[:, None]
     )
@@ -357,12 +356,12 @@ class Workshop:
     seconds kept.
     """
 
-    def __init__(self, body: Structure, seconds: dict[str, float], largest: int):
+    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float], largest: int):
         """Start from a body, the seconds it took by stage, and the largest number of normal modes
         to come.
         """
         self.body, self._seconds, self._largest = body, dict(seconds), largest
-        self._scene = body.scene
+        self._scene = scene
         self._solved: dict[str, tuple[SolvedModes, float]] = {}
         self._modes: dict[tuple[str, int], tuple[ComponentModes, Snapshots]] = {}
         self._taking: dict[tuple[str, int, str], float] = {}
@@ -382,24 +381,20 @@ class Workshop:
             if scene.geometrically_nonlinear
         )
         seconds = {**self._seconds, "modes": taken, "selection": shared}
-        return Reduction(self._under(scene), partial(timed, seconds), modes, snapshots), seconds
-
-    def _under(self, scene: Scene) -> Any:
-        """The same body with the [basis] and [time] of another scene."""
-        body = copy.copy(self.body)
-        body.scene = scene
-        return body
+        return Reduction(self.body, scene, partial(timed, seconds), modes, snapshots), seconds
 
     def _component_modes(self, method: str, count: int) -> tuple[ComponentModes, Snapshots, float]:
         if method not in self._solved:
             spent: dict[str, float] = {}
             with timed(spent, "solve"):
-                solved = solve_modes(self.body, method, self._largest)
+                solved = solve_modes(
+                    self.body, replace(self._scene.basis, method=method, modes=self._largest)
+                )
             self._solved[method] = solved, spent["solve"]
         solved, seconds = self._solved[method]
         if (method, count) not in self._modes:
             modes = first_modes(self.body, solved, count)
-            self._modes[method, count] = modes, Snapshots(self._under(self._scene), modes)
+            self._modes[method, count] = modes, Snapshots(self.body, self._scene, modes)
         return *self._modes[method, count], seconds
 
     def _taken(self, snapshots: Snapshots, key: tuple[str, int, str]) -> float:
@@ -489,7 +484,7 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         fails is reported.
     """
     from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import solid_of
 
     if scene.static_only:
         raise SceneError(
@@ -502,15 +497,15 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         mesh = build_mesh(scene.geometry, comm)
     say("compiling and warming up ..")
     cold: dict[str, float] = {}
-    warm = Workshop(Solid(mesh, scene), {}, largest)
+    warm = Workshop(solid_of(scene, mesh), scene, {}, largest)
     with timed(cold, "compilation"):
         warm_up(warm, scenes[0])
     with timed(seconds, "solid"):
-        solid = Solid(mesh, scene)
+        solid = solid_of(scene, mesh)
     full, full_run = None, {}
     if scene.compare.full:
         full, full_run = full_motion(solid, scene, say)
-    outcomes = compare_bases(Workshop(solid, seconds, largest), scene, full, say)
+    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
     unknowns = solid.free
     return Comparison(
         scene, outcomes, full, full_run, unknowns, cold["compilation"], solid.warnings

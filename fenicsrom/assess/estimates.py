@@ -148,7 +148,9 @@ def complete(study: Study, buckled: bool = False) -> ReducedBasis | None:
     )
     if buckled or not missing:
         return more_modes(study)
-    more = differentiate(study.solid, study.modes, tuple(missing[:MORE_DERIVATIVES]))
+    more = differentiate(
+        study.solid, study.scene.basis, study.modes, tuple(missing[:MORE_DERIVATIVES])
+    )
     vectors = np.concatenate([study.derivatives.vectors, more.vectors], axis=1)
     try:
         return enrich(
@@ -164,10 +166,13 @@ def more_modes(study: Study) -> ReducedBasis | None:
     """
     wanted = study.scene.basis
     try:
-        modes = component_modes(study.solid, wanted.method, wanted.modes + MORE_MODES)
+        modes = component_modes(study.solid, replace(wanted, modes=wanted.modes + MORE_MODES))
         selection = Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
         return enrich(
-            study.solid, modes, selection, differentiate(study.solid, modes, selection.derivatives)
+            study.solid,
+            modes,
+            selection,
+            differentiate(study.solid, wanted, modes, selection.derivatives),
         )
     except (AccuracyError, SceneError):
         return None

@@ -535,7 +535,7 @@ def own_basis_error(study: Study, scene: Scene, motion: Motion) -> float | None:
     richer = complete(study, motion.buckled > 0)
     if richer is None:
         return None
-    estimate = basis_error(reduce(study.solid, richer), scene, motion)
+    estimate = basis_error(reduce(study.solid, scene.basis, richer), scene, motion)
     check_basis_error(scene, estimate)
     return estimate
 

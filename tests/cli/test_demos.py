@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from support import scene_of
+
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid
@@ -120,7 +122,7 @@ def test_reduced_models_against_the_full_one(name, load):
         )
         model, basis = reduced(solid)
         assert basis.size <= size
-        error = errors_percent(simulate(model, solid.scene), reference)
+        error = errors_percent(simulate(model, scene_of(solid)), reference)
         assert error["amplitude_tangential"] < limits[load], (method, basis.labels)
 
 
@@ -132,7 +134,7 @@ def test_derivatives_are_needed():
     solid.scene = demo("slip_liftoff_2d", *PAPER, *wanted)
     model, basis = reduced(solid)
     assert basis.size == 16
-    assert errors_percent(simulate(model, solid.scene), reference)[
+    assert errors_percent(simulate(model, scene_of(solid)), reference)[
         "amplitude_tangential"
     ] == pytest.approx(87.0, abs=1.0)
 

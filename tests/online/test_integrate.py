@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support import enriched, fixed_steps, linear_model, one_contact, random_model, slope
+from support import enriched, fixed_steps, linear_model, one_contact, random_model, scene_of, slope
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
@@ -268,7 +268,7 @@ def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None
 
 def off(solid: Any) -> Contacts:
     """The contact of the scene, out of reach."""
-    count = len(solid.scene.contacts)
+    count = len(scene_of(solid).contacts)
     return one_contact(preload=[0.0] * count, gap=1e3)
 
 

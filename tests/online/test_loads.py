@@ -67,7 +67,7 @@ def box(d: int) -> Place:
 def acting(solid: Any, **given: Any) -> tuple[Array, Array]:
     """Resultant (d,) of a load of size 1, clamped nodes included, and its moments (d, d): sum of
     f_i x_j."""
-    d = solid.scene.geometry.dimension
+    d = solid.dimension
     place = given.pop("place", Place())
     vector = solid.load_vector(Load(place=place, **given), "loads[0]").reshape(-1, d)
     x = solid.space.tabulate_dof_coordinates()[: vector.shape[0], :d]
@@ -84,7 +84,7 @@ def slanted(d: int) -> Array:
 
 @pytest.mark.parametrize("group", ["tip", "load", "root"])
 def test_a_traction_acts_on_the_area(stocky: Any, group: str) -> None:
-    d = stocky.scene.geometry.dimension
+    d = stocky.dimension
     total, moments = acting(
         stocky, traction=1.0, direction=tuple(slanted(d)), place=Place(group=group)
     )
@@ -96,14 +96,14 @@ def test_a_traction_acts_on_the_area(stocky: Any, group: str) -> None:
 
 
 def test_an_acceleration_acts_on_the_mass(stocky: Any) -> None:
-    d = stocky.scene.geometry.dimension
+    d = stocky.dimension
     total, moments = acting(stocky, acceleration=1.0, direction=tuple(slanted(d)))
     np.testing.assert_allclose(total, DENSITY * HEIGHT * WIDTH * slanted(d), rtol=1e-12)
     np.testing.assert_allclose(moments[:, 0], 0.5 * total, rtol=1e-12)
 
 
 def test_a_pressure_acts_against_the_normal(stocky: Any) -> None:
-    d = stocky.scene.geometry.dimension
+    d = stocky.dimension
     total, _ = acting(stocky, pressure=1.0, place=Place(group="tip"))
     np.testing.assert_allclose(total, -HEIGHT * WIDTH * np.eye(d)[0], rtol=0, atol=1e-15)
     # all around it the resultant and the couples vanish, and -sum f_i x_i is the volume in each
@@ -132,7 +132,7 @@ def test_on_a_curved_body_too(curved: Any) -> None:
 
 def test_base_excitation_is_the_mass_times_a_translation(stocky: Any) -> None:
     """Where no neighbour is clamped the load is M times the translation, node by node."""
-    d = stocky.scene.geometry.dimension
+    d = stocky.dimension
     ones = np.tile(np.eye(d)[1], stocky.local // d)
     load = stocky.load_vector(
         Load(place=Place(), acceleration=1.0, direction=tuple(np.eye(d)[1])), "loads[0]"

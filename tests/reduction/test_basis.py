@@ -98,7 +98,7 @@ def test_no_contact_and_no_enrichment() -> None:
 def test_basis_of_a_solid(name: str, method: str, request: pytest.FixtureRequest) -> None:
     solid = request.getfixturevalue(name)
     modes, theta, basis = enriched(solid, method, 2)
-    m, d = basis.masters, solid.scene.geometry.dimension
+    m, d = basis.masters, solid.dimension
     assert m == d and basis.labels[: m + 2] == (*(f"{k + 1}S" for k in range(d)), "1V", "2V")
     np.testing.assert_allclose(solid.contact_rows @ basis.vectors, np.eye(m, basis.size), atol=1e-9)
     gram = solid.mass_inner(basis.vectors, basis.vectors)

@@ -11,6 +11,7 @@ from support import free_unknowns
 
 from fenicsrom.errors import AccuracyError
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives, split
+from fenicsrom.scene import Basis
 
 METHODS = ["rubin", "craig-bampton"]
 SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
@@ -63,7 +64,7 @@ def test_asymmetry_is_refused() -> None:
 def component(solid: Any, method: str, modes: int = 2) -> Any:
     from fenicsrom.reduction.modes import component_modes
 
-    return component_modes(solid, method, modes)
+    return component_modes(solid, Basis(method=method, modes=modes))
 
 
 @pytest.mark.parametrize("method", METHODS)
