@@ -15,8 +15,8 @@ import scipy.linalg
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints, no_points
+from fenicsrom.online.dense_model import DenseModel
 from fenicsrom.online.load_histories import LoadHistories, of_loads
-from fenicsrom.online.model import DenseModel
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.surfaces import frame

@@ -116,7 +116,7 @@ def assert_continued(motion: Motion, whole: Motion) -> None:
 
 def _state(motion: Motion) -> list[Any]:
     state = motion.end.state
-    return [*state._replace(touch=0.0, trial=0.0), *state.touch]
+    return [*state._replace(contact=0.0, trial=0.0), *state.contact]
 
 
 @pytest.mark.parametrize("surface", ["plane", "casing"])
