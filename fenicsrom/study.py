@@ -490,6 +490,7 @@ def _solid(run: Run) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
+    from fenicsrom.fem.solid import solid_of
 
     solid = run.study.solid = solid_of(run.study.scene, run.mesh)
     if solid.loaded:

@@ -625,7 +625,7 @@ def test_scene_round_trip(tmp_path: Path) -> None:
     )
 
 
-def clamped(solid: Solid) -> set[tuple[float, ...]]:
+def clamped(solid: Any) -> set[tuple[float, ...]]:
     """Coordinates of the clamped nodes."""
     x = solid.space.tabulate_dof_coordinates()
     return {tuple(point) for point in x[np.unique(solid.clamped // 3)]}
