@@ -1,6 +1,6 @@
-"""Component modes about the equilibrium.
+"""Component modes about the equilibrium: normal modes and static modes.
 
-These are normal modes, attachment modes, residual-flexibility modes and constraint modes. One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
+One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
 the inverse of the stiffness is
 
     K_held⁻¹ = K⁻¹ − G (Bᵀ G)⁻¹ Gᵀ = P K⁻¹ Pᵀ,    (1)

@@ -165,8 +165,8 @@ def test_a_basis_for_an_oblique_wall(method):
         'basis.derivatives="all"',
         "contacts.0.normal=[1.0, 0.2]",
     ]
-    solid = body(demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10"))
-    _, basis = reduced(solid)
+    scene = demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10")
+    _, basis = reduced(body(scene), scene)
     assert basis.size + len(basis.dropped) == 2 + 5 + 28
 
 
