@@ -335,7 +335,7 @@ def test_places() -> None:
         59,
     )
     for node, component in ((0, 1), (21, 0), (5, 3)):
-        with pytest.raises(IndexError, match="nodes are 1 to 20"):
+        with pytest.raises(IndexError, match="nodes must be 1 to 20"):
             beam.unknown(node, component)
 
 
