@@ -208,7 +208,7 @@ class BeamStructure:
         Returns:
             ω² (count,), ascending, and mass-normalised modes (n, count).
         """
-        lower = np.linalg.cholesky(self.mass)
+        lower: Array = np.asarray(np.linalg.cholesky(self.mass))
         compliance = lower.T @ inverse.solve(lower)
         values, vectors = scipy.linalg.eigh(0.5 * (compliance + compliance.T))
         values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
@@ -224,7 +224,7 @@ class BeamStructure:
 
         def correct(u: Array) -> Correction:
             force, tangent = self.beam.elastic(u)
-            change = np.linalg.solve(tangent, load - force)
+            change = np.asarray(np.linalg.solve(tangent, load - force))
             return change, abs(float((load - force) @ change))
 
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:
