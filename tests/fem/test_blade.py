@@ -70,7 +70,7 @@ def blade(*overrides: str) -> Scene:
 
 def reduced(solid: Any) -> tuple[Any, ReducedBasis]:
     """The reduced model of a solid as its scene asks for it, and its basis."""
-    found = Reduction(solid, lambda stage: contextlib.nullcontext())
+    found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
     return found.model, found.basis
 
 
@@ -357,9 +357,9 @@ import sys
 import numpy as np
 from fenicsrom.reduction.stages import Reduction
 from test_blade import TINY, blade
-from support import make_solid
+from support import make_solid, scene_of
 solid = make_solid(blade(*TINY, "basis.derivatives=['1V1V', '1V1S']"))
-found = Reduction(solid, lambda stage: contextlib.nullcontext())
+found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
 model, basis = found.model, found.basis
 if solid.comm.rank == 0:
     np.savez(sys.argv[1], ranks=solid.comm.size, position=solid.points.position, share=solid.points.share,
@@ -505,7 +505,7 @@ def test_plan_of_a_rub() -> None:
 def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, Path]:
     """A small blade, its reduced model, and that in a file."""
     solid = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']"))
-    found = Reduction(solid, Stopwatch(lambda line: None))
+    found = Reduction(solid, scene_of(solid), Stopwatch(lambda line: None))
     study = Study(
         scene_of(solid),
         solid,

@@ -34,7 +34,7 @@ solid = make_solid(scene)
 modes, theta, basis = enriched(solid, method, 2)
 model = project(solid, basis)
 full = FullModel(solid)
-kept = choose(solid, modes)
+kept = choose(solid, scene, modes)
 force, energy = full.elastic_at(1e-2 * basis.vectors[:, 0])
 
 
