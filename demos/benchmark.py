@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.compare import machine
+from fenicsrom.assess.full_cache import machine
 from fenicsrom.fem.full import FullModel
 from fenicsrom.fem.solid import build_solid
 from fenicsrom.online.motion import Motion

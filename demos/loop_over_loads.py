@@ -15,8 +15,7 @@ scene = fenicsrom.read_scene(Path(__file__).parent / "slip_liftoff_2d.toml")
 stored = fenicsrom.build_model(scene)
 motions = {}
 for force in FORCES:
-    model, changed = fenicsrom.rescene(stored, [f"loads.0.force={force}"])
-    motions[force] = fenicsrom.simulate(model, changed)
+    motions[force] = stored.with_overrides([f"loads.0.force={force}"]).simulate()
 amplitudes = {
     force: fenicsrom.amplitudes(motion)["tangential"][0] for force, motion in motions.items()
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.full import FullModel
     from fenicsrom.fem.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.solid import Solid, build_solid, solid_of
-    from fenicsrom.online.archive import StoredModel, load_model, rescene, save_model
+    from fenicsrom.online.archive import StoredModel, load_model, save_model
     from fenicsrom.online.history import History, read_history
     from fenicsrom.online.matrices import ModelArrays, model_arrays
     from fenicsrom.online.measures import amplitudes, contact_fractions
@@ -64,7 +64,6 @@ __all__ = [
     "read_history",
     "read_scene",
     "reduce",
-    "rescene",
     "run",
     "save_model",
     "simulate",
@@ -80,7 +79,7 @@ _MODULES = {
     "reduction.modes": ("component_modes",),
     "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
     "online.model": ("ReducedModel",),
-    "online.archive": ("StoredModel", "load_model", "rescene", "save_model"),
+    "online.archive": ("StoredModel", "load_model", "save_model"),
     "online.matrices": ("ModelArrays", "model_arrays"),
     "online.simulate": ("simulate",),
     "online.motion": ("Motion",),

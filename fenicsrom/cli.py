@@ -192,10 +192,15 @@ def _parser() -> argparse.ArgumentParser:
     campbell.set_defaults(command=_campbell)
 
     stability = commands.add_parser(
-        "stability", help="run a hundred extreme variants of a scene, with a verdict on each"
+        "stability", help="run extreme variants of a scene, with a verdict on each"
     )
+    stability.add_argument("scene", help="scene file (TOML)")
     stability.add_argument(
-        "scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)"
+        "--axis",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run this axis only, such as friction; may be repeated",
     )
     stability.set_defaults(command=_stability)
 
@@ -265,20 +270,11 @@ def _rerun(options: argparse.Namespace) -> int:
     resume = Path(options.resume) if options.resume else None
     if resume is not None:  # the run may have had another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
-    overrides = list(options.overrides)
     if options.scene is not None:
-        wanted = read_scene(options.scene, overrides)
-        if (key := archive.changed_key(stored.scene, wanted)) is not None:
-            raise SceneError(
-                f"{options.scene}: {key} differs from the scene of {options.stored}: "
-                "run the scene without --from",
-                kind=ErrorKind.MISMATCH,
-                key=key,
-                source=options.scene,
-            )
-        model, scene = archive.with_scene(stored, wanted)
+        current = stored.with_scene(read_scene(options.scene, options.overrides))
     else:
-        model, scene = archive.rescene(stored, overrides)
+        current = stored.with_overrides(options.overrides)
+    model, scene = current.model, current.scene
     folder = _folder(options, options.scene or options.stored)
     folder.mkdir(parents=True, exist_ok=True)
     found = study.rerun(
@@ -332,11 +328,12 @@ def _campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
     comm, say, scene, folder = _start(options)
     from fenicsrom.assess import campbell
+    from fenicsrom.post import campbell_report
 
     found = campbell.campbell(scene, comm, say)
     if comm.rank == 0:
-        files = campbell.write(found, folder)
-        _results(scene, campbell.terminal(found), found.warnings)
+        files = campbell_report.write(found, folder)
+        _results(scene, campbell_report.terminal(found), found.warnings)
         _files(files)
     if found.unfinished:
         comm.barrier()
@@ -346,21 +343,17 @@ def _campbell(options: argparse.Namespace) -> int:
 
 def _stability(options: argparse.Namespace) -> int:
     """Run extreme variants of a scene."""
-    from fenicsrom.scene.paths import shared_demos
-
-    path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
     folder = Path(options.output) if options.output else Path("out") / "stability"
     folder.mkdir(parents=True, exist_ok=True)
-    from fenicsrom.assess import schemes, stability
+    from fenicsrom.assess import stability
+    from fenicsrom.post import stability_report
 
-    matrix = stability.stability(path, options.overrides, _progress)
-    files = stability.write(matrix, folder)
+    matrix = stability.stability(Path(options.scene), options.overrides, _progress, options.axis)
+    files = stability_report.write(matrix, folder)
     print()
-    print("\n".join(stability.sentences(matrix)))
-    if matrix.by_scheme:
-        print(f"\n{schemes.terminal(matrix.by_scheme)}")
+    print("\n".join([*stability_report.sentences(matrix), *matrix.left_out]))
     _files(files)
-    return 1 if matrix.count(stability.WRONG) else 0
+    return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
 def _plan(options: argparse.Namespace) -> int:

@@ -434,7 +434,7 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
         comm: MPI communicator; by default all ranks.
 
     Returns:
-        The model with its scene and labels, for `simulate`, `rescene` and `save_model`.
+        The model with its scene and labels, for `StoredModel.simulate` and `save_model`.
 
     Raises:
         SceneError: the scene cannot be used, or all its loads are static.
@@ -654,8 +654,9 @@ def _interruptible(
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, complete, step_errors
-    from fenicsrom.assess.verdicts import check_basis_error, check_energy, check_time_error
+    from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+    from fenicsrom.assess.verdicts import check_basis_error, check_time_error
+    from fenicsrom.online.energy import check_energy
     from fenicsrom.online.measures import has_settled, is_unsteady
     from fenicsrom.reduction.stages import reduce
 
@@ -670,7 +671,14 @@ def check(study: Study) -> None:
             study.errors["peak force by the time step"] = force
         check_time_error(scene, study.errors["time step"], is_unsteady(motion))
         if has_settled(motion):
-            richer = complete(study, motion.buckled > 0)
+            richer = richer_basis(
+                study.solid,
+                scene,
+                study.modes,
+                study.selection,
+                study.derivatives,
+                motion.buckled > 0,
+            )
             if richer is not None:
                 study.errors["basis"] = basis_error(
                     reduce(study.solid, scene.basis, richer), scene, motion

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.compare import Outcome, Workshop, compare_bases, motion_errors
+from fenicsrom.assess.agreement import motion_errors
+from fenicsrom.assess.compare import Outcome, Workshop, compare_bases
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import solid_of

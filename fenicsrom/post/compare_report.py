@@ -7,7 +7,9 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.assess.compare import Comparison, Outcome, machine, pareto_front
+from fenicsrom.assess.agreement import pareto_front
+from fenicsrom.assess.compare import Comparison, Outcome
+from fenicsrom.assess.full_cache import machine
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import response_summary

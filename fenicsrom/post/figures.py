@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenicsrom.online.measures import has_contact
 from fenicsrom.post.style import STATES, line_styles, new_figure, styled
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """
     styles = line_styles(motions)
     directions = max(motion.displacement.shape[2] for motion in motions.values())
-    touching = any(_touches(motion) for motion in motions.values())
+    touching = any(has_contact(motion) for motion in motions.values())
     figure = new_figure(8.6, 0.7 + 2.2 * directions)
     axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
     for name, motion in motions.items():
@@ -70,7 +71,7 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
         motions: model name -> motion; motions without contact are left out.
         point: number of the contact point.
     """
-    motions = {name: motion for name, motion in motions.items() if _touches(motion)}
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
     loops = len(_LOOPS[directions])
     columns = 3 if loops == 3 else 2
@@ -97,7 +98,7 @@ def plot_points(
         motions: model name -> motion; motions without contact are left out.
         points: model name -> the result of `point_summaries`.
     """
-    motions = {name: motion for name, motion in motions.items() if _touches(motion)}
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     styles = line_styles(motions)
     first = next(iter(motions))
     hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
@@ -268,11 +269,6 @@ def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
         handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
     )
     axis.set_title("contact state")
-
-
-def _touches(motion: Motion) -> bool:
-    """Tell whether a motion has contact points."""
-    return motion.state.shape[1] > 0
 
 
 def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,8 @@ import itertools
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.online.measures import STATE_NAMES
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -18,7 +20,12 @@ if TYPE_CHECKING:
 # because it is hard to see on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 # Contact state -> name and colour.
-STATES = {-1: ("open", "#D9DDE1"), 0: ("slip", "#E69F00"), 1: ("stick", "#0072B2")}
+STATES = {
+    state: (name, colour)
+    for (state, name), colour in zip(
+        STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#0072B2"), strict=True
+    )
+}
 _LINES: dict[str, dict[str, Any]] = {
     "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2},
     "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": (0, (5, 3)), "zorder": 4},

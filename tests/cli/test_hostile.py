@@ -27,8 +27,7 @@ from hypothesis import strategies as st
 from support import beam_scene, random_model
 
 from fenicsrom.errors import SceneError
-from fenicsrom.online.archive import StoredModel, load_model, rescene, save_model
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
 
@@ -280,7 +279,7 @@ def test_model_saved_again_is_unchanged_and_runs(stored: Path, tmp_path: Path) -
     first = load_model(stored)
     save_model(tmp_path / "again.npz", first)
     assert same(stored, tmp_path / "again.npz")
-    assert simulate(*rescene(first, ["loads.0.force=0.1"])).periods == 2
+    assert first.with_overrides(["loads.0.force=0.1"]).simulate().periods == 2
 
 
 def test_model_with_huge_array_header_is_refused(stored: Path, tmp_path: Path) -> None:

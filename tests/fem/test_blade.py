@@ -30,7 +30,7 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import StoredModel, changed_key, load_model, rescene, save_model
+from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.equilibrium import _Statics
 from fenicsrom.online.measures import (
@@ -40,6 +40,7 @@ from fenicsrom.online.measures import (
     peak_total_normal_force,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import simulate
 from fenicsrom.post.record import Study
 from fenicsrom.post.summary import stored_model
@@ -552,7 +553,8 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
         "contacts.0.surface.spin=-200.0",
         "contacts.0.surface.waves=[[3, 1e-4, 0.5]]",
     ]
-    model, scene = rescene(read, changes)
+    changed = read.with_overrides(changes)
+    model, scene = changed.model, changed.scene
     after = simulate(model, scene)
     fresh = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']", *changes))
     np.testing.assert_allclose(

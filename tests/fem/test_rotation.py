@@ -36,8 +36,8 @@ from fenicsrom.assess import campbell as diagram
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, scene_table

@@ -16,7 +16,6 @@ from support import linear_model
 
 from fenicsrom.errors import SceneError
 from fenicsrom.online import load_histories
-from fenicsrom.online.archive import changed_key
 from fenicsrom.online.load_histories import (
     LoadHistories,
     factors,
@@ -28,6 +27,7 @@ from fenicsrom.online.load_histories import (
 )
 from fenicsrom.online.march import integrate
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.scene import (
     Load,
