@@ -28,7 +28,7 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
-from fenicsrom.plan import plan
+from fenicsrom.study import stages as plan
 from fenicsrom.post.results import stored_model
 
 from fenicsrom.fem.full import FullModel

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.plan import plan
+from fenicsrom.study import stages as plan
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
@@ -120,7 +120,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
     frame, q = spun.rotation, directions
     assert_tangent(
         lambda s: frame.energy(s @ q),
-        lambda s: -q @ frame.force(s @ q),
+        lambda s: -q @ frame.centrifugal_force(s @ q),
         np.ones(3),
         step=0.5,
         tolerance=1e-10,
