@@ -127,7 +127,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
     )
     softening = spun.stiffness.copy()
     softening.zeroEntries()
-    frame.soften(softening, 0.5)
+    frame.add_spin_softening(softening, 0.5)
     keep = free_unknowns(spun)
     assert_tangent(
         lambda s: -0.5 * (q @ frame.force(s @ q)),
@@ -541,7 +541,7 @@ def test_the_reduced_model_moves_as_the_full_one(small: Path, tmp_path: Path) ->
         "test",
         Path.cwd(),
     )
-    at_rest = component_modes(make_solid(still), "rubin", 1).frequencies_hz[0]
+    at_rest = component_modes(make_solid(still), Basis(method="rubin", modes=1)).frequencies_hz[0]
     assert found["frequencies_hz"][0] > 1.05 * at_rest
 
 
