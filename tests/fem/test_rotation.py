@@ -130,7 +130,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
     frame.add_spin_softening(softening, 0.5)
     keep = free_unknowns(spun)
     assert_tangent(
-        lambda s: -0.5 * (q @ frame.force(s @ q)),
+        lambda s: -0.5 * (q @ frame.centrifugal_force(s @ q)),
         lambda s: (q[:, keep] @ dense(softening, keep)) @ q[:, keep].T,
         np.ones(3),
         step=0.5,
