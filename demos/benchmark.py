@@ -65,7 +65,7 @@ def main() -> None:
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     for dimension in (2, 3):
         scene = read_scene(HERE / f"slip_liftoff_{dimension}d.toml")
-        scene = replace(scene, time=replace(scene.time, periods=1, steady_tolerance=0.0))
+        scene = replace(scene, time=scene.time.changed(periods=1, steady_tolerance=0.0))
         solid = build_solid(scene, MPI.COMM_WORLD)
         modes = component_modes(solid, replace(scene.basis, method="rubin", modes=1))
         selection = Selection(modes.labels, SIX[dimension], {}, {})

@@ -26,7 +26,7 @@ load = scene.loads[0]
 
 def acceleration(time: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """The acceleration q'' (n,) at a time in s."""
-    outside = arrays.loads[:, 0] * load.force * np.sin(2.0 * np.pi * load.frequency * time)
+    outside = arrays.loads[:, 0] * load.size * np.sin(2.0 * np.pi * load.frequency * time)
     return np.linalg.solve(arrays.mass, outside - arrays.damping @ v - arrays.elastic_force(q))
 
 

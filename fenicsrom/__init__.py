@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from fenicsrom.post.record import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
-    from fenicsrom.scene import Scene, parse_scene, read_scene
+    from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
     from fenicsrom.study import build_model, run
 
 __version__ = "0.1.0"
@@ -57,6 +57,7 @@ __all__ = [
     "differentiate",
     "enrich",
     "load_model",
+    "make_scene",
     "mesh_from_dolfinx",
     "mesh_from_gmsh_model",
     "model_arrays",
@@ -72,7 +73,7 @@ __all__ = [
 
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
-    "scene": ("Scene", "parse_scene", "read_scene"),
+    "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
     "fem.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
     "fem.solid": ("Solid", "build_solid", "solid_of"),
     "fem.full": ("FullModel",),

@@ -1,4 +1,4 @@
-"""The command line: run, plan, modes, compare, campbell and stability.
+"""The command line: run, plan, modes, compare, campbell, schema and stability.
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
@@ -8,6 +8,7 @@ Modules that need numpy, numba or dolfinx are imported by the command that uses 
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import sys
 import time
@@ -18,7 +19,7 @@ from typing import Any
 
 from fenicsrom import __version__
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.scene import Scene, read_scene
+from fenicsrom.scene import Scene, json_schema, read_scene
 
 REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
 PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
@@ -42,28 +43,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "a stored model runs without dolfinx: fenicsrom run --from reduced_model.npz",
             1,
         )
-    except Terminated:
-        return _stopped("terminated", 143)
     except KeyboardInterrupt:
+        if _is_terminated():
+            return _stopped("terminated", 143)
         return _stopped("interrupted", 130)
-
-
-class Terminated(BaseException):
-    """SIGTERM arrived."""
 
 
 _termination = {"requested": False}
 
 
-def _stop_if_terminated() -> None:
-    """Raise `Terminated` if SIGTERM arrived; called between stages and after each period."""
-    if _termination["requested"]:
-        raise Terminated
+def _is_terminated() -> bool:
+    """Tell whether SIGTERM arrived; asked between stages and after each period."""
+    return _termination["requested"]
 
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Note SIGTERM for `_stop_if_terminated`, if this is the main thread.
+    """Note SIGTERM for `_is_terminated`, if this is the main thread.
 
     The handler does not raise: numba drops exceptions that are raised while it compiles. A second
     SIGTERM ends the process at once; files are complete at any moment.
@@ -191,6 +187,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     campbell.set_defaults(command=_campbell)
 
+    schema = commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
+    schema.add_argument("--output", metavar="FILE", help="write it to this file")
+    schema.set_defaults(command=_schema)
+
     stability = commands.add_parser(
         "stability", help="run extreme variants of a scene, with a verdict on each"
     )
@@ -246,7 +246,7 @@ def _run(options: argparse.Namespace) -> int:
         say,
         folder=folder,
         resume=Path(options.resume) if options.resume else None,
-        interrupt=_stop_if_terminated,
+        stop=_is_terminated,
     )
     if comm.rank == 0:
         table = sentences.response_table(found.motions, found.sizes)
@@ -284,7 +284,7 @@ def _rerun(options: argparse.Namespace) -> int:
         folder,
         resume=resume,
         say=_progress,
-        interrupt=_stop_if_terminated,
+        stop=_is_terminated,
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
     resumed = sentences.resumed_sentence(found.motion)
@@ -301,9 +301,7 @@ def _modes(options: argparse.Namespace) -> int:
     from fenicsrom import study
     from fenicsrom.post import sentences
 
-    found = study.run(
-        scene, comm, say, folder=folder, modes_only=True, interrupt=_stop_if_terminated
-    )
+    found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=_is_terminated)
     if comm.rank == 0:
         _results(None, "", found.warnings, sentences.mode_lines(found))
         _files(found.files)
@@ -321,6 +319,18 @@ def _compare(options: argparse.Namespace) -> int:
         files = compare_report.write_comparison(found, folder)
         _results(scene, compare_report.terminal(found), found.warnings)
         _files(files)
+    return 0
+
+
+def _schema(options: argparse.Namespace) -> int:
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
+    if options.output is None:
+        print(text)
+        return 0
+    from fenicsrom.files import atomic_write
+
+    with atomic_write(options.output) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
     return 0
 
 
@@ -383,15 +393,14 @@ def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
     def say(line: str) -> None:
         if comm.rank == 0:
             _progress(line)
-        else:
-            _stop_if_terminated()
 
     return comm, say, scene, folder
 
 
 def _progress(line: str) -> None:
-    """Print a line of progress to stderr; stop if SIGTERM arrived."""
-    _stop_if_terminated()
+    """Print a line of progress to stderr; stop a serial run if SIGTERM arrived."""
+    if _is_terminated() and _ranks() is None:
+        raise KeyboardInterrupt
     print(line, file=sys.stderr, flush=True)
 
 

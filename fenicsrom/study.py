@@ -20,7 +20,6 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneEr
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh import Mesh
     from fenicsrom.online.archive import StoredModel
-    from fenicsrom.online.march import Checkpoint
     from fenicsrom.online.motion import Motion
     from fenicsrom.post.record import Study
     from fenicsrom.reduction.snapshots import Snapshots
@@ -32,8 +31,9 @@ MODES_ONLY = "only the modes are asked for"
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 
 
-def nothing() -> None:
-    """Do nothing: the default of callbacks."""
+def never() -> bool:
+    """Tell that the run may continue: the default of `stop`."""
+    return False
 
 
 class Stopwatch:
@@ -57,15 +57,12 @@ class Stopwatch:
         yield
         self.seconds[stage] = clock.perf_counter() - begin
 
-    def progress(
-        self, model: str, steady: float | None, interrupt: Callable[[], None] = nothing
-    ) -> Callable[[float, float], None]:
+    def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:
         """Make a callback for `simulate` that reports the progress every two seconds.
 
         Args:
             model: name of the model.
             steady: change per period at which the motion counts as steady.
-            interrupt: called after each period; it may raise to stop the run.
         """
         last = clock.perf_counter()
         count = 0
@@ -77,7 +74,6 @@ class Stopwatch:
                 last = clock.perf_counter()
                 goal = f" (steady at {steady:.0e})" if steady else ""
                 self.say(f"  {model}: period {count}, change {change:.1e}{goal}")
-            interrupt()
 
         return report
 
@@ -122,7 +118,7 @@ class Run:
         watch: times the stages.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
-        interrupt: called between stages and after each period; it may raise to stop the run.
+        stop: asked between stages and after each period; the run ends where it returns True.
         mesh: the mesh; None until it is made.
         snapshots: the deflections by which modes and derivatives are selected.
         reduction: the stages from the modes to the reduced model.
@@ -133,7 +129,7 @@ class Run:
     watch: Stopwatch
     folder: Path | None = None
     resume: Path | None = None
-    interrupt: Callable[[], None] = nothing
+    stop: Callable[[], bool] = never
     mesh: Mesh | None = None
     snapshots: Snapshots = field(init=False)
     reduction: Reduction = field(init=False)
@@ -382,7 +378,7 @@ def run(
     folder: Path | None = None,
     resume: Path | None = None,
     modes_only: bool = False,
-    interrupt: Callable[[], None] = nothing,
+    stop: Callable[[], bool] = never,
     mesh: Mesh | None = None,
 ) -> Study:
     """Run all stages that a scene needs.
@@ -394,7 +390,7 @@ def run(
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
-        interrupt: called between stages and after each period; it may raise to stop the run.
+        stop: asked between stages and after each period; the run ends where it returns True.
         mesh: the mesh; None makes or reads the one of the scene.
 
     Returns:
@@ -404,12 +400,13 @@ def run(
     Raises:
         SceneError: the scene or the checkpoint cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
+        KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
     from fenicsrom.post.record import Study
 
     watch = Stopwatch(say if say is not None else lambda line: None)
-    run = Run(Study(scene), comm or _all_ranks(), watch, folder, resume, interrupt, mesh)
+    run = Run(Study(scene), comm or _all_ranks(), watch, folder, resume, stop, mesh)
     execute(run, stages(scene, modes_only, files=folder is not None))
     return run.study
 
@@ -471,7 +468,7 @@ def execute(run: Run, listed: list[Stage]) -> None:
     for stage in listed:
         if not stage.needed or (study.unfinished and not stage.writes):
             continue
-        run.interrupt()
+        _stop_where_asked(run.stop)
         with run.watch(stage.name):
             stage.run(run)
         if not stage.writes:
@@ -492,6 +489,7 @@ def _solid(run: Run) -> None:
 
     from fenicsrom.fem.solid import solid_of
 
+    assert run.mesh is not None
     solid = run.study.solid = solid_of(run.study.scene, run.mesh)
     if solid.loaded:
         deflection = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
@@ -573,7 +571,8 @@ def _integrate(run: Run, name: str) -> None:
             _model(study, name),
             scene,
             keep_coordinates=name == "reduced",
-            progress=run.watch.progress(name, scene.time.steady_tolerance, run.interrupt),
+            progress=run.watch.progress(name, scene.time.steady_tolerance),
+            stop=run.stop,
             **options,
         )
     except (AccuracyError, ConvergenceError) as error:
@@ -636,20 +635,18 @@ def _checkpoints(run: Run) -> dict[str, Any]:
         save_model(run.folder / MODEL, stored_model(study))
         study.files.append(run.folder / MODEL)
         keep = keeper(run.folder / CHECKPOINT, model, study.scene)
-        options["checkpoint"] = _interruptible(keep, run.interrupt)
+        options["checkpoint"] = keep
     return options
 
 
-def _interruptible(
-    keep: Callable[[Checkpoint], None], interrupt: Callable[[], None]
-) -> Callable[[Checkpoint], None]:
-    """Make a checkpoint callback that can also stop the run."""
+def _stop_where_asked(stop: Callable[[], bool]) -> None:
+    """End the run if it is asked to stop.
 
-    def kept(checkpoint: Checkpoint) -> None:
-        keep(checkpoint)
-        interrupt()
-
-    return kept
+    Raises:
+        KeyboardInterrupt: `stop` returned True.
+    """
+    if stop():
+        raise KeyboardInterrupt
 
 
 def check(study: Study) -> None:
@@ -776,7 +773,7 @@ def rerun(
     *,
     resume: Path | None = None,
     say: Callable[[str], None] | None = None,
-    interrupt: Callable[[], None] = nothing,
+    stop: Callable[[], bool] = never,
 ) -> Rerun:
     """Integrate a stored model, check the motion and write the files: the numbers first.
 
@@ -787,11 +784,12 @@ def rerun(
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
         say: receives the progress, one line at a time; by default nobody.
-        interrupt: called between stages and after each period; it may raise to stop the run.
+        stop: asked between stages and after each period; the run ends where it returns True.
 
     Raises:
         SceneError: the checkpoint cannot be used.
         ConvergenceError, AccuracyError: the integration failed at its start.
+        KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.verdicts import rejection_reason
@@ -810,8 +808,9 @@ def rerun(
                 model,
                 scene,
                 resume=begin,
-                checkpoint=_interruptible(keeper(folder / CHECKPOINT, model, scene), interrupt),
-                progress=watch.progress("reduced", scene.time.steady_tolerance, interrupt),
+                checkpoint=keeper(folder / CHECKPOINT, model, scene),
+                progress=watch.progress("reduced", scene.time.steady_tolerance),
+                stop=stop,
             )
         except (AccuracyError, ConvergenceError) as error:
             if error.partial is None:
@@ -820,13 +819,13 @@ def rerun(
         else:
             unfinished = None
     if unfinished is None:
-        interrupt()
+        _stop_where_asked(stop)
         with watch("checks"):
             unfinished = rejection_reason(model, scene, motion)
-    interrupt()
+    _stop_where_asked(stop)
     with watch("numbers"):
         files = write_rerun_numbers(stored, scene, motion, folder)
-    interrupt()
+    _stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
     warnings = [sentence] if sentence else []

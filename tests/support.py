@@ -310,7 +310,7 @@ def one_contact(dimension: int = 2, **values: Any) -> Contacts:
 
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
     """Settings of a run of a number of equal steps."""
-    return Time(
+    return Time.of(
         scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius
     )
 

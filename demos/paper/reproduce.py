@@ -309,7 +309,7 @@ FULL_POINTS = {0: (3.0, 3.28), 40: (3.2, 3.28), 60: (3.2, 3.3), 250: (7.8, 8.1)}
 def at(of: Scene, frequency: float, preload: float) -> Scene:
     """The scene at another frequency and preload; without preload the wall is out of reach."""
     contact = replace(of.contacts[0], preload=float(preload), gap=0.0 if preload else 1.0)
-    return replace(of, loads=(replace(of.loads[0], frequency=frequency),), contacts=(contact,))
+    return replace(of, loads=(of.loads[0].changed(frequency=frequency),), contacts=(contact,))
 
 
 @functools.cache

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom.assess.scales import Scales
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_table
 
 Overrides = tuple[str, ...]
 Values = dict[str, Overrides]
@@ -194,12 +194,13 @@ def _static_load(scene: Scene, scales: Scales) -> Values:
 
 
 def _frequency(scene: Scene, scales: Scales) -> Values:
+    tables = scene_table(scene)["loads"]
     given = {
-        k: load.frequency
-        for k, load in enumerate(scene.loads)
-        if load.frequency is not None and load.engine_order is None
+        k: float(table["frequency"])
+        for k, table in enumerate(tables)
+        if "frequency" in table and "engine_order" not in table
     }
-    if not given or any(load.sweep for load in scene.loads):
+    if not given or any("sweep" in table for table in tables):
         raise LeftOut("no load has a constant frequency of its own")
     first = scales.omega / (2.0 * math.pi)
     lowest = min(given.values())

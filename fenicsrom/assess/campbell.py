@@ -32,6 +32,7 @@ from scipy.optimize import linear_sum_assignment
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.reduction.basis import DEPENDENCE
+from fenicsrom.reduction.modes import close_frequency_groups
 from fenicsrom.reduction.projection import projected_gyroscopic
 from fenicsrom.scene import Scene
 
@@ -377,20 +378,12 @@ def aligning(common: Shapes, squares: Array) -> Shapes:
     turn = np.eye(squares.size, dtype=common.dtype)
     omega = np.sqrt(np.abs(squares))
     order = np.argsort(squares)
-    start = 0
-    while start < order.size:
-        end = start + 1
-        while (
-            end < order.size
-            and abs(omega[order[end]] - omega[order[end - 1]]) <= COINCIDENT * omega[order[end]]
-        ):
-            end += 1
-        group = order[start:end]
+    for part in close_frequency_groups(omega[order], COINCIDENT):
+        group = order[part]
         if group.size > 1:
             rows = np.sort(np.argsort(-np.sum(np.abs(common[:, group]) ** 2, axis=1))[: group.size])
             u, _, vh = np.linalg.svd(common[np.ix_(rows, group)])
             turn[np.ix_(group, group)] = (u @ vh).conj().T
-        start = end
     return turn
 
 

@@ -298,7 +298,7 @@ def time_runs(
         or motion.periods <= SHORT_PERIODS
     ):
         return tuple(simulate(model, scene).seconds for _ in range(repeats)), None
-    short = replace(scene, time=replace(scene.time, periods=SHORT_PERIODS, steady_tolerance=0.0))
+    short = replace(scene, time=scene.time.changed(periods=SHORT_PERIODS, steady_tolerance=0.0))
     runs = (simulate(model, short) for _ in range(repeats))
     return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
 
@@ -352,7 +352,7 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
 def warm_up(workshop: Workshop, scene: Scene) -> None:
     """Run every stage once for a few steps, so that later times contain no compilation."""
     reduction, _ = workshop.reduction(scene)
-    short = replace(scene.time, periods=1, steady_tolerance=0.0) if scene.period else scene.time
+    short = scene.time.changed(periods=1, steady_tolerance=0.0) if scene.period else scene.time
     simulate(reduction.model, replace(scene, time=short))
 
 

@@ -44,7 +44,7 @@ from fenicsrom.online.measures import (
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.step_size import refined, without_replaced_step
+from fenicsrom.scene.step_size import refined
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -150,8 +150,6 @@ def scene_of(table: Mapping[str, Any], source: str, folder: Path, changes: Itera
     changes = list(changes)
     plain = dict(table)
     plain["reference"] = {**plain.get("reference", {}), "full": False}
-    named = [change.partition("=")[0].removeprefix("time.") for change in changes]
-    plain["time"] = without_replaced_step(plain.get("time", {}), named)
     return parse_scene(override_table(plain, changes, source), source, folder)
 
 

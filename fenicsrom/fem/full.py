@@ -17,7 +17,7 @@ from fenicsrom.reduction.protocols import Structure
 
 
 def full_model(body: Structure) -> Any:
-    """The full model of a body, as the time integration wants it."""
+    """The full model of a structure, for the time integration."""
     if isinstance(body, BeamStructure):
         return body.full_model()
 
@@ -30,8 +30,9 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 
 
 class FullModel:
-    """A `fenicsrom.online.operations.Model` of all unknowns q = u - u0; vectors hold those owned by this
-    rank.
+    """The full model of a solid: a `fenicsrom.online.operations.Model` of q = u − u₀.
+
+    Vectors hold the unknowns that this rank owns.
     """
 
     def __init__(self, solid: Solid):
@@ -61,8 +62,9 @@ class FullModel:
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Slope]:
-        """Mean force, and where the tangent has to be taken with what weight (it is assembled when
-        it is needed).
+        """Mean force over a step, and the states and weights of its tangent.
+
+        The tangent itself is assembled when it is needed.
         """
         mean = start_weight * start
         slope: Slope = []

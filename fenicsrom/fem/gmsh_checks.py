@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.gmsh_queries import (
     QUADRATIC,
     Floats,
@@ -20,7 +20,7 @@ DEGENERATE = 1e-12
 """Jacobian determinant, relative to the size of the cell to the power d, that counts as zero."""
 
 STRAIGHT = 1e-6
-"""Distance of a node from its place in the straight cell, relative to the cell, that is accepted."""
+"""Accepted distance of a node from its place in the straight cell, relative to the cell."""
 
 PLANAR = 1e-9
 """Variation of z in a 2D mesh, relative to the extent, that counts as none."""
@@ -29,15 +29,18 @@ PLANAR = 1e-9
 def check_cells(
     gmsh: Any, geometry: Geometry, solid: list[int]
 ) -> tuple[int, int, tuple[str, ...]]:
-    """Check type, shape and orientation of the cells.
+    """Check kind, shape and orientation of the cells.
 
     Args:
         gmsh: the open gmsh.
-        geometry: what the scene asks for.
+        geometry: the [geometry] of the scene.
         solid: the entities of the cells.
 
     Returns:
-        The gmsh type of the cells, that of the straight cell, and warnings.
+        The kind of the cells, that of the straight cell, and warnings.
+
+    Raises:
+        SceneError: the cells cannot be used.
     """
     source, d = str(geometry.mesh), geometry.dimension
     types = sorted(
@@ -46,21 +49,31 @@ def check_cells(
     properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
     names = ", ".join(entry[0] for entry in properties)
     if len(types) != 1:
-        raise SceneError(f"{source}: cells {names or '(none)'}: must be of one type")
+        raise SceneError(
+            f"{source}: cells {names or '(none)'}: must be of one type",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
     given, reference, vertices = types[0], np.reshape(properties[0][4], (-1, d)), properties[0][5]
     kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
     if kind is None:
         raise SceneError(
-            f"{source}: cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra"
+            f"{source}: cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra",
+            kind=ErrorKind.MESH,
+            source=source,
         )
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
         raise SceneError(
-            f"{source}: geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}"
+            f"{source}: geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}",
+            kind=ErrorKind.MESH,
+            source=source,
         )
     if geometry.curved and given != QUADRATIC[kind]:
         curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
         raise SceneError(
-            f"{source}: geometry.curved = true: cells must be {curved}, the file has {names}"
+            f"{source}: geometry.curved = true: cells must be {curved}, the file has {names}",
+            kind=ErrorKind.MESH,
+            source=source,
         )
 
     numbers, points = model_nodes(gmsh)
@@ -70,9 +83,11 @@ def check_cells(
     spread = np.ptp(
         [[np.min(x, axis=(0, 1)), np.max(x, axis=(0, 1))] for x in cells if len(x)], axis=(0, 1)
     )
-    if d == 2 and spread[2] > 1e-9 * spread.max():
+    if d == 2 and spread[2] > PLANAR * spread.max():
         raise SceneError(
-            f"{source}: z differs by {spread[2]:g} m: must be constant where geometry.dimension = 2"
+            f"{source}: z differs by {spread[2]:g} m: must be constant where geometry.dimension = 2",
+            kind=ErrorKind.MESH,
+            source=source,
         )
     local = np.pad(reference, ((0, 0), (0, 3 - d)))
     _, weights, _ = gmsh.model.mesh.getBasisFunctions(kind, local.ravel(), "Lagrange")
@@ -85,7 +100,9 @@ def check_cells(
             where = ", ".join(f"{value:.6g}" for value in x[bad[0]].mean(axis=0))
             raise SceneError(
                 f"{source}: {len(bad)} cells are inverted or degenerate, one at ({where}): "
-                "must have a Jacobian determinant of one sign"
+                "must have a Jacobian determinant of one sign",
+                kind=ErrorKind.MESH,
+                source=source,
             )
         straight = np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), x[:, :vertices])
         moved = max(moved, (np.linalg.norm(straight - x, axis=2).max(axis=1) / size).max())
@@ -101,7 +118,11 @@ def check_cells(
 
 
 def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], kind: int) -> None:
-    """Refuse facets that cannot be facets of the cells because of their type."""
+    """Check that facets have a kind that facets of the cells can have.
+
+    Raises:
+        SceneError: they have another kind.
+    """
     for name, entities in groups.items():
         types = {
             int(given)
@@ -114,7 +135,9 @@ def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], k
                     gmsh.model.mesh.getElementProperties(type_)[0] for type_ in (given, kind)
                 )
                 raise SceneError(
-                    f"{source}: group {name!r} has facets {have}: must be {need} for these cells"
+                    f"{source}: group {name!r} has facets {have}: must be {need} for these cells",
+                    kind=ErrorKind.MESH,
+                    source=source,
                 )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import formats
 from fenicsrom.fem.gmsh_queries import Ints
 from fenicsrom.scene import Geometry
@@ -59,14 +59,18 @@ gmsh.finalize()
 
 @contextmanager
 def open_gmsh() -> Iterator[Any]:
-    """Open gmsh, quiet, without the user's settings and leaving interrupts to Python; close it at
-    the end.
+    """Open gmsh for the duration of a context.
+
+    It prints nothing, ignores the settings of the user and leaves interrupts to Python.
+
+    Raises:
+        RuntimeError: gmsh is in use in this process.
     """
     import gmsh
 
     if gmsh.isInitialized():
         raise RuntimeError(
-            "gmsh is in use in this process: call gmsh.finalize() before a mesh is built"
+            "gmsh is in use in this process: call gmsh.finalize() before you build a mesh"
         )
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
@@ -85,7 +89,11 @@ def open_gmsh() -> Iterator[Any]:
 
 
 def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
-    """Read the file and, if it is a geometry, mesh it; give the node numbers of its node sets."""
+    """Read the file and, if it is a geometry, mesh it; give the node numbers of its node sets.
+
+    Raises:
+        SceneError: the file cannot be read or meshed.
+    """
     source, d, form = (
         str(geometry.mesh),
         geometry.dimension,
@@ -93,7 +101,9 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
     )
     if not geometry.mesh.is_file() or form is None:
         raise SceneError(
-            f"geometry.mesh = {source!r}: must be an existing file of one of {', '.join(SUFFIXES)}"
+            f"geometry.mesh = {source!r}: must be an existing file of one of {', '.join(SUFFIXES)}",
+            kind=ErrorKind.FILE,
+            source=source,
         )
     gmsh.model.add("file")
     if form == "geo":
@@ -114,7 +124,9 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         _check_reach(gmsh, geometry)
     if gmsh.model.getDimension() != d:
         raise SceneError(
-            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} for this file"
+            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} for this file",
+            kind=ErrorKind.MESH,
+            source=source,
         )
     if form == "step":
         _name_faces(gmsh, d)
@@ -129,11 +141,10 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
 
 
 def _check_reach(gmsh: Any, geometry: Geometry) -> None:
-    """Refuse a body that is nowhere, reaches too far, or takes too many cells: gmsh would crash, or
-    fill all memory.
+    """Check the extent of a geometry, because gmsh could crash or fill all memory.
 
     Raises:
-        SceneError: it is such a body.
+        SceneError: the body has no extent, extends too far, or needs too many cells.
     """
     source, places = (
         str(geometry.mesh),
@@ -145,22 +156,32 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     if wrong:
         where = ", ".join(f"{value:.6g}" for value in wrong[0])
         raise SceneError(
-            f"{source}: it reaches to ({where}): coordinates must be numbers of at most {FARTHEST:g}"
+            f"{source}: the geometry extends to ({where}): coordinates must be at most "
+            f"{FARTHEST:g}",
+            kind=ErrorKind.MESH,
+            source=source,
         )
     extent = float(np.ptp(places or np.zeros((1, 3)), axis=0).max())
     if extent == 0.0:
-        raise SceneError(f"{source}: there is no body in it that has a size")
+        raise SceneError(
+            f"{source}: the geometry has no body with an extent", kind=ErrorKind.MESH, source=source
+        )
     if geometry.size is not None and geometry.size * MOST_CELLS < extent:
         allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
-        raise SceneError(f"{source}: geometry.size = {geometry.size:g}: {allowed}")
+        raise SceneError(
+            f"{source}: geometry.size = {geometry.size:g}: {allowed}",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
 
 
 def _survive(source: str) -> None:
-    """Read a .msh or .step file in a process of its own first: a damaged one can crash gmsh, or
-    keep it busy for ever.
+    """Read a .msh or .step file in another process first.
+
+    A damaged file can crash gmsh, or gmsh may never finish reading it.
 
     Raises:
-        SceneError: it does.
+        SceneError: gmsh crashed or did not finish.
     """
     seconds = 60.0 + 1e-6 * Path(source).stat().st_size
     try:
@@ -174,14 +195,24 @@ def _survive(source: str) -> None:
         ).returncode
     except subprocess.TimeoutExpired:
         raise SceneError(
-            f"{source}: gmsh does not get through it in {seconds:.0f} s: is it damaged?"
+            f"{source}: gmsh did not finish reading the file within {seconds:.0f} s; it may be damaged",
+            kind=ErrorKind.FORMAT,
+            source=source,
         ) from None
     if code:
-        raise SceneError(f"{source}: gmsh crashes over it: the file is damaged")
+        raise SceneError(
+            f"{source}: gmsh crashed while reading the file; it is damaged",
+            kind=ErrorKind.FORMAT,
+            source=source,
+        )
 
 
 def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
-    """Hand the parameters to gmsh, by the names the .geo file has."""
+    """Set the parameters in gmsh, by their names in the .geo file.
+
+    Raises:
+        SceneError: the file does not define a parameter.
+    """
     known = _parameters(geometry.mesh)
     if "structured" in known:
         gmsh.parser.setNumber("structured", [float(geometry.cells != "simplex")])
@@ -192,13 +223,16 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
                 or "none, as the file has no DefineConstant"
             )
             raise SceneError(
-                f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of {allowed}"
+                f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of "
+                f"{allowed}",
+                kind=ErrorKind.UNKNOWN_KEY,
+                source=str(geometry.mesh),
             )
         gmsh.parser.setNumber(name, [value])
 
 
 def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, by its name or, without one, its number."""
+    """Make a group of each face of a .step file, by its name or, without a name, its number."""
     faces: dict[str, list[int]] = {}
     for _, face in gmsh.model.getEntities(d - 1):
         faces.setdefault(
@@ -209,7 +243,7 @@ def _name_faces(gmsh: Any, d: int) -> None:
 
 
 def _import(gmsh: Any, path: Path, form: str, curved: bool) -> dict[str, Ints]:
-    """Read a file with meshio into gmsh; give the node numbers of each node set."""
+    """Read a file with meshio into gmsh, and give the node numbers of each node set."""
     file = formats.read(path, form, curved)
     dimensions = [gmsh.model.mesh.getElementProperties(kind)[1] for kind, _ in file.blocks]
     gmsh.model.addDiscreteEntity(max(dimensions), 1)
@@ -236,7 +270,11 @@ def _import(gmsh: Any, path: Path, form: str, curved: bool) -> dict[str, Ints]:
 
 @contextmanager
 def _errors(gmsh: Any, source: str) -> Iterator[None]:
-    """Raise the first error of gmsh, which is in its log whether it raised anything or not."""
+    """Raise the first error in the log of gmsh, which does not raise all of its errors.
+
+    Raises:
+        SceneError: gmsh reported an error.
+    """
     failure = None
     try:
         yield
@@ -247,12 +285,14 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:
         raise SceneError(
-            f"{source}: " + " ".join((errors or [str(failure)])[0].split())
+            f"{source}: " + " ".join((errors or [str(failure)])[0].split()),
+            kind=ErrorKind.MESH,
+            source=source,
         ) from failure
 
 
 def _parameters(path: Path) -> set[str]:
-    """Names in the DefineConstant of a .geo file."""
+    """Names of the parameters in the DefineConstant blocks of a .geo file."""
     text = re.sub(
         r'"[^"\n]*"|//[^\n]*|/\*.*?\*/', "", path.read_text(errors="replace"), flags=re.DOTALL
     )

@@ -73,7 +73,7 @@ def _check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
     owned = facets[facets < topology.index_map(d - 1).size_local]
     if body.comm.allreduce(bool(np.any(~np.isin(owned, boundary))), op=MPI.LOR):
         raise SceneError(
-            f"{body.source}: {key}.pressure = {load.pressure:g}: must act on the boundary, but "
+            f"{body.source}: {key}.pressure = {load.size:g}: must act on the boundary, but "
             "some of these facets lie inside the body",
             kind=ErrorKind.PLACE,
             key=f"{key}.pressure",

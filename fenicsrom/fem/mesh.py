@@ -1,8 +1,8 @@
 """Meshes with named groups.
 
 `build_mesh` makes or reads the mesh of a scene, `mesh_from_gmsh_model` takes the model of an open
-gmsh, and `mesh_from_dolfinx` a dolfinx mesh with tags. Of a file, rank 0 checks the cells in gmsh and
-dolfinx distributes a clean model. An error on rank 0 is raised on every rank.
+gmsh, and `mesh_from_dolfinx` a dolfinx mesh with tags. Rank 0 checks the cells of a file in gmsh,
+and dolfinx distributes a clean model. An error on rank 0 is raised on every rank.
 """
 
 from __future__ import annotations
@@ -62,9 +62,7 @@ class Mesh:
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
 
     def has_facets(self, where: str | Region) -> bool:
-        """Whether a region is made of facets: a facet group or picked by coordinates, not a node
-        group alone.
-        """
+        """Whether a region has facets: a facet group or a pick by coordinates does."""
         name = where.group if isinstance(where, Region) else where
         return name is None or self.groups.get(name, (None,))[0] == self.domain.topology.dim - 1
 
@@ -92,7 +90,10 @@ class Mesh:
                 sorted(group for group, (dim, _) in self.groups.items() if dim == below)
             )
             raise SceneError(
-                f"{self.source}: no facet group {name!r}: must be one of {known or '(there are none)'}"
+                f"{self.source}: no facet group {name!r}: must be one of "
+                f"{known or '(there are none)'}",
+                kind=ErrorKind.PLACE,
+                source=self.source,
             )
         return np.sort(self.facet_tags.indices[np.isin(self.facet_tags.values, tags)])
 
@@ -116,7 +117,10 @@ class Mesh:
             assert region.plane is not None
             point, normal = np.array(region.plane.point), np.array(region.plane.normal)
             tolerance = region.plane.tolerance or ON_PLANE * extent
-            what = f"plane = {{ point = {point.tolist()}, normal = {normal.tolist()}, tolerance = {tolerance:.3g} }}"
+            what = (
+                f"plane = {{ point = {point.tolist()}, normal = {normal.tolist()}, "
+                f"tolerance = {tolerance:.3g} }}"
+            )
 
             def inside(x: Floats) -> npt.NDArray[np.bool_]:
                 return np.abs(normal @ (x[:d] - point[:, None])) <= tolerance
@@ -129,13 +133,17 @@ class Mesh:
                 f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
             )
             raise SceneError(
-                f"{self.source}: {what}: no facet of the boundary lies there: the mesh is from {reach}"
+                f"{self.source}: {what}: no facet of the boundary lies there; the mesh extends from "
+                f"{reach}",
+                kind=ErrorKind.PLACE,
+                source=self.source,
             )
         return np.sort(facets)
 
     def entities(self, where: str | Region) -> dict[int, Ints]:
-        """Give what a region is made of on this rank: facets, and the vertices and edges of a node
-        group. Collective.
+        """Give the entities of a region on this rank. Collective.
+
+        They are facets, and the vertices and edges of a node group.
 
         Args:
             where: a facet or node group, or a region of the scene.
@@ -155,7 +163,9 @@ class Mesh:
                 } | self.node_groups.keys()
                 raise SceneError(
                     f"{self.source}: no facet group {name!r}, nor a node group: must be one of "
-                    f"{', '.join(sorted(known)) or '(there are none)'}"
+                    f"{', '.join(sorted(known)) or '(there are none)'}",
+                    kind=ErrorKind.PLACE,
+                    source=self.source,
                 )
             return {below: self.facets(where)}
         vertices, edges = self.node_groups[name]
@@ -163,8 +173,9 @@ class Mesh:
         return found | ({below: self.facets(where)} if self.has_facets(where) else {})
 
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-        """Give the nodes of a Lagrange space on a region: on its facets, edges and vertices.
-        Collective.
+        """Give the nodes of a Lagrange space on a region. Collective.
+
+        They lie on its facets, edges and vertices.
 
         Args:
             where: a facet or node group, or a region of the scene.
@@ -195,11 +206,10 @@ class Mesh:
         return float(np.max(high - low))
 
     def surface(self, where: str | Region) -> ufl.Measure:
-        """Give the measure of a facet group or a pick, inside the body as well as on its boundary.
-        Collective.
+        """Give the measure of a facet group or a pick. Collective.
 
-        Each facet counts once, seen from one of its cells: right for continuous fields. UFL takes
-        one such measure in a form.
+        The facets may lie on the boundary or inside the body. Each facet counts once, seen from one
+        of its cells, which is correct for continuous fields. UFL takes one such measure in a form.
 
         Args:
             where: a facet group, or a region of the scene.
@@ -430,7 +440,7 @@ def _keys(pairs: Ints) -> Ints:
 def _groups_on_cells(
     source: str, clean: CleanModel, facet_tags: dolfinx.mesh.MeshTags, domain: dolfinx.mesh.Mesh
 ) -> tuple[dict[str, tuple[int, tuple[int, ...]]], tuple[str, ...]]:
-    """Leave out the facets that are not facets of a cell, and say so. Collective."""
+    """Give the groups without facets that are not facets of a cell, and warnings. Collective."""
     below = domain.topology.dim - 1
     tags = facet_tags.values[facet_tags.indices < domain.topology.index_map(below).size_local]
     number = domain.comm.allreduce(

@@ -51,7 +51,6 @@ from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
-from fenicsrom.scene.step_size import without_replaced_step
 
 FORMAT = "fenicsrom reduced model 3"
 EARLIER = "fenicsrom reduced model"  # how the formats of earlier versions begin
@@ -123,10 +122,6 @@ class StoredModel:
             SceneError: an override is wrong, or changes what the model was made from.
         """
         table, source = scene_table(self.scene), self.scene.source
-        named = [override.partition("=")[0].strip() for override in overrides]
-        given = [name.removeprefix("time.") for name in named if name.startswith("time.")]
-        # the table holds every default, and the step that is given replaces that one
-        table["time"] = without_replaced_step(table["time"], given)
         return self.with_scene(parse_scene(override_table(table, overrides, source), source, None))
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:

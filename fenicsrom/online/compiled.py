@@ -23,7 +23,7 @@ from numba import njit, types
 from numba.core import cgutils, ir_utils
 from numba.extending import intrinsic, overload, overload_method
 
-FIRST, LAST = (0, 61), (0, 65)  # versions of numba with which the private interfaces were checked
+FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
 
 
 def _is_supported(version: str) -> bool:
@@ -34,7 +34,8 @@ def _is_supported(version: str) -> bool:
 
 PRIVATE = _is_supported(numba.__version__) and not numba.config.DISABLE_JIT
 UNCOUNTED: dict[str, bool] = {"_nrt": False} if PRIVATE else {}
-"""Options of a function that makes no arrays, and need not count references to those it is given."""
+"""Options of a function that makes no arrays, so that it need not count references."""
+INLINED = {**UNCOUNTED, "forceinline": True}
 
 
 def _sources() -> str:
@@ -70,7 +71,7 @@ def part(function: Callable[..., Any]) -> Any:
 
     Passing tuples of many arrays costs more than the arithmetic of a short function.
     """
-    return compiled(function, **UNCOUNTED, forceinline=True)
+    return compiled(function, **INLINED)
 
 
 def compile_methods(cls: Any, names: Iterable[str]) -> None:

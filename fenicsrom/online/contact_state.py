@@ -84,7 +84,7 @@ class ContactScratch(NamedTuple):
         mean_force: (P, d) mean contact force over the step, N.
         mean_friction: (P, d) the friction in it, N.
         mean_normal_force: (P,) the size of the normal force in it, N.
-        force_derivative: (P, d, d) derivative of the mean force by the displacement at the end, N/m.
+        force_derivative: (P, d, d) derivative of the mean force by the end displacement, N/m.
         slider_motion: (P, d) motion of the slider relative to the surface, m.
         mode: (P,) OPEN, SLIP or STICK over the step.
         blending: (P,) weight in [0, 1] of the normal force at the end in the mean normal force.

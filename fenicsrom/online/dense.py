@@ -10,7 +10,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import UNCOUNTED, compiled, kernel
+from fenicsrom.online.compiled import INLINED, UNCOUNTED, compiled, kernel
 
 
 @compiled
@@ -168,7 +168,7 @@ def copy_vector(out, vector):  # type: ignore[no-untyped-def]
     out[:] = vector
 
 
-@overload(copy_vector, jit_options=UNCOUNTED)
+@overload(copy_vector, jit_options=INLINED)
 def _copy_vector(out, vector):  # type: ignore[no-untyped-def]
     def one(out, vector):  # type: ignore[no-untyped-def]
         for i in range(out.size):
@@ -187,7 +187,7 @@ def copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
     points[:] = displacement.reshape(points.shape)
 
 
-@overload(copy_to_points, jit_options=UNCOUNTED)
+@overload(copy_to_points, jit_options=INLINED)
 def _copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
     def copy_entries(points, displacement):  # type: ignore[no-untyped-def]
         d = points.shape[1]
@@ -210,7 +210,7 @@ def subtract_contact(out, y, unit, force):  # type: ignore[no-untyped-def]
     out[:] = y - np.dot(unit, force.reshape(-1))
 
 
-@overload(subtract_contact, jit_options=UNCOUNTED)
+@overload(subtract_contact, jit_options=INLINED)
 def _subtract_contact(out, y, unit, force):  # type: ignore[no-untyped-def]
     def subtract_entries(out, y, unit, force):  # type: ignore[no-untyped-def]
         d = force.shape[1]

@@ -18,7 +18,7 @@ the contact, this mean is blended with the force at the end, with a weight b (`i
 The friction spring has the tangential stretch e = P (x - w), from e0 at the start to e1 at the
 end. The limit of friction goes linearly from La to Lb while the point touches,
 
-    La = mu (N_b/N_m) N0,    Lb = mu (N_b/N_m) N1,    and for y0 < 0:  La = 0,  Lb = 2 mu N_b/tau (4)
+    La = mu (N_b/N_m) N0,    Lb = mu (N_b/N_m) N1,    for y0 < 0: La = 0, Lb = 2 mu N_b/tau    (4)
 
 (`friction_limits`); in the last case the mean limit is that of the mean normal force. A stretch e0
 beyond the first limit is cut to it,
@@ -46,10 +46,11 @@ so that the mean friction of the step and the motion of the slider are
 
 (`mean_friction`). `add_friction_derivative` differentiates (9) by x1; from (7),
 
-    ds*/dx1 = [Ls dLs - k_t^2 (ea + s* G) . (dea + s* dG)] / (A s* + B),   Ls = La + s* (Lb - La) (11)
+    ds*/dx1 = [Ls dLs - k_t^2 (ea + s* G) . (dea + s* dG)] / (A s* + B),                       (11)
+    Ls = La + s* (Lb - La)
 
-The schemes that weight the ends of the step apply the law once, at the weighted point: then tau = 1,
-La = Lb = mu N, s* = 0, sm = 1, and the slider moves by dw/(1 - a).
+The schemes that weight the ends of the step apply the law once, at the weighted point: then
+tau = 1, La = Lb = mu N, s* = 0, sm = 1, and the slider moves by dw/(1 - a).
 
 The return mapping and its dissipation: Simo and Hughes (1998), Computational Inelasticity; friction
 with a varying normal load: Yang and Menq (1998).

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
@@ -21,7 +19,7 @@ from fenicsrom.online.dense import (
     times,
     write_times,
 )
-from fenicsrom.online.load_histories import LoadHistories, factors, write_factors
+from fenicsrom.online.load_histories import LoadHistories, write_factors
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 
 
@@ -38,21 +36,22 @@ class Tangent(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Where a `ReducedModel` of n coordinates and m contact displacements puts its results: valid
-    until its next call.
+    """The results of a `ReducedModel` of n coordinates and m contact displacements.
 
-    (A new array costs numba more than the arithmetic on it, in models of this size.)
+    They are valid until its next call. In models of this size a new array costs compiled code more
+    than the arithmetic on it.
 
     Attributes:
         columns: (n, p) the columns of the quadratic coefficients, which are combined faster than
-        their rows.
+            their rows.
         points: (2, n) coordinates.
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
         tangent: (n, n) its derivative.
         factor: (n, n) the last effective stiffness factorised.
         pivots: (n,)
-        key: (2,) what the factor held was made of (a linear model keeps its factor).
+        key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
+            keeps it; the first is NaN if the matrix is singular.
         block: (n, 1 + m) right-hand sides and solutions.
         delassus: (m, m) contact displacement by contact force.
         contact: (m,) contact displacement.
@@ -87,14 +86,14 @@ class ReducedModel(NamedTuple):
         damping: alpha in C = alpha M, 1/s.
         elastic: coefficients of the elastic force.
         loads: (n, loads), unit loads projected on the basis.
-        signals: time factors of the loads.
+        load_histories: time factors of the loads.
         points: the contact points.
         contact_rows: (m, n) B^T R, contact displacements by coordinates; m = 0 without contact.
         contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
         gyroscopic_matrix: (n, n) gyroscopic matrix Gamma, kg/s; (0, 0) of a model without.
-        work: where the results go.
+        work: arrays for the results.
     """
 
     mass: Array
@@ -127,20 +126,15 @@ class ReducedModel(NamedTuple):
 
     @property
     def gauss_points(self) -> int:
-        """Gauss points that integrate the force along a step exactly: 2 for a cubic, 1 for a linear
-        force.
-        """
+        """Gauss points that integrate a force along a step exactly: 2 if cubic, 1 if linear."""
         return 1 if self.linear else 2
 
-    # The operations of `fenicsrom.online.operations.Model`. Compiled code calls the same functions with the
-    # model as first argument.
+    # The operations of `fenicsrom.online.operations.Model`, which compiled code calls too.
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:
-        """Mean elastic force over a step and its derivative by dq: see
-        `fenicsrom.online.scheme.Scheme`.
-        """
+        """Mean elastic force over a step and its derivative by dq."""
         coefficient = elastic_mean(
             self.elastic, self.work, start, q0, dq, start_weight, points, weights
         )
@@ -165,10 +159,10 @@ class ReducedModel(NamedTuple):
         tangent: Tangent,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent; returns y (n,),
-        Z (n, m), G = B^T Z (m, m).
+        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and G = B^T Z (m, m).
 
-        A linear model keeps its factor while S is the same. A singular S gives NaN.
+        S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent. A linear model keeps its
+        factor while the three coefficients are the same. A singular S gives NaN.
         """
         write_effective_solution(
             self.mass,
@@ -283,9 +277,7 @@ def write_effective_solution(
     tangent: Tangent,
     residual: Array,
 ) -> None:
-    """Leave the solutions of `ReducedModel.solve_effective` in the columns of work.block and in
-    work.delassus.
-    """
+    """Write the solutions of `ReducedModel.solve_effective` to work.block and work.delassus."""
     n, m = residual.size, rows.shape[0]
     factor, key, block, delassus = work.factor, work.key, work.block, work.delassus
     is_kept = (
@@ -335,138 +327,3 @@ compile_methods(
         "load",
     ),
 )
-
-
-class DenseModel:
-    """A model of n coordinates with dense matrices and an elastic force given as a function.
-
-    It serves the intrusive projection of the full elastic force (the paper's method, and the oracle
-    of the polynomial) and the 1D beam; it is a `fenicsrom.online.operations.Model`.
-    """
-
-    def __init__(
-        self,
-        mass: Array,
-        damping: float,
-        elastic: Callable[[Array], tuple[Array, Array]],
-        energy: Callable[[Array], float],
-        loads: Array,
-        load_histories: LoadHistories,
-        points: ContactPoints,
-        contact_rows: Array,
-        contact_offset: Array,
-        probe: Array,
-        probe_offset: Array,
-        gyroscopic_matrix: Array | None = None,
-        *,
-        linear: bool,
-        gauss_points: int,
-    ):
-        """Keep the matrices.
-
-        Args:
-            mass: (n, n), kg.
-            damping: alpha in C = alpha M, 1/s.
-            elastic: q -> force (n,) and tangent (n, n).
-            energy: q -> elastic energy, J.
-            loads: (n, loads) unit loads.
-            signals: their time factors.
-            points: the contact points.
-            contact_rows: (m, n) B^T.
-            contact_offset: (m,) contact displacement at q = 0.
-            probe: (d, n) rows of the probe's displacement.
-            probe_offset: (d,) its displacement at q = 0.
-            gyroscopic_matrix: (n, n) gyroscopic matrix, where there is one.
-            linear: the tangent is constant.
-            gauss_points: points that integrate the force along a step exactly, or to rounding.
-        """
-        self.mass, self.damping, self.loads, self.load_histories = (
-            mass,
-            damping,
-            loads,
-            load_histories,
-        )
-        self.linear, self.gauss_points, self.points = linear, gauss_points, points
-        self.gyroscopic = gyroscopic_matrix is not None and gyroscopic_matrix.size > 0
-        self._gyroscopic_matrix = (
-            gyroscopic_matrix
-            if gyroscopic_matrix is not None and gyroscopic_matrix.size
-            else np.zeros_like(mass)
-        )
-        self._elastic, self._energy = elastic, energy
-        self._rows, self._offset = contact_rows, contact_offset
-        self._probe, self._probe_offset = probe, probe_offset
-        self._factor: tuple[Array, NDArray[np.int32]] | None = None
-        self._key: tuple[float, float, float] | None = None
-
-    def elastic_over_step(
-        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Tangent]:
-        """Mean force over a step and its derivative by dq."""
-        mean, matrix, coefficient = start_weight * start, np.zeros_like(self.mass), 0.0
-        for point, weight in zip(points, weights, strict=True):
-            force, tangent = self._elastic(q0 + point * dq)
-            mean = mean + weight * force
-            matrix += weight * point * tangent
-            coefficient += weight * point
-        return mean, Tangent(matrix, float(coefficient))
-
-    def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force (n,) and energy."""
-        return self._elastic(q)[0], self._energy(q)
-
-    def solve_effective(
-        self,
-        mass_coefficient: float,
-        gyroscopic_coefficient: float,
-        tangent: Tangent,
-        residual: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Solve (mass_coefficient M + gyroscopic_coefficient Gamma + tangent) [y, Z] = [-residual, B]; NaN if the matrix is
-        singular.
-        """
-        key = mass_coefficient, gyroscopic_coefficient, tangent.coefficient
-        if not (self.linear and key == self._key):
-            effective = mass_coefficient * self.mass + tangent.matrix
-            if self.gyroscopic:
-                effective += gyroscopic_coefficient * self._gyroscopic_matrix
-            self._factor = (
-                scipy.linalg.lu_factor(effective, check_finite=False)
-                if np.all(np.isfinite(effective))
-                else None
-            )
-            self._key = key
-        block = np.concatenate([-residual[:, None], self._rows.T], axis=1)
-        if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
-            block[:] = np.nan
-        else:
-            block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
-        return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
-
-    def negative_directions(self, tangent: Tangent) -> int:
-        """Number of negative eigenvalues of a stiffness."""
-        return negative_eigenvalues(tangent.matrix)
-
-    def contact_displacement(self, q: Array) -> Array:
-        """Contact displacement (m,)."""
-        return self._offset + self._rows @ q
-
-    def probe_displacement(self, q: Array) -> Array:
-        """Displacement (d,) of the probe."""
-        return self._probe_offset + self._probe @ q
-
-    def mass_times(self, v: Array) -> Array:
-        """M v."""
-        return self.mass @ v
-
-    def gyroscopic_times(self, v: Array) -> Array:
-        """Gamma v."""
-        return self._gyroscopic_matrix @ v
-
-    def dot(self, a: Array, b: Array) -> float:
-        """Inner product."""
-        return float(a @ b)
-
-    def load(self, time: float) -> Array:
-        """Load vector at a time."""
-        return self.loads @ factors(self.load_histories, time)

@@ -1,5 +1,4 @@
-"""The reduced model: mass, loads and the exact polynomial of the elastic force in the coordinates q
-of a basis.
+"""The exact polynomial of the elastic force in the coordinates q of a basis.
 
 The elastic energy of St Venant-Kirchhoff material is a quartic polynomial of the displacement. With
 u = u0 + sum q_i phi_i,
@@ -36,8 +35,9 @@ if TYPE_CHECKING:
 
 
 class ElasticPolynomial(NamedTuple):
-    """Coefficients of the elastic force in n coordinates; p = n (n + 1) / 2 pairs i <= j, empty for
-    a linear model.
+    """Coefficients of the elastic force in n coordinates, with p = n (n + 1) / 2 pairs i <= j.
+
+    The quadratic and cubic coefficients of a linear model are empty.
 
     Attributes:
         force: (n,) f0, the force at q = 0.
@@ -54,9 +54,7 @@ class ElasticPolynomial(NamedTuple):
 
 
 def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices i <= j of the n (n + 1) / 2 pairs, in the order used throughout: 00, 01, .., 11, 12,
-    ..
-    """
+    """Indices i <= j of the n (n + 1) / 2 pairs, in the order 00, 01, .., 11, 12, .. ."""
     i, j = np.triu_indices(n)
     return i.astype(np.int64), j.astype(np.int64)
 
@@ -220,9 +218,7 @@ def elastic_mean(
 
 @compiled
 def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
-    """Force f (n,) and tangent T (n, n) at q, written into the arrays given; returns the energy,
-    zero at q = 0, in J.
-    """
+    """Write force f (n,) and tangent T (n, n) at q; returns the energy, zero at q = 0, in J."""
     points, products = np.empty((1, q.size)), np.empty((3, 1, elastic.cubic.shape[0]))
     return elastic_force_with(
         elastic, np.ascontiguousarray(elastic.quadratic.T), points, products, q, force, tangent
@@ -239,9 +235,7 @@ def elastic_force_with(
     force: Array,
     tangent: Array,
 ) -> float:
-    """`elastic_force` with the columns (n, p) of A, and room for the coordinates (1, n) and the
-    products (3, 1, p).
-    """
+    """`elastic_force` with the columns (n, p) of A, and scratch arrays (1, n) and (3, 1, p)."""
     n = q.size
     for i in range(n):
         value = 0.0

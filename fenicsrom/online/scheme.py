@@ -70,8 +70,9 @@ class Control(NamedTuple):
 
     Attributes:
         grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
-        tolerance: of adaptive steps: the local error of a step is at most `STEP_SHARE` of it,
-            relative to the size of the motion; 0 for a fixed step.
+        tolerance: of adaptive steps: the local error of a step is at most
+            `fenicsrom.online.loop.STEP_SHARE` of it, relative to the size of the motion; 0 for a
+            fixed step.
         size: smallest size of motion to measure errors against, in the mass norm.
     """
 

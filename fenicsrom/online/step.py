@@ -1,7 +1,7 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
 The functions that take a model are plain Python, for any `fenicsrom.online.operations.Model`, and
-are inlined into the compiled loop of `fenicsrom.online.march` for a `ReducedModel`. They write to
+are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. They write to
 arrays only through functions that are not inlined by numba itself: numba's removal of dead code
 follows aliases of arrays only partly through fields of named tuples, and drops what it takes for
 dead.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.compiled import kernel, part
 
 PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance depends on
@@ -82,7 +82,7 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
     Args:
         contact: a contact of the scene.
         position: (d,) m.
-        where: the key of the contact, for the message.
+        where: the file and the key of the contact, for the message.
 
     Raises:
         SceneError: the position is on the axis or at the centre of the surface.
@@ -92,7 +92,11 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
     z = axes_of(contact.surface, position.size) @ (position - np.array(contact.surface.point))
     size = float(np.linalg.norm(z))
     if size == 0.0:
-        raise SceneError(f"{where}.surface.point: must not lie at the contact point itself")
+        raise SceneError(
+            f"{where}.surface.point: must not lie at the contact point itself",
+            kind=ErrorKind.RANGE,
+            key=where.rsplit(": ", 1)[-1] + ".surface.point",
+        )
     return np.asarray(
         (1.0 if contact.surface.inside else -1.0)
         / size

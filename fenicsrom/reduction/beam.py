@@ -15,8 +15,8 @@ import scipy.linalg
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints, no_points
+from fenicsrom.online.dense_model import DenseModel
 from fenicsrom.online.load_histories import LoadHistories, of_loads
-from fenicsrom.online.model import DenseModel
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.surfaces import frame
@@ -208,7 +208,7 @@ class BeamStructure:
         Returns:
             ω² (count,), ascending, and mass-normalised modes (n, count).
         """
-        lower = np.linalg.cholesky(self.mass)
+        lower: Array = np.asarray(np.linalg.cholesky(self.mass))
         compliance = lower.T @ inverse.solve(lower)
         values, vectors = scipy.linalg.eigh(0.5 * (compliance + compliance.T))
         values, vectors = values[::-1][:count], vectors[:, ::-1][:, :count]
@@ -224,7 +224,7 @@ class BeamStructure:
 
         def correct(u: Array) -> Correction:
             force, tangent = self.beam.elastic(u)
-            change = np.linalg.solve(tangent, load - force)
+            change = np.asarray(np.linalg.solve(tangent, load - force))
             return change, abs(float((load - force) @ change))
 
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:

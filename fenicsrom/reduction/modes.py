@@ -1,6 +1,6 @@
-"""Component modes about the equilibrium.
+"""Component modes about the equilibrium: normal modes and static modes.
 
-These are normal modes, attachment modes, residual-flexibility modes and constraint modes. One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
+One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
 the inverse of the stiffness is
 
     K_held⁻¹ = K⁻¹ − G (Bᵀ G)⁻¹ Gᵀ = P K⁻¹ Pᵀ,    (1)
@@ -87,7 +87,7 @@ class ComponentModes:
     @property
     def frequencies_hz(self) -> Array:
         """(v,) natural frequencies in Hz."""
-        return self.omega / (2.0 * np.pi)
+        return np.asarray(self.omega / (2.0 * np.pi))
 
     @property
     def vectors(self) -> Array:
@@ -200,7 +200,7 @@ def first_modes(structure: Structure, solved: SolvedModes, count: int) -> Compon
     normal, omega_squared = solved.normal[:, :count], solved.omega_squared[:count]
     # the modal flexibility is 1/omega^2, but not quite diagonal for rotated modes of a split pair
     inertia = structure.mass_times(normal)
-    flexibility = np.zeros((0, 0))
+    flexibility: Array = np.zeros((0, 0))
     if count:
         flexibility = structure.inner(inertia, solved.inverse.solve(inertia))
     residual = solved.attachment - normal @ (flexibility @ structure.inner(normal, b.T))

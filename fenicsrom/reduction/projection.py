@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.model import DenseModel, ReducedModel, reduced_model
+from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.protocols import Structure

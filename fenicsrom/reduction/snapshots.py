@@ -77,10 +77,9 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    tolerance = scene.time.steady_tolerance
+    time, tolerance = scene.time, scene.time.steady_tolerance
     if tolerance is not None:
-        tolerance = max(tolerance, SNAPSHOT_STEADINESS)
-    time = replace(scene.time, steady_tolerance=tolerance)
+        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS))
     model = project(structure, basis, nonlinear=False)
     motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None

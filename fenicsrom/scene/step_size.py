@@ -1,38 +1,24 @@
-"""The three ways to set the time step of a scene, stated once.
+"""Longer and shorter time steps of a scene.
 
-The [time] table sets the step by one of `tolerance`, `steps_per_period` or `step`: each excludes
-the others. With a tolerance the local error of a second-order scheme falls with the third power of
-the step, so half the step is an eighth of the tolerance.
+With a tolerance the local error of a second-order scheme falls with the third power of the step, so
+half the step is an eighth of the tolerance. The steps made here may be longer or shorter than the
+scene format allows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
-from fenicsrom.scene import Scene, parse_scene, scene_table
-
-STEP_KEYS = ("tolerance", "steps_per_period", "step")
+from fenicsrom.scene.overrides import override_table
+from fenicsrom.scene.reading import parse_scene, scene_table
+from fenicsrom.scene.schema import Scene
+from fenicsrom.scene.times import FixedStep, Stepping, StepsPerPeriod, Tolerance
 
 
 def step_key(scene: Scene) -> str:
     """The key of [time] that sets the step of a scene."""
-    return next(name for name in STEP_KEYS if getattr(scene.time, name) is not None)
-
-
-def without_replaced_step(time: Mapping[str, Any], given: Iterable[str]) -> dict[str, Any]:
-    """Remove from a [time] table the step that a newly given key replaces.
-
-    Args:
-        time: the [time] table.
-        given: the keys of [time] that are going to be set.
-
-    Returns:
-        The table without the other two ways to set the step, if `given` names one of the three.
-    """
-    named = set(given) & set(STEP_KEYS)
-    return {key: time[key] for key in time if not named or key not in STEP_KEYS or key in named}
+    return fields(scene.time.stepping)[0].name
 
 
 def with_time(scene: Scene, **changes: Any) -> Scene:
@@ -46,35 +32,38 @@ def with_time(scene: Scene, **changes: Any) -> Scene:
         SceneError: a value is not allowed.
     """
     table = scene_table(scene)
-    time = without_replaced_step(table["time"], changes)
     if changes.get("scheme", scene.time.scheme) != scene.time.scheme:
-        time.pop("spectral_radius", None)
-    table["time"] = time | changes
-    return parse_scene(table, scene.source, None)
+        table["time"].pop("spectral_radius", None)
+    overrides = [f"time.{key}={value!r}" for key, value in changes.items()]
+    return parse_scene(override_table(table, overrides, scene.source), scene.source, None)
 
 
 def refined(scene: Scene, factor: int = 2) -> Scene:
     """The scene with its step divided by a factor (its tolerance by the factor cubed)."""
-    time = scene.time
-    if time.tolerance is not None:
-        return replace(scene, time=replace(time, tolerance=time.tolerance / factor**3))
-    if time.steps_per_period is not None:
-        return replace(scene, time=replace(time, steps_per_period=time.steps_per_period * factor))
-    assert time.step is not None
-    return replace(scene, time=replace(time, step=time.step / factor))
+    stepping: Stepping
+    match scene.time.stepping:
+        case Tolerance(tolerance=tolerance):
+            stepping = Tolerance(tolerance=tolerance / factor**3)
+        case StepsPerPeriod(steps_per_period=steps):
+            stepping = StepsPerPeriod(steps_per_period=steps * factor)
+        case FixedStep(step=step):
+            stepping = FixedStep(step=step / factor)
+        case other:
+            stepping = other
+    return replace(scene, time=replace(scene.time, stepping=stepping))
 
 
 def coarser(scene: Scene) -> Scene:
-    """The scene with twice its step, or eight times its tolerance.
-
-    The result may be coarser than the scene format allows. The step stays within the duration.
-    """
-    time = scene.time
-    if time.tolerance is not None:
-        return replace(scene, time=replace(time, tolerance=8.0 * time.tolerance))
-    if time.steps_per_period is not None:
-        steps = max(time.steps_per_period // 2, 2)
-        return replace(scene, time=replace(time, steps_per_period=steps))
-    assert time.step is not None
-    assert time.duration is not None
-    return replace(scene, time=replace(time, step=min(2.0 * time.step, time.duration)))
+    """The scene with twice its step, or eight times its tolerance; a step stays in the duration."""
+    stepping: Stepping
+    match scene.time.stepping:
+        case Tolerance(tolerance=tolerance):
+            stepping = Tolerance(tolerance=8.0 * tolerance)
+        case StepsPerPeriod(steps_per_period=steps):
+            stepping = StepsPerPeriod(steps_per_period=max(steps // 2, 2))
+        case FixedStep(step=step):
+            assert scene.time.duration is not None
+            stepping = FixedStep(step=min(2.0 * step, scene.time.duration))
+        case other:
+            stepping = other
+    return replace(scene, time=replace(scene.time, stepping=stepping))

@@ -230,7 +230,7 @@ def test_run_started_from_a_motion_continues_it(scheme):
     model = full_model(beam_structure(scene))
     first = simulate(model, scene, keep_coordinates=True)
     second = simulate(model, scene, start=first)
-    longer = simulate(model, replace(scene, time=replace(scene.time, periods=4)))
+    longer = simulate(model, replace(scene, time=scene.time.changed(periods=4)))
     assert (
         np.unique(longer.state).size > 1 and abs(first.force[-1, 0, 1]) > 1.0
     )  # the spring of the slider is drawn

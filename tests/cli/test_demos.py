@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from support import scene_of
 
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import build_solid
@@ -166,8 +165,8 @@ def test_a_basis_for_an_oblique_wall(method):
         'basis.derivatives="all"',
         "contacts.0.normal=[1.0, 0.2]",
     ]
-    solid = body(demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10"))
-    _, basis = reduced(solid)
+    scene = demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10")
+    _, basis = reduced(body(scene), scene)
     assert basis.size + len(basis.dropped) == 2 + 5 + 28
 
 

@@ -21,7 +21,7 @@ from support import (
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, Place
@@ -307,11 +307,9 @@ def test_no_node_lies_there() -> None:
             "normal_stiffness=1.0, tangential_stiffness=1.0}",
         ),
     )
-    with pytest.raises(
-        SceneError,
-        match=r"contacts\[0\]\.node = \[1\.0, 0\.033\]: no node lies there; the nearest is",
-    ):
+    with pytest.raises(SceneError) as caught:
         make_solid(scene)
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0].node")
 
 
 def test_a_place_named_twice_is_warned_of_once() -> None:
@@ -344,10 +342,9 @@ def test_clamped_contact_is_refused() -> None:
             make_solid(beam_scene(2, TINY, contacts=contact_at(**place)))
     solid = make_solid(beam_scene(2, TINY, contacts=contact_at(group="root")))
     for method in ("rubin", "craig-bampton"):
-        with pytest.raises(
-            SceneError, match=r"contacts\[0\]: the supports forbid its motion along direction 1"
-        ):
+        with pytest.raises(SceneError, match="direction 1") as caught:
             component_modes(solid, Basis(method=method, modes=1))
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0]")
 
 
 def test_contact_that_is_there_twice_is_refused() -> None:

@@ -69,7 +69,7 @@ def acting(solid: Any, **given: Any) -> tuple[Array, Array]:
     f_i x_j."""
     d = solid.dimension
     place = given.pop("place", Place())
-    vector = solid.load_vector(Load(place=place, **given), "loads[0]").reshape(-1, d)
+    vector = solid.load_vector(Load.of(**vars(place), **given), "loads[0]").reshape(-1, d)
     x = solid.space.tabulate_dof_coordinates()[: vector.shape[0], :d]
     return vector.sum(axis=0), vector.T @ x
 
@@ -134,9 +134,7 @@ def test_base_excitation_is_the_mass_times_a_translation(stocky: Any) -> None:
     """Where no neighbour is clamped the load is M times the translation, node by node."""
     d = stocky.dimension
     ones = np.tile(np.eye(d)[1], stocky.local // d)
-    load = stocky.load_vector(
-        Load(place=Place(), acceleration=1.0, direction=tuple(np.eye(d)[1])), "loads[0]"
-    )
+    load = stocky.load_vector(Load.of(acceleration=1.0, direction=tuple(np.eye(d)[1])), "loads[0]")
     x = np.repeat(stocky.space.tabulate_dof_coordinates()[: stocky.local // d, 0], d)
     far = x > 0.5 + 1e-9  # in the second of the two elements
     np.testing.assert_allclose(
@@ -438,7 +436,7 @@ def test_the_reduced_model_follows_the_full_one(struck: tuple[Path, Any]) -> Non
     from fenicsrom.online.simulate import simulate
 
     _, found = struck
-    scene = replace(found.scene, time=replace(found.scene.time, step=None, tolerance=1e-5))
+    scene = replace(found.scene, time=found.scene.time.changed(tolerance=1e-5))
     reduced, full = simulate(found.model, scene), simulate(full_model(found.solid), scene)
     for motion in (reduced, full):
         assert all(np.min(np.abs(motion.time - time)) < 1e-12 for time in (0.02, 0.03, 0.06))

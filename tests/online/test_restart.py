@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_cases import casing
 from support import beam_scene, linear_model, one_contact, random_model
-from test_contact import casing
 
 from fenicsrom.cli import main
 from fenicsrom.errors import SceneError
@@ -116,7 +116,7 @@ def assert_continued(motion: Motion, whole: Motion) -> None:
 
 def _state(motion: Motion) -> list[Any]:
     state = motion.end.state
-    return [*state._replace(touch=0.0, trial=0.0), *state.touch]
+    return [*state._replace(contact=0.0, trial=0.0), *state.contact]
 
 
 @pytest.mark.parametrize("surface", ["plane", "casing"])
@@ -131,7 +131,7 @@ def test_three_periods_and_four_are_seven(
 ) -> None:
     model, contacts = rubbing(surface)
     radius = 0.8 if scheme == "generalised-alpha" else None
-    wanted = Time(
+    wanted = Time.of(
         scheme=scheme, periods=7, steady_tolerance=0.0, spectral_radius=radius, **settings
     )
     path = tmp_path / "checkpoint.npz"
@@ -163,7 +163,7 @@ def test_three_periods_and_four_are_seven(
 )
 def test_a_run_of_a_duration_goes_on(settings: dict[str, Any], tmp_path: Path) -> None:
     model, contacts = rubbing("casing")
-    wanted = Time(scheme="discrete-gradient", duration=60.0, **settings)
+    wanted = Time.of(scheme="discrete-gradient", duration=60.0, **settings)
     scene = replace(scene_of(wanted), loads=())
     whole = integrate(model, contacts, wanted, None, dimension=2)
     path = tmp_path / "checkpoint.npz"
@@ -206,7 +206,7 @@ def test_the_full_model_goes_on_too() -> None:
 def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
     """A checkpoint after two periods of three."""
     model, contacts = rubbing("plane")
-    settings = Time(periods=3, steady_tolerance=0.0, steps_per_period=20)
+    settings = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=20)
     scene, path = scene_of(settings), tmp_path / "checkpoint.npz"
     stopped(
         model, contacts, settings, PERIOD, 2, lambda here: save_checkpoint(path, model, scene, here)
@@ -239,7 +239,7 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
             other = replace(other, time=scene.time)
         else:
             name = key.split(".")[1]
-            other = replace(other, time=replace(scene.time, **{name: getattr(other.time, name)}))
+            other = replace(other, time=scene.time.changed(**{name: getattr(other.time, name)}))
         with pytest.raises(
             SceneError,
             match=f"checkpoint.npz: {key} differs from the scene of the run; a run",

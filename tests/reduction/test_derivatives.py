@@ -22,7 +22,7 @@ def test_labels() -> None:
     assert all_pairs([]) == []
     assert split("12V3S") == ("12V", "3S")
     for wrong in ("1V", "1V2", "V1V1", "1V1V1V", "1v1v", ""):
-        with pytest.raises(ValueError, match="is no label of a modal derivative"):
+        with pytest.raises(ValueError, match="is not the label of a modal derivative"):
             split(wrong)
 
 
