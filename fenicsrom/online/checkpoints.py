@@ -77,7 +77,9 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
     state, last = checkpoint.state, checkpoint.last
     return {
         **{
-            name: array for name, array in state._asdict().items() if name not in ("contact", "trial")
+            name: array
+            for name, array in state._asdict().items()
+            if name not in ("contact", "trial")
         },
         **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
         **{
