@@ -3,9 +3,9 @@
     python3 demos/paper/reproduce.py --output out/paper
 
 The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; the
-rest is computed. The results are the tables of README.md and pictures. The elastic force of the beam is not
-a polynomial, so its reduced models are intrusive projections. Name parts to make only these;
-README.md then keeps its other tables.
+rest is computed. The results are the tables of README.md and pictures. The elastic force of the
+beam is not a polynomial, so its reduced models are intrusive projections. Name parts to make only
+these; README.md then keeps its other tables.
 """
 
 from __future__ import annotations
