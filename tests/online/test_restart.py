@@ -149,7 +149,7 @@ def test_run_resumed_after_three_periods_equals_the_whole_run_bit_for_bit(
     assert motion.time[0] == pytest.approx(2 * PERIOD, rel=0.05)
     # more periods than were asked for at first; and that the checkpoint was of use: from rest it is
     # another motion
-    first = replace(wanted, periods=3)
+    first = wanted.changed(periods=3)
     short = integrate(model, contacts, first, PERIOD, dimension=2)
     assert write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
     longer = integrate(
@@ -249,9 +249,9 @@ def test_checkpoint_of_another_model_or_scene_is_refused(
             load_checkpoint(path, model, other)
         assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, key)
     for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
-        load_checkpoint(path, model, replace(scene, time=replace(scene.time, **ends)))
+        load_checkpoint(path, model, replace(scene, time=scene.time.changed(**ends)))
     with pytest.raises(SceneError) as refusal:
-        load_checkpoint(path, model, replace(scene, time=replace(scene.time, periods=2)))
+        load_checkpoint(path, model, replace(scene, time=scene.time.changed(periods=2)))
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.RANGE, "time.periods")
 
 
@@ -335,13 +335,13 @@ def test_command_resumes_from_stored_model_and_from_scene(
     short, long = (["--set", f"time.periods={count}"] for count in (3, 7))
     for folder, periods in (("three", short), ("seven", long)):
         assert main(["run", str(SCENE), "--output", str(tmp_path / folder), *QUICK, *periods]) == 0
-    assert "Resumed" not in capsys.readouterr().out
+    assert "Resumed run" not in capsys.readouterr().out
     resume = ["--resume", str(tmp_path / "three" / "checkpoint.npz")]
     stored = ["--from", str(tmp_path / "three" / "reduced_model.npz")]
     whole = history(tmp_path / "seven")
     for call in ([*stored, *resume, *long], [str(SCENE), *resume, *QUICK, *long]):
         assert main(["run", *call, "--output", str(tmp_path / "on")]) == 0
-        assert "Resumed: what is shown starts at 0.62656" in capsys.readouterr().out
+        assert "Resumed run: the output starts at 0.62656" in capsys.readouterr().out
         found = history(tmp_path / "on")
         assert found["reduced_time"].size == 5 * 200
         for name, array in found.items():
