@@ -89,6 +89,14 @@ def test_friction_that_gives_energy_is_unphysical_for_the_discrete_gradient() ->
     assert stability.unphysical(gained, "average-acceleration") == ""
 
 
+def test_peak_force_without_estimate_is_called_unknown() -> None:
+    _, _, motion = oscillator()
+    numbers = {"error": 0.0, "estimate": 0.0, "force_estimate": 0.1}
+    assert stability.verdict_of(motion, motion, numbers) == (Verdict.CONVERGED, "")
+    verdict, why = stability.verdict_of(motion, motion, numbers | {"force_estimate": np.inf})
+    assert verdict is Verdict.CONVERGED and "peak force is unknown" in why
+
+
 def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
     model, scene, motion = oscillator(80)
     runs = {80: motion, 40: oscillator(40)[2], 160: oscillator(160)[2]}
