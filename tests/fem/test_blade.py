@@ -362,9 +362,12 @@ solid = make_solid(blade(*TINY, "basis.derivatives=['1V1V', '1V1S']"))
 found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
 model, basis = found.model, found.basis
 if solid.comm.rank == 0:
-    np.savez(sys.argv[1], ranks=solid.comm.size, position=solid.points.position, share=solid.points.tributary_area,
-             frame=solid.points.frame, mass=model.mass, omega=found.modes.omega,
-             offset=model.contact_offset, rows=model.contact_rows, **model.elastic._asdict())
+    np.savez(
+        sys.argv[1], ranks=solid.comm.size, position=solid.points.position,
+        share=solid.points.tributary_area, frame=solid.points.frame, mass=model.mass,
+        omega=found.modes.omega, offset=model.contact_offset, rows=model.contact_rows,
+        **model.elastic._asdict(),
+    )
 """
 
 
@@ -456,9 +459,9 @@ def test_what_is_out_of_reach_is_said() -> None:
     motion = found.motions["reduced"]
     (sentence,) = [line for line in found.left_out if line.startswith("contacts[0]")]
     least = 1e3 * motion.gap.min()
-    assert (
-        sentence
-        == f"contacts[0]: 5 of 5 points out of reach during the whole run, no nearer than {least:.4g} mm"
+    assert sentence == (
+        "contacts[0]: 5 of 5 points out of reach during the whole run, "
+        f"no nearer than {least:.4g} mm"
     )
     assert 1.0 < least < 3.0
     touching = replace(motion, force=np.where(np.arange(5)[:, None] < 2, 1.0, motion.force))

@@ -213,9 +213,11 @@ def test_element_set_named_with_the_elements(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp", "both")
     first, second, third = path.read_text().split("*ELEMENT, TYPE=")[1:]
     head = path.read_text().split("*ELEMENT")[0]
+    named = second.replace("\n", ", elset=root\n", 1)
     path.write_text(
-        f"{head}*Element, type={first}*element, Type={second.replace(chr(10), ', elset=root' + chr(10), 1)}"
-        f"*ELEMENT, TYPE={third}".replace("CAX4P, ", "cax4p, ")
+        f"{head}*Element, type={first}*element, Type={named}*ELEMENT, TYPE={third}".replace(
+            "CAX4P, ", "cax4p, "
+        )
     )
     mesh = read(path)
     assert integral(
@@ -225,7 +227,10 @@ def test_element_set_named_with_the_elements(tmp_path: Path) -> None:
 
 def test_set_in_parts(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp")
-    more = "*Nset, nset=root\n1, 2,\n*Nset, nset=tip, generate\n9, 12, 1\n*NSET,NSET=root , internal\n3, 4\n"
+    more = (
+        "*Nset, nset=root\n1, 2,\n*Nset, nset=tip, generate\n9, 12, 1\n"
+        "*NSET,NSET=root , internal\n3, 4\n"
+    )
     path.write_text(path.read_text() + more)
     mesh = read(path)
     assert mesh.groups.keys() == {"solid", "root", "tip"} and mesh.node_groups.keys() == {
