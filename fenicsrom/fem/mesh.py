@@ -133,8 +133,8 @@ class Mesh:
                 f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
             )
             raise SceneError(
-                f"{self.source}: {what}: no facet of the boundary lies there; the mesh extends from "
-                f"{reach}",
+                f"{self.source}: {what}: no facet of the boundary lies there; "
+                f"the mesh extends from {reach}",
                 kind=ErrorKind.PLACE,
                 source=self.source,
             )
