@@ -64,14 +64,14 @@ def check_cells(
         )
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
         raise SceneError(
-            f"{source}: geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}",
+            f"{source}: geometry.cells = {geometry.cells!r}, but the cells are {names}",
             kind=ErrorKind.MESH,
             source=source,
         )
     if geometry.curved and given != QUADRATIC[kind]:
         curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
         raise SceneError(
-            f"{source}: geometry.curved = true: cells must be {curved}, the file has {names}",
+            f"{source}: geometry.curved = true needs {curved}, but the cells are {names}",
             kind=ErrorKind.MESH,
             source=source,
         )
@@ -85,7 +85,7 @@ def check_cells(
     )
     if d == 2 and spread[2] > PLANAR * spread.max():
         raise SceneError(
-            f"{source}: z differs by {spread[2]:g} m: must be constant where geometry.dimension = 2",
+            f"{source}: z differs by {spread[2]:g} m: must be constant if geometry.dimension = 2",
             kind=ErrorKind.MESH,
             source=source,
         )
@@ -111,8 +111,8 @@ def check_cells(
     ]
     if not geometry.curved and moved > STRAIGHT:
         warnings.append(
-            f"{source}: curved cells are made straight, a node moves by up to {100 * moved:.2g} % of the "
-            "size of its cell: geometry.curved = true keeps the curves"
+            f"{source}: curved cells are made straight; a node moves by up to "
+            f"{100 * moved:.2g} % of the size of its cell: geometry.curved = true keeps the curves"
         )
     return given, kind, tuple(warnings)
 
