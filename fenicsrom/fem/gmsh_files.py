@@ -78,9 +78,7 @@ def open_gmsh() -> Iterator[Any]:
         gmsh.option.setNumber(
             "General.AbortOnError", 0
         )  # report errors in the logger, because an abort breaks gmsh's parser
-        gmsh.open(
-            os.devnull
-        )  # or gmsh would keep the tolerances of the last model of this process
+        gmsh.open(os.devnull)  # or gmsh would keep the tolerances of the last model of this process
         gmsh.logger.start()
         yield gmsh
     finally:

@@ -1,4 +1,4 @@
-"""Contact points of the body, and the parameters of the surfaces before them."""
+"""Contact points of the body, and the parameters of the surfaces opposite them."""
 
 from __future__ import annotations
 

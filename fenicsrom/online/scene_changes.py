@@ -1,4 +1,4 @@
-"""What may change between two scenes: of one stored model, and of one run that continues."""
+"""Keys that may change between two scenes of a stored model or of a continued run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from fenicsrom.scene import Contact, Load, Scene
 
-# keys of [time] that only say when a run ends
+# keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance")
 
 
