@@ -98,7 +98,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
 
 
 def _surface_radius(scene: Any, k: int, position: Array) -> float:
-    """Radius of the round surface of contact k: given, or by its gap to the nearest point.
+    """Radius of the round surface of contact k: the given one, or from its gap.
 
     Args:
         scene: the scene.

@@ -411,7 +411,7 @@ def add_friction_derivative(
             change_j[k] = fraction_j * (end[k] - start[k]) + fraction * (
                 end_derivative[k, j] - start_derivative[k, j]
             )
-            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # of ea, so far
+            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # derivative of ea
             derivative[k, j] += (
                 fraction * kt * until * (stretch_j[k] + 0.5 * until * change_j[k])
                 + fraction_j * friction[k]

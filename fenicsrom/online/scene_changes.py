@@ -61,7 +61,7 @@ def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
 
 
 def changed_run_key(made: Scene, wanted: Scene) -> str | None:
-    """The first key in which two scenes of one model differ that a run cannot change, or None.
+    """The first key that differs between two scenes of a model and is fixed in a run, or None.
 
     A run that continues may only end at another time: `END_KEYS`.
     """
