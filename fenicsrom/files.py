@@ -130,7 +130,7 @@ def read_archive(
         The header, and the arrays by their names.
 
     Raises:
-        SceneError: the file is missing, damaged or of another format; the message is one line that
+        SceneError: the file is missing, damaged or of another format. The message is one line that
             begins with the path.
     """
     try:

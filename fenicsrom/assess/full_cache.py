@@ -73,7 +73,7 @@ def full_motion(
         try:
             write_cached(path, key, motion, note)
         except OSError as error:
-            say(f"the motion of the full model was not kept: {error}")
+            say(f"the motion of the full model was not stored in the cache: {error}")
     return motion, note | {"cached": False}
 
 

@@ -94,14 +94,14 @@ def _cell_kinds(gmsh: Any, geometry: Geometry, solid: list[int]) -> tuple[int, i
         raise error(f"cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra")
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
         raise error(
-            f"geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}",
+            f"geometry.cells = {geometry.cells!r}, but the cells are {names}",
             ErrorKind.CONFLICT,
             "geometry.cells",
         )
     if geometry.curved and given != QUADRATIC[kind]:
         curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
         raise error(
-            f"geometry.curved = true: cells must be {curved}, the file has {names}",
+            f"geometry.curved = true needs {curved}, but the cells are {names}",
             ErrorKind.CONFLICT,
             "geometry.curved",
         )

@@ -54,7 +54,7 @@ except Exception:
     pass
 gmsh.finalize()
 """
-"""A script that reads a file as far as this program does; only its survival matters."""
+"""A script that reads a file as this program does; it only shows whether gmsh crashes."""
 
 
 @contextmanager
@@ -151,7 +151,7 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
         str(geometry.mesh),
         [gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getEntities(0)],
     )
-    with suppress(Exception):  # of gmsh, which has no type of its own: the box is empty
+    with suppress(Exception):  # gmsh raises plain exceptions: the box is empty
         places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
     wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
     if wrong:
@@ -236,7 +236,7 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
 
 
 def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, by its name or, without a name, its number."""
+    """Make a group of each face of a .step file, named by its name or else its number."""
     faces: dict[str, list[int]] = {}
     for _, face in gmsh.model.getEntities(d - 1):
         faces.setdefault(
@@ -284,7 +284,7 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
         yield
     except SceneError:
         raise
-    except Exception as error:  # gmsh has no type of its own
+    except Exception as error:  # gmsh raises plain exceptions
         failure = error
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:

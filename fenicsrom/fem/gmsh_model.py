@@ -74,7 +74,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
     if shared := {SOLID, *in_cells} & in_facets.keys():
         raise _mesh_error(
-            source, f"group {min(shared)!r} has dimension {d - 1}: must have {d} or another name"
+            source,
+            f"group {min(shared)!r} has dimension {d - 1}: rename it, or give it dimension {d}",
         )
     in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
     given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
@@ -155,7 +156,7 @@ def _facets_of_sets(
     straight_facet: int,
     sets: dict[str, Ints],
 ) -> dict[str, Ints]:
-    """Find the facets of the boundary all of whose nodes are in a node set.
+    """Find the boundary facets that have all their nodes in a node set.
 
     Args:
         gmsh: the open gmsh.
@@ -247,11 +248,11 @@ def _coincident(points: Floats) -> int:
 
 
 def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
-    """Give each element one tag that states in which groups it is.
+    """Give each element one tag that states its groups.
 
     Args:
-        groups: node numbers (m, nodes) of the elements of each group; an element may be in several
-            groups.
+        groups: node numbers (m, nodes) of the elements of each group; an element may belong to
+            several groups.
 
     Returns:
         The elements (k, nodes), each once; their tags (k,), from 1; and the tags of each group.

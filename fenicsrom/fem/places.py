@@ -32,7 +32,7 @@ class Places:
         self._found: dict[Place, tuple[Array, Array]] = {}
 
     def find(self, place: Place, key: str) -> tuple[Array, Array]:
-        """Give the displacement and the position of a place; a result is kept.
+        """Give the displacement and the position of a place; the result is cached.
 
         Args:
             place: a node, the node nearest to a point or to the centroid of a region, or the mean

@@ -58,7 +58,7 @@ def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: C
     """Write a checkpoint to a file that appears only when it is complete.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     header = {
         "format": FORMAT,
@@ -192,10 +192,10 @@ def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> b
     """Write a checkpoint at the end of a motion, to continue later.
 
     Returns:
-        Whether it was written: a motion that stopped within a period has no checkpoint there.
+        Whether the file was written: a motion that stopped within a period has no checkpoint.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     end = motion.end
     if end is None or (

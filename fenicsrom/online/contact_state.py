@@ -54,8 +54,8 @@ class PointScratch(NamedTuple):
         slip_stretch: trial stretch at the point where the slipping part is evaluated.
         slip_stretch_column: one column of its derivative.
         slip_force: friction force there.
-        place: a place on the way of the point, or of the surface.
-        work: contents of no meaning between two calls.
+        place: a position on the path of the point, or of the surface.
+        work: scratch array; no content is kept between two calls.
     """
 
     normal: Array
@@ -82,15 +82,15 @@ class ContactScratch(NamedTuple):
 
     Attributes:
         mean_force: (P, d) mean contact force over the step, N.
-        mean_friction: (P, d) the friction in it, N.
-        mean_normal_force: (P,) the size of the normal force in it, N.
+        mean_friction: (P, d) the friction part of the mean force, N.
+        mean_normal_force: (P,) the size of the normal part of the mean force, N.
         force_derivative: (P, d, d) derivative of the mean force by the end displacement, N/m.
         slider_motion: (P, d) motion of the slider relative to the surface, m.
         mode: (P,) OPEN, SLIP or STICK over the step.
         blending: (P,) weight in [0, 1] of the normal force at the end in the mean normal force.
         guess: (P, d) displacement from which the next iteration starts, m.
         held_force: (P, d) forces of the Gauss-Seidel iteration, N.
-        held_friction: (P, d) the friction in them, N.
+        held_friction: (P, d) the friction part of the held forces, N.
         residual: (P, d) residual of the contact problem; then the update, m.
         force_change: (P, d) change of the mean force by the update, N.
         touching: (P,) the points that touch come first.
@@ -128,8 +128,8 @@ class Interval(NamedTuple):
         begin: s.
         end: s.
         start_weight: weight a of the forces at the start of the step.
-        discrete_gradient: forces are averaged along the straight way of the point, in place of
-            weighting those at the ends of the step.
+        discrete_gradient: forces are averaged along the straight path of the point, instead of
+            weighting the forces at the ends of the step.
     """
 
     begin: float

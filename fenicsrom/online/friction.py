@@ -21,7 +21,7 @@ end. The limit of friction goes linearly from La to Lb while the point touches,
     La = mu (N_b/N_m) N0,    Lb = mu (N_b/N_m) N1,    for y0 < 0: La = 0, Lb = 2 mu N_b/tau    (4)
 
 (`friction_limits`); in the last case the mean limit is that of the mean normal force. A stretch e0
-beyond the first limit is cut to it,
+beyond the first limit is cut to this limit,
 
     ea = c e0,    c = min(1, La/(k_t |e0|)),                                                    (5)
 
@@ -34,8 +34,8 @@ until |T(s)| = La + s (Lb - La). The first such s is s*, the smallest root of th
     A s^2 + 2 B s + C = 0,    A = k_t^2 |G|^2 - (Lb - La)^2,
     B = k_t^2 ea . G - La (Lb - La),    C = k_t^2 |ea|^2 - La^2 <= 0,                           (7)
 
-or 1 if there is none (`locate_slip`). From s* on the point slips. The rest of the touch is taken
-by the law at its middle sm = (1 + s*)/2, with the limit Lm = La + sm (Lb - La),
+or 1 if there is none (`locate_slip`). From s* on the point slips. In the rest of the touch, the law
+is applied at its middle sm = (1 + s*)/2, with the limit Lm = La + sm (Lb - La),
 
     Ts = Lm e_m/|e_m|,    e_m = ea + sm G,                                                      (8)
 
@@ -284,7 +284,7 @@ def project_on_tangent_plane(
 
 @part
 def first_root(a: float, b: float, c: float) -> float:
-    """Where a s^2 + 2 b s + c, not positive at s = 0, becomes positive in [0, 1]; 1 if nowhere."""
+    """First s in [0, 1] at which a s^2 + 2 b s + c <= 0 becomes positive; 1 if there is none."""
     root = b * b - a * c
     if root < 0.0 or (b < 0.0 and a <= 0.0):
         return 1.0
@@ -368,7 +368,7 @@ def mean_friction(
             friction[k] += (1.0 - until) * point.slip_force[k]
         if event.mode == SLIP:
             slider_motion[k] = (point.slip_stretch[k] - point.slip_force[k] / stiffness) / theta
-        if interval.discrete_gradient:  # and the stretch that was cut at the start
+        if interval.discrete_gradient:  # add the stretch that was cut at the start
             slider_motion[k] += end[k] - kept * start[k] - change[k]
 
 
@@ -411,7 +411,7 @@ def add_friction_derivative(
             change_j[k] = fraction_j * (end[k] - start[k]) + fraction * (
                 end_derivative[k, j] - start_derivative[k, j]
             )
-            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # of ea, so far
+            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # derivative of ea
             derivative[k, j] += (
                 fraction * kt * until * (stretch_j[k] + 0.5 * until * change_j[k])
                 + fraction_j * friction[k]

@@ -1,6 +1,6 @@
 """The loop over the steps of a time integration, plain and compiled.
 
-`march` is plain Python. As it stands it integrates any `fenicsrom.online.operations.Model`.
+`march` is plain Python. Uncompiled, it integrates any `fenicsrom.online.operations.Model`.
 `compiled_march` integrates a `ReducedModel`, whose methods are compiled into it.
 """
 
@@ -99,8 +99,6 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         (status, rows written): DONE, FULL (of rows: call again), or FAILED (the smallest step did
         not converge).
     """
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state, record = borrowed(state), borrowed(record)
     s = state.scalars
     rows = 0
     slack = 1e-9 * control.grid
@@ -133,7 +131,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             accept(model, contacts, scheme, state, h, load_ahead)
             if lands:
                 s[TIME] = goal
-            # a step that was shortened to land on the grid is no reason to give up the longer one
+            # after a step shortened to land on the grid, the longer step is tried again
             s[STEP] = min(
                 control.grid, max(factor * h, nominal if lands and factor >= 1.0 else 0.0)
             )
@@ -147,4 +145,19 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-compiled_march = compiled(march)
+_owning_march = compiled(march)
+
+
+@compiled
+def compiled_march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
+    """`march` in compiled code, without the counting of references to arrays."""
+    return _owning_march(
+        borrowed(model),
+        borrowed(contacts),
+        borrowed(scheme),
+        control,
+        borrowed(state),
+        origin,
+        end,
+        borrowed(record),
+    )

@@ -1,4 +1,4 @@
-"""Numbers that are read off a motion."""
+"""Numbers that are computed from a motion."""
 
 from __future__ import annotations
 
@@ -73,9 +73,9 @@ def at_rest(motion: Motion) -> bool:
 def has_settled(motion: Motion) -> bool:
     """Whether the amplitudes of a periodic motion repeat.
 
-    They do if the motion is steady, or if the amplitudes of the last four periods agree to
-    `SETTLED`. Weakly damped axial waves may ring on and keep a motion from being steady, although
-    they are too small to change the amplitudes.
+    The amplitudes repeat if the motion is steady, or if they agree to `SETTLED` in the last four
+    periods. Weakly damped axial waves may persist, so that the motion is not steady, although the
+    waves are too small to change the amplitudes.
     """
     if motion.steady or at_rest(motion):
         return True
@@ -97,7 +97,7 @@ def has_settled(motion: Motion) -> bool:
 
 
 def is_unsteady(motion: Motion) -> bool:
-    """Whether a motion should repeat and does not settle."""
+    """Whether a motion has a period but does not settle."""
     return motion.period is not None and not has_settled(motion)
 
 
@@ -106,8 +106,8 @@ def rms(motion: Motion, since: float = 0.0) -> Array:
 
     Args:
         motion: the motion.
-        since: start of the interval for a motion without period, s; a periodic motion is taken over
-            its second half.
+        since: start of the interval for a motion without period, s; the second half of a periodic
+            motion is used.
     """
     late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
     time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
@@ -134,8 +134,8 @@ def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
 
     Args:
         motion: the motion.
-        since: start of the interval for a motion without period, s; a periodic motion is taken over
-            its last period.
+        since: start of the interval for a motion without period, s; the last period of a periodic
+            motion is used.
     """
     part = motion.last_period() if motion.period is not None else motion.time >= since
     return float(motion.force[part, :, 0].max(initial=0.0))
@@ -193,7 +193,7 @@ def dissipated_per_period(motion: Motion) -> float:
 def point_summaries(motion: Motion) -> list[dict[str, Any]]:
     """Peak force, states and dissipation of each contact point.
 
-    They are taken over the last period, or over the whole motion if it has no period.
+    The numbers are those of the last period, or of the whole motion if it has no period.
 
     Returns:
         For each point `peak_normal_force_N`, `fraction` (as `contact_fractions`) and

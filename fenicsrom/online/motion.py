@@ -16,11 +16,11 @@ class Interrupted(KeyboardInterrupt):
     """A time integration was asked to stop.
 
     Attributes:
-        partial: the `Motion` up to there.
+        partial: the `Motion` up to the interruption.
     """
 
     def __init__(self, partial: Motion):
-        """Store the motion up to there."""
+        """Store the motion up to the interruption."""
         super().__init__(f"time integration stopped on request at t = {partial.time[-1]:.6g} s")
         self.partial = partial
 
@@ -60,7 +60,7 @@ class Motion:
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
             which does not use them).
         coordinate_time: (k,) their times, s.
-        end: where it ended, to continue from.
+        end: the checkpoint at the end of the motion, to continue from.
         buckled: number of directions in which the nearest equilibrium was unstable; the motion then
             started in another one.
     """

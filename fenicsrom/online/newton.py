@@ -73,7 +73,8 @@ def in_load_steps(
 
     Args:
         start: (n,) equilibrium without the load.
-        solve: gives the equilibrium under a fraction of the load, from one nearby, or None.
+        solve: gives the equilibrium under a fraction of the load, from a nearby equilibrium, or
+            None.
         smallest: the iteration stops if a step of at most this fraction fails.
 
     Returns:

@@ -76,7 +76,7 @@ class State(NamedTuple):
         mean_acceleration: (n,) rate at which the mean velocity changed from the step before. Both
             extrapolate to the next step; the distance of the solution from that extrapolation
             estimates the error.
-        elastic_force: (n,) at q, N.
+        elastic_force: (n,) elastic force at q, N.
         load_vector: (n,) load vector at the time, N.
         contact: the contact points.
         friction_dissipation: (P,) energy dissipated by friction at each point, J.
@@ -133,8 +133,8 @@ class Checkpoint(NamedTuple):
 
     Attributes:
         state: the state.
-        last: rows of the last period, with which the next is compared to find a steady state;
-            without a period the last rows, at most 4096.
+        last: rows of the last period, with which the next period is compared to find a steady
+            state; without a period the last rows, at most 4096.
         size: smallest size of motion to measure errors against (`Control.size`).
         spans: periods run.
         buckled: as in `Motion`.

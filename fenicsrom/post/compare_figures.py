@@ -104,7 +104,7 @@ def _annotate(
     ys: list[float],
     front: list[int],
 ) -> None:
-    """Write names beside their points, the Pareto front first; skip a name without room."""
+    """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
     axis.margins(x=0.12, y=0.06)
     axis.autoscale_view()
     size = axis.figure.get_size_inches() * axis.figure.dpi

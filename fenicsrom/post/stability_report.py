@@ -62,7 +62,7 @@ def row(finding: Finding) -> dict[str, Any]:
 
 
 def table(findings: Sequence[Finding]) -> list[list[Any]]:
-    """The findings as rows of a table, its head first."""
+    """The findings as rows of a table; the first row is the header."""
 
     def short(value: float | None) -> str | None:
         return None if value is None else f"{value:.1e}"

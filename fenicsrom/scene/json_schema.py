@@ -14,7 +14,7 @@ def json_schema() -> dict[str, Any]:
     """Give the JSON schema (draft 2020-12) of a scene file.
 
     It states every key with its type, range, unit, default and meaning, and which keys of a load
-    and of [time] exclude each other. Checks between other keys are made by `read_scene` only.
+    and of [time] exclude each other. Only `read_scene` checks the other relations between keys.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

@@ -502,7 +502,7 @@ def test_facets_that_are_not_facets(tmp_path: Path) -> None:
         (
             SQUARE,
             squares((LINE, 1, (0, 1))),
-            "group 'solid' has dimension 1: must have 2 or another name",
+            "group 'solid' has dimension 1: rename it, or give it dimension 2",
         ),
         (
             SQUARE,
@@ -592,7 +592,7 @@ def test_curved_file(tmp_path: Path) -> None:
     )
     with pytest.raises(
         SceneError,
-        match="curved = true: cells must be Quadrilateral 9, the file has Quadrilateral 4",
+        match="curved = true needs Quadrilateral 9, but the cells are Quadrilateral 4",
     ):
         read(write_msh(tmp_path / "two.msh", SQUARE, squares()), curved=True)
 
