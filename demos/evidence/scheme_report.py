@@ -261,7 +261,7 @@ def figure(found: Sequence[Series]) -> Any:
             if k == 0:
                 axis.set_ylabel(f"error, {words}")
         axes[0, k].set_title(s.name)
-        axes[-1, k].set_xlabel("steps a period")
+        axes[-1, k].set_xlabel("steps per period")
         counts = [run.steps for run in s.of(SCHEMES[0])]
         axes[-1, k].set_xticks(counts, [str(count) for count in counts], fontsize=8)
         axes[-1, k].minorticks_off()
