@@ -83,7 +83,7 @@ class Item:
     """One line of the plan.
 
     Attributes:
-        name: of a stage, or of a part of the stage above it.
+        name: name of a stage, or of a part of the stage above this line.
         needed: whether the scene needs it.
         reason: why, in a few words.
     """

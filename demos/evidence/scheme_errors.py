@@ -57,11 +57,11 @@ class Errors(NamedTuple):
     """Relative errors of a motion; None where there is nothing to compare.
 
     Attributes:
-        amplitude: of the amplitudes that a run prints; of the root mean squares if the motion has
+        amplitude: error of the printed amplitudes, or of the root mean squares if the motion has
             not settled.
-        cycle: of the displacements at the same instants of the last period, root mean square.
-        force: of the largest normal force of the last period.
-        path: of the displacements at the same instants of the first `PATH` periods, root mean
+        cycle: error of the displacements at the same instants of the last period, root mean square.
+        force: error of the largest normal force of the last period.
+        path: error of the displacements at the same instants of the first `PATH` periods, root mean
             square.
     """
 
@@ -80,15 +80,15 @@ class Run:
         steps: per period; None with a tolerance.
         tolerance: None with a number of steps.
         refused: the reason why there is no result, or why it is rejected; empty if it is accepted.
-        kind: of the error, if it is refused.
-        errors: of the motion, if there is one.
-        imbalance: of its energy ledger, relative.
+        kind: kind of the error, if the run is refused.
+        errors: errors of the motion, if there is a motion.
+        imbalance: relative imbalance of the energy ledger.
         created: the part of the imbalance that is created energy; the rest is lost energy.
         settled: whether its amplitudes repeat.
         steady: whether the motion repeats.
         periods: number of periods run.
         taken: mean number of steps per period.
-        seconds: of the integration.
+        seconds: run time of the integration.
     """
 
     scheme: str
@@ -111,8 +111,8 @@ class Series:
     """All runs of a model.
 
     Attributes:
-        name: of the case.
-        runs: by schemes, steps and then tolerances.
+        name: name of the case.
+        runs: the runs, ordered by scheme, number of steps and tolerance.
         agreement: the largest errors of the other schemes at `REFERENCE` steps: the uncertainty of
             the errors.
         events: number of changes of the contact state on the path, by kind.
@@ -164,11 +164,11 @@ def series(
     """Run a model by every scheme.
 
     Args:
-        name: of the case.
+        name: name of the case.
         model: the model, which does not depend on the time integration.
         scene: its scene; the scheme and the steps of its [time] table are replaced.
         steps: numbers of steps per period.
-        tolerances: of adaptive steps.
+        tolerances: tolerances of adaptive steps.
         reference: number of steps per period of the reference.
 
     Returns:
@@ -293,7 +293,7 @@ def _at(motion: Motion, first: int, last: int, instants: int) -> Array:
 
 
 def _apart(values: Array, exact: Array) -> float | None:
-    """Norm of the difference relative to that of the exact values."""
+    """Norm of the difference, relative to the norm of the exact values."""
     size = float(np.linalg.norm(exact))
     return float(np.linalg.norm(values - exact)) / size if size > 0.0 else None
 

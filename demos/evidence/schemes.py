@@ -2,8 +2,8 @@
 
     python3 demos/evidence/schemes.py --output DIR
 
-The paper's three contact cases, a hard case and an impact run by every scheme with 25 to 800 steps
-per period and with three tolerances. Two processes need about ten minutes.
+The paper's three contact cases, a hard case and an impact are run by every scheme with 25 to 800
+steps per period and with three tolerances. Two processes need about ten minutes.
 """
 
 from __future__ import annotations

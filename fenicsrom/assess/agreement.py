@@ -73,7 +73,7 @@ def on_phases(motion: Motion, values: Array) -> Array:
 
 
 def wrong_state(motion: Motion, reference: Motion) -> float:
-    """Part of the last period in another contact state than the reference, percent.
+    """Part of the last period in which the contact state differs from the reference, percent.
 
     The part is averaged over the contact points. Between two steps, the nearest step gives the
     state.

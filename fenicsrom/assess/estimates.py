@@ -63,7 +63,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
 
     Args:
         model: the model that was integrated.
-        scene: of the motion.
+        scene: the scene of the motion.
         motion: the motion.
     """
     coarse = coarser(scene)
@@ -178,7 +178,7 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
 
     Args:
         richer: a model with a richer basis.
-        scene: of the motion.
+        scene: the scene of the motion.
         motion: the motion.
 
     Returns:

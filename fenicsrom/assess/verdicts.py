@@ -26,7 +26,7 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     """Refuse a motion whose estimated error by the time step is too large.
 
     Args:
-        scene: of the motion.
+        scene: the scene of the motion.
         estimate: the relative error, infinite if there is no estimate.
         unsteady: whether the motion does not settle: `UNSETTLED_ERROR` applies, else `TIME_ERROR`.
 

@@ -34,21 +34,21 @@ class ContactState(NamedTuple):
 
 
 class PointScratch(NamedTuple):
-    """Scratch arrays of one contact point; (d,), and (d, d) where it says derivative.
+    """Scratch arrays of one contact point: (d,) each, and (d, d) each derivative.
 
-    All derivatives are those by the displacement x1 at the end of the step.
+    All derivatives are with respect to the displacement x1 at the end of the step.
 
     Attributes:
         normal: unit normal at the weighted point.
-        normal_derivative: its derivative.
+        normal_derivative: derivative of the array above.
         gradient: gradient of the penetration at x1; then of the trial normal force there.
         gradient_derivative: half its derivative.
         mean_normal: discrete gradient of the penetration over the step.
-        mean_normal_derivative: its derivative.
+        mean_normal_derivative: derivative of the array above.
         start_stretch: tangential stretch x - w of the friction spring at the start of the step.
-        start_stretch_derivative: its derivative.
-        end_stretch: the same at the end of the step, or at the weighted point.
-        end_stretch_derivative: its derivative.
+        start_stretch_derivative: derivative of the array above.
+        end_stretch: tangential stretch at the end of the step, or at the weighted point.
+        end_stretch_derivative: derivative of the array above.
         stretch_change: change of the stretch while the point touches.
         stretch_change_column: one column of its derivative.
         slip_stretch: trial stretch at the point where the slipping part is evaluated.

@@ -127,7 +127,7 @@ class _Run:
         contacts: parameters of the contact points.
         plan: the weights of the scheme.
         advance: `march`, plain or compiled.
-        period: of the loads, s; None without.
+        period: period of the loads, s; None without a period.
         horizon: length of a span: the period, or the whole duration, s.
         stops: times in a span on which steps must land, s.
         control: how the step is chosen.
@@ -183,7 +183,7 @@ def integrate(
             displacements.
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
             tolerance, or duration.
-        period: of the loads, s; None runs for `settings.duration`.
+        period: period of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
             points; by default the run starts at rest in the equilibrium under static loads and

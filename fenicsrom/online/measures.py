@@ -64,7 +64,7 @@ def amplitude(motion: Motion) -> Array:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether a motion ends at rest: its amplitude is at most `REST` of its displacement."""
+    """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
     return bool(
         np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
     )
@@ -161,7 +161,7 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact open is 1.
+        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
