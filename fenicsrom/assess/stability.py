@@ -75,8 +75,8 @@ class Finding:
         verdict: the verdict.
         why: the reason for the verdict; the error message if the run was refused.
         amplitude: amplitude of the contact point or probe, m.
-        estimate: the run's own estimate of its relative error by the time step.
-        basis_estimate: the run's own estimate of its relative error by the basis.
+        estimate: the run's own estimate of its relative error due to the time step.
+        basis_estimate: the run's own estimate of its relative error due to the basis.
         error: relative difference from the refined run.
         basis_error: relative difference from the richer basis.
         force_error: relative difference of the peak normal force from that of the refined run.
@@ -238,7 +238,7 @@ def _examine(
 def _own_basis_error(
     reduction: Reduction, solid: Any, scene: Scene, motion: Motion
 ) -> float | None:
-    """The program's own estimate of the error by the basis; None if there is no richer basis.
+    """The program's own estimate of the error due to the basis; None if there is no richer basis.
 
     Raises:
         AccuracyError: the estimate is too large.

@@ -135,7 +135,7 @@ class _Run:
         record: rows for `advance`.
         done: periods that a resumed run had completed before.
         buckled: as in `Motion`.
-        history: the rows of each span; the first entry is where the run starts.
+        history: the rows of each span; the first entry is the initial state.
         seconds: run time so far, compilation excluded.
     """
 
