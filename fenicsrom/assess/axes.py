@@ -98,6 +98,11 @@ def contacts_with(scene: Scene, **values: Callable[[int], Any]) -> Overrides:
     return made
 
 
+def _constant(value: float) -> Callable[[int], float]:
+    """The same value for every contact."""
+    return lambda k: value
+
+
 def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
     """Multiply all loads that vary in time, or all static loads.
 
@@ -151,12 +156,13 @@ def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
 
 def _friction(scene: Scene, scales: Scales) -> Values:
     values = (0.0, 0.01, 1.0, 3.0, 10.0)
-    return {f"{mu:g}": contacts_with(scene, friction=lambda k, mu=mu: mu) for mu in values}
+    return {f"{mu:g}": contacts_with(scene, friction=_constant(mu)) for mu in values}
 
 
 def _preload(scene: Scene, scales: Scales) -> Values:
     if scales.preload is not None:
-        unit, factors = "the buckling load", (0.0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2.0)
+        unit = "the buckling load"
+        factors: tuple[float, ...] = (0.0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2.0)
     else:
         unit, factors = "the preload", (0.0, 0.1, 3.0, 10.0, 30.0)
     return {f"{x:g} times {unit}": preload(scene, scales, x) for x in factors}
@@ -165,10 +171,11 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-    return {
-        f"{x:g} times": contacts_with(scene, gap=lambda k, x=x: x * scene.contacts[k].gap)
-        for x in (0.5, 0.9, 1.1, 2.0)
-    }
+
+    def scaled(factor: float) -> Overrides:
+        return contacts_with(scene, gap=lambda k: factor * scene.contacts[k].gap)
+
+    return {f"{x:g} times": scaled(x) for x in (0.5, 0.9, 1.1, 2.0)}
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
@@ -277,7 +284,7 @@ def _speed(scene: Scene, scales: Scales) -> Values:
     if scene.rotation is None or not scene.rotation.speed_rpm:
         raise LeftOut("the body does not rotate")
     speed, other = scene.rotation.speed_rpm, not scene.rotation.coriolis
-    found = {
+    found: Values = {
         f"{x:g} times": (f"rotation.speed_rpm={x * speed!r}",) for x in (0.01, 0.1, 0.5, 0.9, 1.1)
     }
     word = "with" if other else "without"

@@ -193,7 +193,7 @@ class _Tracked:
         """
         values, vectors, change = modes_at_speed(solid, self.count)
         if self._shapes is None:
-            common = np.ones(self.count)
+            common: Array = np.ones(self.count)
         else:
             values, vectors, common = follow(solid, self.squares[-1], self._shapes, values, vectors)
         self._shapes = vectors
@@ -217,7 +217,7 @@ def speeds_rpm(scene: Scene) -> Array:
             source=scene.source,
         )
     if scene.campbell.speeds_rpm is not None:
-        return np.array(scene.campbell.speeds_rpm)
+        return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
     if not scene.rotation.speed_rpm > 0.0:
         raise SceneError(
             f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "
@@ -226,7 +226,7 @@ def speeds_rpm(scene: Scene) -> Array:
             key="campbell.speeds_rpm",
             source=scene.source,
         )
-    return np.linspace(0.0, scene.rotation.speed_rpm, 13)
+    return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
 
 
 def _warnings(found: Campbell) -> list[str]:

@@ -339,7 +339,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         warm_up(warm, scenes[0])
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
-    full, full_run = None, {}
+    full: Motion | None = None
+    full_run: dict[str, Any] = {}
     if scene.compare.full:
         full, full_run = full_motion(solid, scene, say)
     outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)

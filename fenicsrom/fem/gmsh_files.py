@@ -75,10 +75,10 @@ def open_gmsh() -> Iterator[Any]:
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber(
-            "General.AbortOnError", 0
-        )  # report errors in the logger, because an abort breaks gmsh's parser
-        gmsh.open(os.devnull)  # or gmsh would keep the tolerances of the last model of this process
+        # errors go to the logger, because an abort breaks the parser of gmsh
+        gmsh.option.setNumber("General.AbortOnError", 0)
+        # without this, the tolerances are relative to the last model of this process
+        gmsh.open(os.devnull)
         gmsh.logger.start()
         yield gmsh
     finally:
@@ -101,6 +101,7 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         raise SceneError(
             f"geometry.mesh = {source!r}: must be an existing file of one of {', '.join(SUFFIXES)}",
             kind=ErrorKind.FILE,
+            key="geometry.mesh",
             source=source,
         )
     gmsh.model.add("file")
@@ -122,9 +123,10 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         _check_reach(gmsh, geometry)
     if gmsh.model.getDimension() != d:
         raise SceneError(
-            f"{source}: geometry.dimension = {d}: "
-            f"must be {gmsh.model.getDimension()} for this file",
-            kind=ErrorKind.MESH,
+            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} "
+            "for this file",
+            kind=ErrorKind.CONFLICT,
+            key="geometry.dimension",
             source=source,
         )
     if form == "step":
@@ -169,7 +171,8 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
         allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
         raise SceneError(
             f"{source}: geometry.size = {geometry.size:g}: {allowed}",
-            kind=ErrorKind.MESH,
+            kind=ErrorKind.RANGE,
+            key="geometry.size",
             source=source,
         )
 
@@ -226,6 +229,7 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
                 f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of "
                 f"{allowed}",
                 kind=ErrorKind.UNKNOWN_KEY,
+                key=f"geometry.parameters.{name}",
                 source=str(geometry.mesh),
             )
         gmsh.parser.setNumber(name, [value])

@@ -84,14 +84,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         cell, facet = QUADRATIC[cell], QUADRATIC[facet]
     check_facets(gmsh, source, d - 1, in_facets, facet)
 
-    cells, cell_tags, groups = _combine(
-        {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
-    )
-    solid = np.isin(cell_tags, groups[SOLID])
-    cells, cell_tags = cells[solid], cell_tags[solid]
-    cell_groups = {
-        name: (d, tags) for name, tags in groups.items() if np.isin(tags, cell_tags).any()
-    }
+    cells, cell_tags, cell_groups = _solid_cells(gmsh, d, in_cells, cell)
     used = np.unique(cells)
     corners = np.unique(cells[:, : gmsh.model.mesh.getElementProperties(kind)[5]])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
@@ -114,11 +107,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         what = f"{apart} nodes coincide with another node: the cells there are not joined"
         warnings += (f"{source}: {what}",)
 
-    gmsh.model.add(CLEAN)
-    gmsh.model.addDiscreteEntity(d, 1)
-    gmsh.model.mesh.addNodes(
-        d, 1, np.arange(len(used)) + 1, points[np.searchsorted(numbers, used)].ravel()
-    )
+    _add_model(gmsh, d, points[np.searchsorted(numbers, used)])
     add_elements(gmsh, d, cell, np.searchsorted(used, cells) + 1, cell_tags)
     add_elements(gmsh, d - 1, facet, np.searchsorted(used, facets[near]) + 1, facet_tags[near])
     found = {
@@ -126,6 +115,36 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         for name, (a, b) in node_groups.items()
     }
     return CleanModel(cell_groups | facet_groups, sizes, found, warnings)
+
+
+def _solid_cells(
+    gmsh: Any, d: int, in_cells: dict[str, list[int]], cell: int
+) -> tuple[Ints, Ints, dict[str, tuple[int, tuple[int, ...]]]]:
+    """Collect the cells of the solid.
+
+    Args:
+        gmsh: the open gmsh.
+        d: dimension of the cells.
+        in_cells: entities of each group of cells, of which one is the solid.
+        cell: kind of the cells in the mesh.
+
+    Returns:
+        Node numbers (k, nodes) and tags (k,) of the cells, and the dimension and the tags of each
+        group that has cells of the solid.
+    """
+    cells, tags, groups = _combine(
+        {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
+    )
+    solid = np.isin(tags, groups[SOLID])
+    cells, tags = cells[solid], tags[solid]
+    return cells, tags, {name: (d, on) for name, on in groups.items() if np.isin(on, tags).any()}
+
+
+def _add_model(gmsh: Any, d: int, points: Floats) -> None:
+    """Add the clean model with nodes (n, 3), numbered from 1, which becomes the current model."""
+    gmsh.model.add(CLEAN)
+    gmsh.model.addDiscreteEntity(d, 1)
+    gmsh.model.mesh.addNodes(d, 1, np.arange(len(points)) + 1, points.ravel())
 
 
 def _facets_of_sets(

@@ -136,6 +136,35 @@ class _Preconditioner:
         y.array[:] = self.inverse.solve(x.array_r[:, None])[:, 0]
 
 
+def _eigensolver(
+    stiffness: PETSc.Mat, mass: PETSc.Mat, inverse: Inverse, count: int, prefix: str
+) -> SLEPc.EPS:
+    """Set up SLEPc for `eigenmodes`, whose arguments these are."""
+    eps = SLEPc.EPS().create(stiffness.comm)
+    eps.setOptionsPrefix(prefix + "_")
+    eps.setOperators(stiffness, mass)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(0.0)
+    eps.setDimensions(count)
+    eps.setTolerances(EIGEN_TOLERANCE, 500)
+    st = eps.getST()
+    st.setType(SLEPc.ST.Type.SINVERT)
+    ksp = st.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    pc = ksp.getPC()
+    pc.setType(PETSc.PC.Type.PYTHON)
+    pc.setPythonContext(_Preconditioner(inverse))
+    start, _ = stiffness.createVecs()  # the same start on any number of ranks: no random numbers
+    first, last = start.getOwnershipRange()
+    start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
+    eps.setInitialSpace(start)
+    eps.setFromOptions()
+    start.destroy()
+    return eps
+
+
 def eigenmodes(
     stiffness: PETSc.Mat, mass: PETSc.Mat, inverse: Inverse, count: int, prefix: str
 ) -> tuple[Array, Array]:
@@ -158,27 +187,7 @@ def eigenmodes(
     """
     if count == 0:
         return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
-    eps = SLEPc.EPS().create(stiffness.comm)
-    eps.setOptionsPrefix(prefix + "_")
-    eps.setOperators(stiffness, mass)
-    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-    eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
-    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    eps.setTarget(0.0)
-    eps.setDimensions(count)
-    eps.setTolerances(EIGEN_TOLERANCE, 500)
-    st = eps.getST()
-    st.setType(SLEPc.ST.Type.SINVERT)
-    ksp = st.getKSP()
-    ksp.setType(PETSc.KSP.Type.PREONLY)
-    pc = ksp.getPC()
-    pc.setType(PETSc.PC.Type.PYTHON)
-    pc.setPythonContext(_Preconditioner(inverse))
-    start, _ = stiffness.createVecs()  # the same start on any number of ranks: no random numbers
-    first, last = start.getOwnershipRange()
-    start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
-    eps.setInitialSpace(start)
-    eps.setFromOptions()
+    eps = _eigensolver(stiffness, mass, inverse, count, prefix)
     eps.solve()
     if eps.getConverged() < count:
         raise ConvergenceError(
@@ -187,11 +196,12 @@ def eigenmodes(
         )
     squares = np.array([eps.getEigenvalue(k).real for k in range(count)])
     modes = np.empty((stiffness.getLocalSize()[0], count))
+    mode, _ = stiffness.createVecs()
     for k in range(count):
-        eps.getEigenvector(k, start)
-        modes[:, k] = start.array
+        eps.getEigenvector(k, mode)
+        modes[:, k] = mode.array
     eps.destroy()
-    start.destroy()
+    mode.destroy()
     order = np.argsort(squares)
     squares, modes = squares[order], modes[:, order]
     comm = stiffness.comm.tompi4py()

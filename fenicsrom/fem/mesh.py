@@ -134,8 +134,7 @@ class Mesh:
             )
             raise SceneError(
                 f"{self.source}: {what}: no facet of the boundary lies there; "
-                "the mesh extends from "
-                f"{reach}",
+                f"the mesh extends from {reach}",
                 kind=ErrorKind.PLACE,
                 source=self.source,
             )

@@ -155,8 +155,8 @@ class Places:
         """Weights of the mean over a region.
 
         Returns:
-            Weights (local / d,) of the nodes, with sum 1 over all ranks; the centroid (3,) in m;
-            and the measure of the region: area in m², length in m or number of nodes.
+            Weights (local / d,) of the nodes, with the sum 1 over all ranks; the centroid (3,) in
+            m; and the measure of the region: area in m², length in m or number of nodes.
         """
         if self._body.mesh.has_facets(region):
             return self._facet_weights(region, key)

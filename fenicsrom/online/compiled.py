@@ -1,13 +1,12 @@
 """Compilation with numba, and the only use of numba's private interfaces.
 
-Four private interfaces make the kernels fast. Each was checked with the versions of numba from
+Three private interfaces make the kernels fast. Each was checked with the versions of numba from
 `FIRST` to `LAST`; any other version runs without them, slower and with the same results:
 
 - `_source_stamp` of a cache file decides whether stored machine code is still valid. Without it
   nothing is stored, because numba's own rule misses changes in other files.
 - the option `_nrt=False` compiles a function without the counting of references to arrays.
 - `meminfo` and `parent` of an array are cleared by `borrowed`, so that callers count nothing.
-- `alias_func_extensions` tells numba that `borrowed` returns the memory of its argument.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import Any
 
 import numba
 from numba import njit, types
-from numba.core import cgutils, ir_utils
+from numba.core import cgutils
 from numba.extending import intrinsic, overload, overload_method
 
 FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
@@ -103,7 +102,9 @@ def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
 
 # Numba counts the references to every array of every tuple that is passed on, in atomic operations
 # that took more than half of the run time. The compiled loop therefore works with arrays that have
-# no owner to count for; its caller holds them.
+# no owner to count for; its caller holds them. Pass what is borrowed to a function, and write to
+# the arrays there: numba does not see that it is the memory of the argument, and would take the
+# write for dead code.
 
 
 def borrowed(value):  # type: ignore[no-untyped-def]
@@ -137,12 +138,3 @@ def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
 @overload(borrowed, jit_options={"forceinline": True})
 def _borrowed(value):  # type: ignore[no-untyped-def]
     return (lambda value: _borrow(value)) if PRIVATE else (lambda value: value)
-
-
-def _same_memory(result, arguments, aliases, argument_aliases):  # type: ignore[no-untyped-def]
-    """Tell numba that a write to a borrowed array changes the argument, and is not dead code."""
-    ir_utils._add_alias(result, arguments[0].name, aliases, argument_aliases)
-
-
-if PRIVATE:
-    ir_utils.alias_func_extensions["borrowed", __name__] = _same_memory

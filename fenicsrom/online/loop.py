@@ -99,8 +99,6 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         (status, rows written): DONE, FULL (of rows: call again), or FAILED (the smallest step did
         not converge).
     """
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state, record = borrowed(state), borrowed(record)
     s = state.scalars
     rows = 0
     slack = 1e-9 * control.grid
@@ -147,4 +145,19 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-compiled_march = compiled(march)
+_owning_march = compiled(march)
+
+
+@compiled
+def compiled_march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
+    """`march` in compiled code, without the counting of references to arrays."""
+    return _owning_march(
+        borrowed(model),
+        borrowed(contacts),
+        borrowed(scheme),
+        control,
+        borrowed(state),
+        origin,
+        end,
+        borrowed(record),
+    )

@@ -1,10 +1,9 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
 The functions that take a model are plain Python, for any `fenicsrom.online.operations.Model`, and
-are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. They write to
-arrays only through functions that are not inlined by numba itself: numba's removal of dead code
-follows aliases of arrays only partly through fields of named tuples, and drops code that it takes
-for dead.
+are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. Arrays of
+contact points are written by functions that numba does not inline: its removal of dead code does
+not follow an array through the unpacking of a tuple, and drops such writes.
 """
 
 from __future__ import annotations

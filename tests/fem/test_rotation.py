@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.study import stages as plan
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
@@ -42,6 +41,7 @@ from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, scene_table
+from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ PUSH = [
 ]
 
 
-def gyroscopic_matrix(
+def rotating_scene(
     dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
 ) -> Any:
     """A short turning beam on a tiny mesh."""
@@ -82,7 +82,7 @@ def gyroscopic_matrix(
 
 @pytest.fixture(scope="module", params=[2, 3])
 def spun(request: pytest.FixtureRequest) -> Any:
-    return make_solid(gyroscopic_matrix(request.param))
+    return make_solid(rotating_scene(request.param))
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
     """u = x a: integrals over the box are closed forms."""
-    solid = make_solid(gyroscopic_matrix(dimension))
+    solid = make_solid(rotating_scene(dimension))
     omega = 4000.0 / RPM
     axis = np.array([0.6, 0.0, 0.8] if dimension == 3 else [0.0, 0.0, 1.0])
     point, a, b = (
@@ -197,14 +197,14 @@ def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
     assert tiny_still.rotation is None and tiny_still.gyroscopic is None
     assert not tiny_still.loaded
     assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
-    stages = {stage.name: stage for stage in plan(scene_of(tiny_still))}
+    needed = {item.name: item.needed for item in plan(scene_of(tiny_still))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert not stages[name].runs
-    stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
+        assert not needed[name]
+    needed = {item.name: item.needed for item in plan(rotating_scene(3))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert stages[name].runs
-    quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
-    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
+        assert needed[name]
+    quiet = rotating_scene(3, "rotation.coriolis=false")
+    assert {item.name: item.needed for item in plan(quiet)}["gyroscopic term"] is False
     assert make_solid(quiet).gyroscopic is None
 
 
@@ -248,7 +248,7 @@ def test_spinning_rod(slender: Any, speed: float) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> None:
-    scene = gyroscopic_matrix(
+    scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in PUSH]
     )
     solid = make_solid(scene)
@@ -276,7 +276,7 @@ def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> Non
 
 def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
     nonlinear, linear = (
-        make_solid(gyroscopic_matrix(3, f"geometrically_nonlinear={word}", loads=PUSH))
+        make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
         for word in ("true", "false")
     )
     np.testing.assert_array_equal(linear.equilibrium, nonlinear.equilibrium)
@@ -302,7 +302,7 @@ def test_an_equilibrium_that_is_not_found(monkeypatch: pytest.MonkeyPatch) -> No
     with pytest.raises(
         ConvergenceError, match="beyond 0 % of the load and of the centrifugal force"
     ):
-        make_solid(gyroscopic_matrix(2))
+        make_solid(rotating_scene(2))
 
 
 # ------------------------------------------------------------------ frequencies
@@ -332,7 +332,7 @@ def test_rotating_cantilever(slender: Any) -> None:
 @pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
-    scene = gyroscopic_matrix(
+    scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
     )
     solid = make_solid(scene)
@@ -500,7 +500,7 @@ def world() -> Any:
 def test_a_body_pushed_inwards_buckles(coriolis: bool) -> None:
     """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
     table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
-    scene = gyroscopic_matrix(
+    scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
     )
     found = diagram.campbell(scene, world(), lambda line: None)
@@ -606,11 +606,11 @@ def test_diagrams_that_are_refused(table: Any, sentence: str) -> None:
 
 
 def test_scene_comes_back_from_its_table() -> None:
-    scene = gyroscopic_matrix(3, campbell={"speeds_rpm": {"first": 0.0, "last": 9.0, "number": 4}})
+    scene = rotating_scene(3, campbell={"speeds_rpm": {"first": 0.0, "last": 9.0, "number": 4}})
     assert scene.campbell.speeds_rpm == (0.0, 3.0, 6.0, 9.0)
     assert scene.rotation.omega == pytest.approx(4000.0 * 2.0 * np.pi / 60.0)
     assert parse_scene(json.loads(json.dumps(scene_table(scene))), "test", None) == scene
-    assert gyroscopic_matrix(2).rotation.point == (-0.2, 0.1)
+    assert rotating_scene(2).rotation.point == (-0.2, 0.1)
     assert beam_scene(2, rotation={"speed_rpm": 1.0}).rotation.point == (0.0, 0.0)
     other = replace(scene, rotation=replace(scene.rotation, speed_rpm=1.0))
     assert changed_key(scene, other) == "rotation"  # a stored model is of one speed
@@ -758,12 +758,12 @@ import sys
 import numpy as np
 from mpi4py import MPI
 from support import enriched
-from test_rotation import PUSH, make_solid, turning
+from test_rotation import PUSH, make_solid, rotating_scene
 from fenicsrom.assess import campbell
 from fenicsrom.reduction.projection import project, projected_gyroscopic
 
 comm = MPI.COMM_WORLD
-scene = turning(3, "geometry.parameters.elements_along=6", loads=PUSH, campbell={"speeds_rpm": [0.0, 2000.0, 4000.0], "modes": 3})
+scene = rotating_scene(3, "geometry.parameters.elements_along=6", loads=PUSH, campbell={"speeds_rpm": [0.0, 2000.0, 4000.0], "modes": 3})
 solid = make_solid(scene)
 modes, _, basis = enriched(solid, "rubin", 2)
 model = project(solid, basis)
