@@ -309,7 +309,7 @@ def _static_modes_reason(scene: Scene) -> str:
     if not regions:
         return f"{points * each} {what}"
     parts = [f"{points * each}"] if points else []
-    parts += [f"{each} of each node of contacts[{k}]" for k in regions]
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
     return f"{what}: {', '.join(parts)}"
 
 

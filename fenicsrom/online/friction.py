@@ -384,7 +384,7 @@ def add_friction_derivative(
     """Add the derivative of the mean friction (9) by x1 to `scratch.force_derivative[p]`.
 
     It is written column by column, j; a name that ends in _j is the derivative by x1[j]. The
-    friction of point p is the one before it is multiplied by tau.
+    friction of point p is not yet multiplied by tau.
     """
     point, d, kt = scratch.point, len(scratch.space), stiffness
     start, end, change = point.start_stretch, point.end_stretch, point.stretch_change

@@ -52,8 +52,8 @@ def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
             sentences.append(
-                f"contacts[{k}]: {number} out of reach during the whole run, "
-                f"no nearer than {1e3 * least:.4g} mm"
+                f"contacts[{k}]: {number} never touched the surface; "
+                f"the smallest gap was {1e3 * least:.4g} mm"
             )
     return sentences
 
