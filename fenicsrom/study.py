@@ -83,7 +83,7 @@ class Item:
     """One line of the plan.
 
     Attributes:
-        name: of a stage, or of a part of the stage above it.
+        name: name of a stage, or of a part of the stage above this line.
         needed: whether the scene needs it.
         reason: why, in a few words.
     """
@@ -309,7 +309,7 @@ def _static_modes_reason(scene: Scene) -> str:
     if not regions:
         return f"{points * each} {what}"
     parts = [f"{points * each}"] if points else []
-    parts += [f"{each} of each node of contacts[{k}]" for k in regions]
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
     return f"{what}: {', '.join(parts)}"
 
 

@@ -22,11 +22,11 @@ class Scales:
     """The scales of a scene, in its units.
 
     Attributes:
-        normal_stiffness: of each contact, the `normal_stiffness` at which the contact is as stiff
+        normal_stiffness: for each contact, the `normal_stiffness` at which the contact is as stiff
             as the body under it.
-        tangential_stiffness: of each contact, the `tangential_stiffness` at which the contact is as
-            stiff as the body in its most flexible tangential direction.
-        preload: of each contact, the `preload` that buckles the body; None if nothing presses on
+        tangential_stiffness: for each contact, the `tangential_stiffness` at which the contact is
+            as stiff as the body in its most flexible tangential direction.
+        preload: for each contact, the `preload` that buckles the body; None if nothing presses on
             the body, or if no preload buckles it.
         omega: first natural frequency of the reduced model about its equilibrium, rad/s.
     """

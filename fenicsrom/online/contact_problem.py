@@ -292,7 +292,7 @@ def _project_friction(
     force: float,
     scratch: ContactScratch,
 ) -> None:
-    """Friction of point p as a force on the friction disc, to `held_friction`; N is its `force`.
+    """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
     of contact of `fenicsrom.online.friction`. This friction is close to the mean along the path, so

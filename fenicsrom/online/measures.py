@@ -52,8 +52,8 @@ def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
             sentences.append(
-                f"contacts[{k}]: {number} out of reach during the whole run, "
-                f"no nearer than {1e3 * least:.4g} mm"
+                f"contacts[{k}]: {number} never touched the surface; "
+                f"the smallest gap was {1e3 * least:.4g} mm"
             )
     return sentences
 
@@ -64,7 +64,7 @@ def amplitude(motion: Motion) -> Array:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether a motion ends at rest: its amplitude is at most `REST` of its displacement."""
+    """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
     return bool(
         np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
     )
@@ -161,7 +161,7 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact open is 1.
+        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}

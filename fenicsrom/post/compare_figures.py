@@ -21,7 +21,7 @@ LEAST = 1e-6  # percent; smaller errors are drawn at this value
 
 
 def tip_error(outcome: Outcome) -> float:
-    """Error of the tip amplitude of an outcome that has one, percent."""
+    """Error of the tip amplitude of an outcome with a full model, percent."""
     error = outcome.errors["amplitude_tangential"]
     assert error is not None
     return error

@@ -459,9 +459,9 @@ def test_what_is_out_of_reach_is_said() -> None:
     motion = found.motions["reduced"]
     (sentence,) = [line for line in found.left_out if line.startswith("contacts[0]")]
     least = 1e3 * motion.gap.min()
-    assert sentence == (
-        "contacts[0]: 5 of 5 points out of reach during the whole run, "
-        f"no nearer than {least:.4g} mm"
+    assert (
+        sentence
+        == f"contacts[0]: 5 of 5 points never touched the surface; the smallest gap was {least:.4g} mm"
     )
     assert 1.0 < least < 3.0
     touching = replace(motion, force=np.where(np.arange(5)[:, None] < 2, 1.0, motion.force))
@@ -621,7 +621,7 @@ def test_demo_rubs_to_a_steady_state() -> None:
         0
     ] == pytest.approx(work, rel=0.02)
     assert any(
-        line.startswith("contacts[0]: ") and "of 17 points out of reach" in line
+        line.startswith("contacts[0]: ") and "of 17 points never touched" in line
         for line in found.left_out
     )
 
