@@ -98,7 +98,10 @@ def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) ->
         (source / name).symlink_to(CHECKOUT / name)
     install = ["python3", "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--quiet"]
     subprocess.run([*install, "--target", site, source], check=True)
-    show = "from fenicsrom.scene.paths import shared_meshes; print(*sorted(p.name for p in shared_meshes().glob('*.geo')))"
+    show = (
+        "from fenicsrom.scene.paths import shared_meshes\n"
+        "print(*sorted(path.name for path in shared_meshes().glob('*.geo')))"
+    )
     found = subprocess.run(
         ["python3", "-c", show],
         cwd=tmp_path,
