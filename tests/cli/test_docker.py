@@ -88,6 +88,7 @@ def test_no_command_is_refused(engine: Path) -> None:
     assert docker_run(engine) == (2, "docker/run: usage: docker/run COMMAND...\n")
 
 
+@pytest.mark.slow
 def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) -> None:
     assert (shared_meshes() / "beam2d.geo").is_file()
     site = tmp_path / "site"
