@@ -667,7 +667,7 @@ def check(study: Study) -> None:
         if scene.contacts:
             study.errors["peak force by the time step"] = force
         check_time_error(scene, study.errors["time step"], is_unsteady(motion))
-        if has_settled(motion):
+        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
             richer = richer_basis(
                 study.solid,
                 scene,
