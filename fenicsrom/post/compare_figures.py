@@ -105,6 +105,8 @@ def _annotate(
     front: list[int],
 ) -> None:
     """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
+    from matplotlib.figure import Figure
+
     axis.margins(x=0.12, y=0.06)
     axis.autoscale_view()
     figure = axis.get_figure()
