@@ -92,7 +92,9 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
     force = np.zeros((model.points.contact.size, scene.geometry.dimension))
     force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
     stiffness = model.elastic.stiffness
-    q: Array = -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1))
+    q: Array = np.asarray(
+        -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64
+    )
     # the tangent is a polynomial of second degree: this difference is exact
     geometric = 0.5 * (_tangent(model, q) - _tangent(model, -q))
     inverse_factors = scipy.linalg.eigh(-geometric, stiffness, eigvals_only=True)

@@ -168,7 +168,7 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     return {name: float(fractions.mean()) for name, fractions in _state_fractions(motion).items()}
 
 
-def _state_fractions(motion: Motion) -> dict[str, np.ndarray]:
+def _state_fractions(motion: Motion) -> dict[str, Array]:
     """Fraction (P,) of the last period that each point spends in each state, by its name."""
     part = motion.last_period()
     weights = _weights(motion.time[part])
@@ -267,7 +267,7 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     }
 
 
-def _weights(time: np.ndarray) -> np.ndarray:
+def _weights(time: Array) -> Array:
     """Weights (ns,) of the trapezoidal rule, with sum 1."""
     if len(time) < 2:
         return np.ones(len(time))
