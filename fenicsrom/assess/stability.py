@@ -321,7 +321,7 @@ def stability(
         path: the scene file.
         changes: overrides for every run.
         say: called with one line of progress at a time.
-        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); all of them without it.
+        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
 
     Raises:
