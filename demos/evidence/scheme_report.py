@@ -66,7 +66,7 @@ def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]
 
 
 def tolerances(found: Sequence[Series]) -> list[list[Any]]:
-    """Error of the amplitude in percent and steps per period by tolerance, the head first."""
+    """Error of the amplitude in percent and steps per period by tolerance, below a header row."""
     asked = list(
         dict.fromkeys(run.tolerance for s in found for run in s.runs if run.tolerance is not None)
     )

@@ -79,7 +79,8 @@ class Finding:
         basis_estimate: the run's own estimate of its relative error due to the basis.
         error: relative difference from the refined run.
         basis_error: relative difference from the richer basis.
-        force_error: relative difference of the peak normal force from that of the refined run.
+        force_error: relative difference between the peak normal forces of the run and the refined
+            run.
         imbalance: relative imbalance of the energy.
         steady: whether the motion repeats to the tolerance of the scene.
         periods: number of periods run.
@@ -320,7 +321,7 @@ def stability(
         path: the scene file.
         changes: overrides for every run.
         say: called with one line of progress at a time.
-        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); all of them without it.
+        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
 
     Raises:

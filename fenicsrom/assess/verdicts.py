@@ -86,7 +86,7 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
 
 
 def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """The reason to reject a motion that needs no other run to find it, or None."""
+    """The error of a motion that fails a check without a second run, or None."""
     try:
         check_energy(motion)
         check_time_error(scene, step_errors(model, scene, motion).amplitude, is_unsteady(motion))

@@ -52,7 +52,8 @@ def solve_contact(
         delassus: (m, m) G, m = P d, m/N.
         free: (P, d) x_free, m.
         start: the state at the start of the step.
-        end: its x in: a first guess; out: the displacement at the end of the step.
+        end: `end.x` holds a first guess on entry, and the displacement at the end of the step on
+            exit.
         scratch: out: `mean_force` (P, d) over the step.
 
     Returns:

@@ -58,7 +58,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
 
 @register_jitable(inline="always")
 def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-def]
-    """Estimated local error of a converged step, relative to the allowed one.
+    """Estimated local error of a converged step, relative to the allowed error.
 
     The distance from the extrapolation contains vibrations too fast for the step, which oscillate
     and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes these vibrations;

@@ -240,8 +240,8 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     """Differences over the last period from a reference, in percent of the reference.
 
     Args:
-        motion: the motion to judge.
-        reference: usually of the full model.
+        motion: the motion to compare.
+        reference: the reference motion, usually of the full model.
 
     Returns:
         `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ...,

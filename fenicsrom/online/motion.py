@@ -48,7 +48,7 @@ class Motion:
         damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
         short for the step, J.
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
-        point_friction_dissipation: (ns, P) the same of each contact point, J.
+        point_friction_dissipation: (ns, P) energy dissipated by friction at each contact point, J.
         steady: whether the motion was found to repeat.
         periods: number of periods run.
         steps: accepted steps.

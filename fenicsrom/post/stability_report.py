@@ -96,7 +96,8 @@ def sentences(matrix: Matrix) -> list[str]:
     )
     if errors:
         found.append(
-            f"Difference of the converged runs from half the step: {errors[len(errors) // 2]:.1e} "
+            "Difference of the converged runs from the runs with half the step: "
+            f"{errors[len(errors) // 2]:.1e} "
             f"of the amplitude in the median, {errors[-1]:.1e} at most."
         )
     return found + [

@@ -480,9 +480,9 @@ def test_plan_of_a_rub() -> None:
     assert found["gyroscopic term"] == (False, "rotation.coriolis is false")
     assert (
         stages(blade("basis.masters='all'"))["static modes"][1]
-        == "contact displacements: 3 of each node of contacts[0]"
+        == "contact displacements: 3 per node of contacts[0]"
     )
-    sentence = "normal contact displacements: 1 of each node of contacts[0]"
+    sentence = "normal contact displacements: 1 per node of contacts[0]"
     assert stages(blade("basis.masters='normal'"))["static modes"][1] == sentence
     found = stages(beam_scene(3))
     assert found["static modes"] == (True, "3 contact displacements")
