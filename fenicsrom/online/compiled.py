@@ -51,8 +51,8 @@ _SOURCES = _sources() if PRIVATE else ""
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function with numba, and store the machine code for the next process.
 
-    By itself numba keeps stored code until the function's own file changes. The code contains
-    functions of other files too, so here it is kept until any file of this package changes.
+    Numba's own rule keeps stored code until the function's own file changes. The code contains
+    functions of other files too, so this decorator keeps it until any file of this package changes.
     """
     dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
     if PRIVATE:
@@ -78,8 +78,8 @@ def compile_methods(cls: Any, names: Iterable[str]) -> None:
 
     Args:
         cls: the named tuple.
-        names: its methods; each body is inlined into the caller. A field of this name, of any
-            named tuple in compiled code, would be hidden by the method.
+        names: its methods; each body is inlined into the caller. In compiled code, the method would
+            hide a field of the same name of any named tuple.
     """
     for name in names:
         overload_method(types.NamedTuple, name, inline="always", strict=False)(
@@ -88,7 +88,7 @@ def compile_methods(cls: Any, names: Iterable[str]) -> None:
 
 
 def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
-    """What numba asks for the implementation of a method: the method itself, for this class.
+    """The overload that numba calls for a method: it returns the method itself for this class.
 
     The implementation must be an object of its module: numba finds no stored code for a function
     that is made anew in each process.

@@ -148,7 +148,7 @@ def test_long_steps_are_refused_with_their_key() -> None:
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.TIME_STEP, "time.steps_per_period")
     assert verdicts.recommended_step(scene, 0.1).time.steps_per_period == 12
     verdicts.check_time_error(scene, 0.9 * verdicts.TIME_ERROR)
-    with pytest.raises(AccuracyError, match="no motion that settles"):
+    with pytest.raises(AccuracyError, match="a motion that does not settle"):
         verdicts.check_time_error(scene, float("inf"))
 
 
