@@ -90,7 +90,7 @@ class AccuracyError(RuntimeError):
     Attributes:
         partial: what was computed, for inspection (a `Motion`), or None.
         kind: which check failed.
-        key: the dotted key of the scene that would help, such as "time.steps_per_period", or "".
+        key: the dotted key of the scene to change, such as "time.steps_per_period", or "".
     """
 
     def __init__(

@@ -103,7 +103,7 @@ def write_archive(
         compress: whether to compress the arrays.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     write = np.savez_compressed if compress else np.savez
     with atomic_write(path) as temporary, open(temporary, "wb") as file:

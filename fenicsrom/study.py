@@ -83,7 +83,7 @@ class Item:
     """One line of the plan.
 
     Attributes:
-        name: of a stage, or of a part of the stage above it.
+        name: name of a stage, or of a part of the stage above this line.
         needed: whether the scene needs it.
         reason: why, in a few words.
     """
@@ -309,7 +309,7 @@ def _static_modes_reason(scene: Scene) -> str:
     if not regions:
         return f"{points * each} {what}"
     parts = [f"{points * each}"] if points else []
-    parts += [f"{each} of each node of contacts[{k}]" for k in regions]
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
     return f"{what}: {', '.join(parts)}"
 
 
@@ -667,7 +667,7 @@ def check(study: Study) -> None:
         if scene.contacts:
             study.errors["peak force by the time step"] = force
         check_time_error(scene, study.errors["time step"], is_unsteady(motion))
-        if has_settled(motion):
+        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
             richer = richer_basis(
                 study.solid,
                 scene,

@@ -52,8 +52,8 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
     Returns:
         The errors of `fenicsrom.online.measures.errors_percent`; `history`: L2 norm of the
         difference of the displacements at equal phases, relative to the reference, of all points
-        and directions; `state`: part of the period in another contact state. None where the
-        reference has nothing to compare with.
+        and directions; `state`: part of the period in which the contact state differs. An error is
+        None if the reference value is zero or missing.
     """
     shift, other = (on_phases(m, m.displacement) for m in (motion, reference))
     size = float(np.linalg.norm(other))
@@ -73,7 +73,7 @@ def on_phases(motion: Motion, values: Array) -> Array:
 
 
 def wrong_state(motion: Motion, reference: Motion) -> float:
-    """Part of the last period in another contact state than the reference, percent.
+    """Part of the last period in which the contact state differs from the reference, percent.
 
     The part is averaged over the contact points. Between two steps, the nearest step gives the
     state.

@@ -71,8 +71,8 @@ class Outcome:
         online: seconds of each timed run.
         timed_periods: periods of a timed run that is scaled to the whole run by its steps; None if
             the whole run was timed.
-        motion: its motion, without coordinates.
-        errors: against the full model, in percent; empty without one.
+        motion: the motion, without coordinates.
+        errors: errors against the full model, in percent; empty without a full model.
         indicator: residual in the energy norm, relative to the loads.
         residual: plain norm of the residual, relative to the loads.
         failure: the reason why there is no motion; empty if there is a motion.

@@ -2,8 +2,7 @@
 
 At some steps of the steady state the balance of the full model's own time step is evaluated at the
 reduced motion, with its contact forces. The residual r is zero where the basis contains the full
-motion. It is measured by its work on the linear structure, relative to that of the amplitude p of
-the loads,
+motion. Its size is its work on the linear structure, relative to the work of the load amplitude p,
 
     indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
 
@@ -41,7 +40,7 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         body: the solid or the beam.
         vectors: (local, n) the basis R.
         motion: the reduced motion, with the coordinates of its last period.
-        scene: of the motion.
+        scene: the scene of the motion.
 
     Returns:
         (local, k) residuals at `INSTANTS` steps, N.

@@ -22,11 +22,11 @@ class Scales:
     """The scales of a scene, in its units.
 
     Attributes:
-        normal_stiffness: of each contact, the `normal_stiffness` at which the contact is as stiff
+        normal_stiffness: for each contact, the `normal_stiffness` at which the contact is as stiff
             as the body under it.
-        tangential_stiffness: of each contact, the `tangential_stiffness` at which the contact is as
-            stiff as the body in its most flexible tangential direction.
-        preload: of each contact, the `preload` that buckles the body; None if nothing presses on
+        tangential_stiffness: for each contact, the `tangential_stiffness` at which the contact is
+            as stiff as the body in its most flexible tangential direction.
+        preload: for each contact, the `preload` that buckles the body; None if nothing presses on
             the body, or if no preload buckles it.
         omega: first natural frequency of the reduced model about its equilibrium, rad/s.
     """
@@ -92,7 +92,9 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
     force = np.zeros((model.points.contact.size, scene.geometry.dimension))
     force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
     stiffness = model.elastic.stiffness
-    q: Array = -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1))
+    q: Array = np.asarray(
+        -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64
+    )
     # the tangent is a polynomial of second degree: this difference is exact
     geometric = 0.5 * (_tangent(model, q) - _tangent(model, -q))
     inverse_factors = scipy.linalg.eigh(-geometric, stiffness, eigvals_only=True)

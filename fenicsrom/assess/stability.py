@@ -74,13 +74,14 @@ class Finding:
         case: the case.
         verdict: the verdict.
         why: the reason for the verdict; the error message if the run was refused.
-        amplitude: of the contact point or probe, m.
-        estimate: the run's own estimate of its relative error by the time step.
-        basis_estimate: the run's own estimate of its relative error by the basis.
+        amplitude: amplitude of the contact point or probe, m.
+        estimate: the run's own estimate of its relative error due to the time step.
+        basis_estimate: the run's own estimate of its relative error due to the basis.
         error: relative difference from the refined run.
         basis_error: relative difference from the richer basis.
-        force_error: relative difference of the peak normal force from that of the refined run.
-        imbalance: of the energy balance, relative.
+        force_error: relative difference between the peak normal forces of the run and the refined
+            run.
+        imbalance: relative imbalance of the energy.
         steady: whether the motion repeats to the tolerance of the scene.
         periods: number of periods run.
         seconds: run time of all runs of the case.
@@ -113,7 +114,7 @@ class Matrix:
     Attributes:
         scene: the scene.
         findings: one for each case.
-        seconds: of all runs.
+        seconds: run time of all runs.
         left_out: a sentence for each axis that the scene does not have.
     """
 
@@ -238,7 +239,7 @@ def _examine(
 def _own_basis_error(
     reduction: Reduction, solid: Any, scene: Scene, motion: Motion
 ) -> float | None:
-    """The program's own estimate of the error by the basis; None if there is no richer basis.
+    """The program's own estimate of the error due to the basis; None if there is no richer basis.
 
     Raises:
         AccuracyError: the estimate is too large.
@@ -320,7 +321,7 @@ def stability(
         path: the scene file.
         changes: overrides for every run.
         say: called with one line of progress at a time.
-        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); all of them without it.
+        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
 
     Raises:
@@ -362,9 +363,9 @@ def run_all(
 
     Args:
         wanted: the cases.
-        table: of the scene that they change.
-        source: of the scene, for messages.
-        folder: of the scene file, where its mesh is looked for.
+        table: table of the scene that the cases change.
+        source: name of the scene file, for messages.
+        folder: folder of the scene file, to which the path of its mesh is relative.
         say: called with one line for each case.
         workers: number of processes.
     """

@@ -14,7 +14,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import refined, step_key
 
-# largest accepted relative error of the amplitudes by the time step
+# largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
 # the same for the root mean squares of a motion that does not settle
 UNSETTLED_ERROR = 1.0
@@ -23,10 +23,10 @@ BASIS_ERROR = 0.05
 
 
 def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
-    """Refuse a motion whose estimated error by the time step is too large.
+    """Refuse a motion whose estimated error due to the time step is too large.
 
     Args:
-        scene: of the motion.
+        scene: the scene of the motion.
         estimate: the relative error, infinite if there is no estimate.
         unsteady: whether the motion does not settle: `UNSETTLED_ERROR` applies, else `TIME_ERROR`.
 
@@ -64,7 +64,7 @@ def other_scheme(scene: Scene) -> str:
 
 
 def check_basis_error(scene: Scene, estimate: float) -> None:
-    """Refuse a motion whose estimated error by the basis is above `BASIS_ERROR`.
+    """Refuse a motion whose estimated error due to the basis is above `BASIS_ERROR`.
 
     Raises:
         AccuracyError: the error is above the limit.
@@ -86,7 +86,7 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
 
 
 def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """The reason to reject a motion that needs no other run to find it, or None."""
+    """The error of a motion that fails a check without a second run, or None."""
     try:
         check_energy(motion)
         check_time_error(scene, step_errors(model, scene, motion).amplitude, is_unsteady(motion))

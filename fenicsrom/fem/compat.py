@@ -23,7 +23,7 @@ def model_to_mesh(
         model: the gmsh model on rank 0 (anything elsewhere), nodes numbered from 1 without gaps,
             every cell in exactly one physical group.
         comm: the communicator of the mesh.
-        dimension: of space, 2 or 3.
+        dimension: dimension of space, 2 or 3.
 
     Returns:
         The mesh, the tags of its cells and the tags of its facets: the tags of the physical groups.

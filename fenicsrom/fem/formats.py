@@ -308,7 +308,7 @@ def _node_sets(mesh: Any) -> dict[str, Ints]:
 
 
 def _set_name(name: str) -> str:
-    """The name of a set from that of one of its parts, without quotes."""
+    """The name of the set to which a part belongs, without quotes."""
     return str(name).partition(PART)[0].strip().strip('"')
 
 

@@ -37,7 +37,7 @@ def check_cells(
         solid: the entities of the cells.
 
     Returns:
-        The kind of the cells, that of the straight cell, and warnings.
+        The kind of the cells, the kind of the straight cell, and warnings.
 
     Raises:
         SceneError: the cells cannot be used.

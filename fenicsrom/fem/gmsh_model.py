@@ -28,7 +28,7 @@ from fenicsrom.fem.gmsh_queries import (
 from fenicsrom.scene import Geometry
 
 SOLID = "solid"
-"""Group of the cells that become the mesh; without a group of this name, all cells do."""
+"""Group of the cells that become the mesh; without a group of this name, all cells are used."""
 
 CLEAN = "fenicsrom"
 """Name of the clean model in gmsh."""

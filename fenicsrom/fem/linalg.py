@@ -19,8 +19,8 @@ EIGEN_CHECK = 1e-8
 class Factorisation:
     """A factorised matrix.
 
-    The factors are L D Lᵀ, or L U of a matrix that is not symmetric. MUMPS computes them, or PETSc
-    itself if the matrix is small.
+    The factors are L D Lᵀ, or L U of a matrix that is not symmetric. MUMPS computes the factors;
+    for a small matrix, PETSc itself computes them.
     """
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
@@ -175,7 +175,7 @@ def eigenmodes(
         mass: M, symmetric and positive semidefinite.
         inverse: applies K^-1; with coordinates held, the inverse of the constrained matrix.
         count: number of modes.
-        prefix: of the SLEPc options.
+        prefix: prefix of the SLEPc options.
 
     Returns:
         omega squared (count,), ascending, in rad^2/s^2, and the modes (local rows, count),

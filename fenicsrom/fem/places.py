@@ -17,7 +17,7 @@ from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.scene import Place, Region
 
 NEAR = 1e-3
-"""Distance of a node from the coordinates of a place, relative to the extent, that is accepted."""
+"""Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
 """Weight of a node, relative to the largest, that counts as zero."""

@@ -168,7 +168,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
             or data["last_time"].ndim != 1
         ):
             raise SceneError(
-                f"{path}: the header is not that of a checkpoint: the file is damaged",
+                f"{path}: this is not the header of a checkpoint: the file is damaged",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )

@@ -52,7 +52,8 @@ def solve_contact(
         delassus: (m, m) G, m = P d, m/N.
         free: (P, d) x_free, m.
         start: the state at the start of the step.
-        end: its x in: a first guess; out: the displacement at the end of the step.
+        end: `end.x` holds a first guess on entry, and the displacement at the end of the step on
+            exit.
         scratch: out: `mean_force` (P, d) over the step.
 
     Returns:
@@ -292,7 +293,7 @@ def _project_friction(
     force: float,
     scratch: ContactScratch,
 ) -> None:
-    """Friction of point p as a force on the friction disc, to `held_friction`; N is its `force`.
+    """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
     of contact of `fenicsrom.online.friction`. This friction is close to the mean along the path, so

@@ -34,25 +34,26 @@ class ContactState(NamedTuple):
 
 
 class PointScratch(NamedTuple):
-    """Scratch arrays of one contact point; (d,), and (d, d) where it says derivative.
+    """Scratch arrays of one contact point: vectors (d,) and derivatives (d, d).
 
-    All derivatives are those by the displacement x1 at the end of the step.
+    All derivatives are with respect to the displacement x1 at the end of the step.
 
     Attributes:
         normal: unit normal at the weighted point.
-        normal_derivative: its derivative.
-        gradient: gradient of the penetration at x1; then of the trial normal force there.
+        normal_derivative: derivative of the array above.
+        gradient: gradient of the penetration at x1; later, gradient of the trial normal force at
+            x1.
         gradient_derivative: half its derivative.
         mean_normal: discrete gradient of the penetration over the step.
-        mean_normal_derivative: its derivative.
+        mean_normal_derivative: derivative of the array above.
         start_stretch: tangential stretch x - w of the friction spring at the start of the step.
-        start_stretch_derivative: its derivative.
-        end_stretch: the same at the end of the step, or at the weighted point.
-        end_stretch_derivative: its derivative.
+        start_stretch_derivative: derivative of the array above.
+        end_stretch: tangential stretch at the end of the step, or at the weighted point.
+        end_stretch_derivative: derivative of the array above.
         stretch_change: change of the stretch while the point touches.
-        stretch_change_column: one column of its derivative.
+        stretch_change_column: one column of the derivative of `stretch_change`.
         slip_stretch: trial stretch at the point where the slipping part is evaluated.
-        slip_stretch_column: one column of its derivative.
+        slip_stretch_column: one column of the derivative of `slip_stretch`.
         slip_force: friction force there.
         place: a position on the path of the point, or of the surface.
         work: scratch array; no content is kept between two calls.

@@ -112,7 +112,7 @@ def check_energy(motion: Motion) -> None:
     found = energy_errors(motion)
     both = found.energy + found.work
     for off, size, name, verb in (
-        (found.created, found.energy, "largest energy", "comes from nowhere"),
+        (found.created, found.energy, "largest energy", "is created"),
         (found.lost, both, "largest energy and the work of the loads", "is lost"),
     ):
         if not off <= ENERGY_ERROR * size:

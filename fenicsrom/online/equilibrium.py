@@ -1,9 +1,9 @@
 """The equilibrium in which a motion starts: under the static loads and the preload of the contacts.
 
 Newton's method adds the pressure of the contacts in load steps. In each iteration the contact
-is solved in full as in a time step, but without friction: the sliders come to rest where the points
-do. An equilibrium may be unstable: a beam that is pressed beyond its buckling load is an example.
-The model is then displaced along its softest direction and follows
+is solved in full as in a time step, but without friction: the sliders end at the points. An
+equilibrium may be unstable: a beam that is pressed beyond its buckling load is an example. The
+model is then displaced along its softest direction and follows
 
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 

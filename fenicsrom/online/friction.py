@@ -73,11 +73,11 @@ class FrictionLimits(NamedTuple):
 
     Attributes:
         fraction: tau, fraction of the step during which the point touches.
-        fraction_by_end: its derivative by y1, the trial normal force at the end, 1/N.
+        fraction_by_end: derivative of `fraction` by y1, the trial normal force at the end, 1/N.
         first: La, limit where the touch begins, N.
-        first_by_end: its derivative by y1.
+        first_by_end: derivative of `first` by y1.
         last: Lb, limit where the touch ends, N.
-        last_by_end: its derivative by y1.
+        last_by_end: derivative of `last` by y1.
     """
 
     fraction: float
@@ -188,7 +188,7 @@ def friction_limits(
         before: y0, N.
         after: y1, N.
         force: N_b, mean normal force of the step, N.
-        force_by_end: its derivative by y1.
+        force_by_end: derivative of `force` by y1.
         blending: b.
     """
     mean, mean_by_end = mean_normal_force(before, after)
@@ -257,7 +257,7 @@ def project_on_tangent_plane(
 
     Args:
         n: (d,) unit normal.
-        n_derivative: (d, d) its derivative by x1.
+        n_derivative: (d, d) derivative of `n` by x1.
         weight: the derivative of the vector by x1 is weight I.
         vector: (d,) in and out.
         derivative: (d, d) out: derivative of the projection by x1.
@@ -384,7 +384,7 @@ def add_friction_derivative(
     """Add the derivative of the mean friction (9) by x1 to `scratch.force_derivative[p]`.
 
     It is written column by column, j; a name that ends in _j is the derivative by x1[j]. The
-    friction of point p is the one before it is multiplied by tau.
+    friction of point p is not yet multiplied by tau.
     """
     point, d, kt = scratch.point, len(scratch.space), stiffness
     start, end, change = point.start_stretch, point.end_stretch, point.stretch_change
@@ -467,7 +467,7 @@ def friction_force(
         before: y0, N.
         after: y1, N.
         force: mean normal force of the step, N.
-        force_by_end: its derivative by y1.
+        force_by_end: derivative of `force` by y1.
         scratch: in: `point.normal`, `point.gradient` (of y1) and the stretches with their
             derivatives; out: `mean_friction`, `slider_motion` and `mode` of the point; its
             derivative is added to `force_derivative`.

@@ -16,7 +16,7 @@ from fenicsrom.online.step import accept, attempt, extrapolate, mass_coefficient
 from fenicsrom.online.surfaces import penetration
 
 STEP_SHARE = 0.01  # part of the tolerance that one adaptive step may use
-SMALLEST_STEP = 1e-6  # part of the nominal step; smaller steps end the run
+SMALLEST_STEP = 1e-6  # smallest step as a part of the nominal step; a smaller step ends the run
 
 DONE, FULL, FAILED = 0, 1, 2
 
@@ -58,11 +58,11 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
 
 @register_jitable(inline="always")
 def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-def]
-    """Estimated local error of a converged step, relative to the allowed one.
+    """Estimated local error of a converged step, relative to the allowed error.
 
     The distance from the extrapolation contains vibrations too fast for the step, which oscillate
-    and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes them; the error of
-    what the step resolves remains.
+    and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes these vibrations;
+    the error of the resolved motion remains.
     """
     surprise = state.trial.change
     extrapolate(surprise, state, h)

@@ -10,10 +10,11 @@ A one-step scheme balances weighted means of the forces over a step h, with dq =
 Average acceleration (am = af = 0) and generalised-alpha (Chung and Hulbert 1993) weight the elastic
 and contact forces at the ends of the step. The discrete gradient (am = af = 1/2, beta = 1/4,
 gamma = 1/2; Simo and Tarnow 1992, Gonzalez 1996) takes the elastic force averaged along the
-straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model,
-and the discrete gradient of the normal contact energy: work and energy then balance exactly,
-whatever the step. The friction law is that of `fenicsrom.online.contact_step`: it dissipates in
-every step. In a rotating frame the gyroscopic forces Gamma v join those of damping.
+straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model.
+It takes the discrete gradient of the normal contact energy as the normal force. Work and energy
+then balance exactly, whatever the step. The friction law is that of
+`fenicsrom.online.contact_step`: it dissipates in every step. In a rotating frame the gyroscopic
+forces Gamma v join those of damping.
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then
 the contact problem in full in the few contact coordinates
@@ -127,7 +128,7 @@ class _Run:
         contacts: parameters of the contact points.
         plan: the weights of the scheme.
         advance: `march`, plain or compiled.
-        period: of the loads, s; None without.
+        period: period of the loads, s; None without a period.
         horizon: length of a span: the period, or the whole duration, s.
         stops: times in a span on which steps must land, s.
         control: how the step is chosen.
@@ -135,7 +136,7 @@ class _Run:
         record: rows for `advance`.
         done: periods that a resumed run had completed before.
         buckled: as in `Motion`.
-        history: the rows of each span; the first entry is where the run starts.
+        history: the rows of each span; the first entry is the initial state.
         seconds: run time so far, compilation excluded.
     """
 
@@ -183,7 +184,7 @@ def integrate(
             displacements.
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
             tolerance, or duration.
-        period: of the loads, s; None runs for `settings.duration`.
+        period: period of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
             points; by default the run starts at rest in the equilibrium under static loads and

@@ -52,8 +52,8 @@ def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
             sentences.append(
-                f"contacts[{k}]: {number} out of reach during the whole run, "
-                f"no nearer than {1e3 * least:.4g} mm"
+                f"contacts[{k}]: {number} never touched the surface; "
+                f"the smallest gap was {1e3 * least:.4g} mm"
             )
     return sentences
 
@@ -64,7 +64,7 @@ def amplitude(motion: Motion) -> Array:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether a motion ends at rest: its amplitude is at most `REST` of its displacement."""
+    """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
     return bool(
         np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
     )
@@ -161,14 +161,14 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact open is 1.
+        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
     return {name: float(fractions.mean()) for name, fractions in _state_fractions(motion).items()}
 
 
-def _state_fractions(motion: Motion) -> dict[str, np.ndarray]:
+def _state_fractions(motion: Motion) -> dict[str, Array]:
     """Fraction (P,) of the last period that each point spends in each state, by its name."""
     part = motion.last_period()
     weights = _weights(motion.time[part])
@@ -240,8 +240,8 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     """Differences over the last period from a reference, in percent of the reference.
 
     Args:
-        motion: the motion to judge.
-        reference: usually of the full model.
+        motion: the motion to compare.
+        reference: the reference motion, usually of the full model.
 
     Returns:
         `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ...,
@@ -267,7 +267,7 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     }
 
 
-def _weights(time: np.ndarray) -> np.ndarray:
+def _weights(time: Array) -> Array:
     """Weights (ns,) of the trapezoidal rule, with sum 1."""
     if len(time) < 2:
         return np.ones(len(time))

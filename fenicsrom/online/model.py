@@ -48,7 +48,7 @@ class Workspace(NamedTuple):
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
         tangent: (n, n) its derivative.
-        factor: (n, n) the last effective stiffness factorised.
+        factor: (n, n) factors of the last effective stiffness.
         pivots: (n,)
         key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
             keeps it; the first is NaN if the matrix is singular.

@@ -69,7 +69,8 @@ def in_load_steps(
 ) -> tuple[Array, float]:
     """Follow an equilibrium as the load grows from nothing to all of it, in adaptive steps.
 
-    The first step is the whole load. A step that fails is halved, one that succeeds is doubled.
+    The first step is the whole load. A step that fails is halved, and a step that succeeds is
+    doubled.
 
     Args:
         start: (n,) equilibrium without the load.

@@ -48,11 +48,11 @@ class StepCoefficients(NamedTuple):
 
     Attributes:
         mass: coefficient of M dq in the forces of inertia and damping.
-        inertia_v: of M v0 in them.
-        inertia_a: of M a0 in them.
-        gyroscopic: coefficient of dq in the mean velocity, and so of Gamma dq.
-        velocity_v: of v0 in the mean velocity.
-        velocity_a: of a0 in it.
+        inertia_v: coefficient of M v0 in these forces.
+        inertia_a: coefficient of M a0 in these forces.
+        gyroscopic: coefficient of dq in the mean velocity, and of Gamma dq in the forces.
+        velocity_v: coefficient of v0 in the mean velocity.
+        velocity_a: coefficient of a0 in the mean velocity.
     """
 
     mass: float

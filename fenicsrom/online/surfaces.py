@@ -176,8 +176,8 @@ def gap_discrete_gradient(
 
     n . (x1 - x0) is delta(x1) - delta(x0): exactly for planes, cylinders and spheres, because
     |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for
-    waves. Between a point and itself it is the gradient, and the derivative is half the second
-    derivative of the penetration.
+    waves. If both points are equal, the discrete gradient is the gradient, and the derivative is
+    half the second derivative of the penetration.
 
     Args:
         contacts: the parameters.

@@ -201,7 +201,7 @@ def timing_note(comparison: Comparison) -> list[str]:
     """State how the run times were measured, and on which machine."""
     here = machine()
     repeats = comparison.scene.compare.repeats
-    short = {o.timed_periods for o in comparison.outcomes} - {None}
+    short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
     found = [
         f"Online seconds are the median of {repeats} runs; ± is half of their range. Offline "
         "seconds are the sum of the stages that a basis needs. Compilation and warm-up took "

@@ -96,7 +96,7 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
 
     Args:
         errors: as `Study.errors`.
-        motion: of the reduced model.
+        motion: the motion of the reduced model.
     """
     sizes = {
         name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"

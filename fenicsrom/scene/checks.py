@@ -202,7 +202,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         yield Problem("geometry.scale", geometry.scale, allowed)
     if "structured" in geometry.parameters:
         value = geometry.parameters["structured"]
-        yield Problem("geometry.parameters.structured", value, "use geometry.cells in its place")
+        yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")
 
 
 def _rotation_problems(scene: Scene) -> Problems:

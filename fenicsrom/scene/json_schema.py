@@ -45,7 +45,7 @@ def _table(kind: type) -> dict[str, Any]:
 
 
 def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
-    """Give the required keys of a table, and for each set of alternatives what each requires."""
+    """Give the required keys of a table, and the required keys of each alternative."""
     required = [name for name, _, _, default in _own_keys(kind) if default is MISSING]
     alternatives: list[list[dict[str, Any]]] = []
     for entry, _ in entries(kind).values():

@@ -21,11 +21,11 @@ Direction = Annotated[tuple[float, ...], rules.direction]
 
 @dataclass(frozen=True, kw_only=True)
 class PointForce:
-    """A force at a point; on a region it works on the mean displacement of the region.
+    """A force at a point, or on the mean displacement of a region.
 
     Attributes:
         direction: direction of the load, scaled to unit length.
-        force: size of a point force; on a region it works on the mean displacement.
+        force: size of a force at a point, or on the mean displacement of a region.
     """
 
     WHERE: ClassVar[str] = "with a force"

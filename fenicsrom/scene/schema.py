@@ -407,7 +407,7 @@ class Scene:
     def period(self) -> float | None:
         """Period of the excitation in s, that of the lowest frequency.
 
-        It is None without a harmonic load or with a load that does not repeat.
+        The period is None without a harmonic load, or with a load that does not repeat.
         """
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         if not frequencies or any(load.transient for load in self.loads):

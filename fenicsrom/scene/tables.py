@@ -28,11 +28,11 @@ T = TypeVar("T")
 
 
 class OneOf:
-    """Alternatives of which a table describes one; the first tag that is given chooses it.
+    """Alternatives, of which a table describes one; the first given tag selects the alternative.
 
     Attributes:
         tags: the dataclasses by the key that chooses them, in the order of choice.
-        otherwise: the dataclass without any of these keys; None if one of them is required.
+        otherwise: the dataclass if none of these keys is given; None if one key is required.
     """
 
     def __init__(self, otherwise: type | None = None, **tags: type):

@@ -21,8 +21,8 @@ class Periodic:
 
     Attributes:
         periods: largest number of periods; a run ends earlier if it reaches a steady state.
-        steady_tolerance: relative change over a period below which the motion is steady, with 0 no
-            motion counts as steady; by default the larger of 1e-5 and `tolerance`.
+        steady_tolerance: relative change over a period below which the motion is steady; 0 runs all
+            periods; by default the larger of 1e-5 and `tolerance`.
     """
 
     WHERE: ClassVar[str] = "with periods"

@@ -136,6 +136,7 @@ def test_derivatives_are_needed():
     ] == pytest.approx(87.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_three_dimensions_reduced():
     """157.07 mm is the full 3D model's; the reduced model is within 0.3 % of it."""
     scene = demo("slip_liftoff_3d", *PAPER)

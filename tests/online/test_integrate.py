@@ -232,6 +232,7 @@ def test_energy_over_ten_thousand_steps_is_constant() -> None:
     assert abs(motion.elastic[0] / linear - 1) > 0.1  # and far
 
 
+@pytest.mark.slow
 def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
     """To 1e-10, at steps of a tenth and of a third of a radian of the fastest mode; compiled."""
     model = random_model(3, seed=3)
@@ -243,7 +244,7 @@ def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
         assert np.ptp(motion.kinetic) > 0.3 * energy[0]
 
 
-@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+@pytest.mark.parametrize("method", ["rubin", pytest.param("craig-bampton", marks=pytest.mark.slow)])
 def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None:
     from fenicsrom.reduction.projection import project
 

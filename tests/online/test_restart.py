@@ -355,7 +355,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
             "--set",
             "contacts.0.friction=0.1",
         ],
-        "--resume needs the model too": resume,
+        "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
         assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
