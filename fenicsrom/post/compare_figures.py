@@ -21,7 +21,7 @@ LEAST = 1e-6  # percent; smaller errors are drawn at this value
 
 
 def tip_error(outcome: Outcome) -> float:
-    """Error of the tip amplitude of an outcome that has one, percent."""
+    """Error of the tip amplitude of an outcome with a full model, percent."""
     error = outcome.errors["amplitude_tangential"]
     assert error is not None
     return error
@@ -104,7 +104,7 @@ def _annotate(
     ys: list[float],
     front: list[int],
 ) -> None:
-    """Write names beside their points, the Pareto front first; skip a name without room."""
+    """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
     from matplotlib.figure import Figure
 
     axis.margins(x=0.12, y=0.06)

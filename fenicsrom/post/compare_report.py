@@ -104,7 +104,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 
 def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal and the report, its head first."""
+    """Compose the table of the terminal and the report; the first row is the header."""
     several = {
         "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
@@ -193,7 +193,7 @@ def sentences(comparison: Comparison) -> list[str]:
 
 
 def _runs(count: int | None) -> str:
-    """Write a number of runs."""
+    """Format a number of runs."""
     return "no number of runs" if count is None else "1 run" if count == 1 else f"{count} runs"
 
 
