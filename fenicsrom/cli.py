@@ -232,9 +232,9 @@ def _run(options: argparse.Namespace) -> int:
         return _rerun(options)
     if options.scene is None:
         if options.resume:
-            sentence = "fenicsrom run: --resume also needs the scene file or --from MODEL"
+            sentence = "--resume also needs the scene file or --from MODEL"
         else:
-            sentence = "fenicsrom run: give a scene file or --from MODEL"
+            sentence = "run: give a scene file or --from MODEL"
         raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
     comm, say, scene, folder = _start(options)
     from fenicsrom import study
