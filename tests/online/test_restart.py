@@ -349,7 +349,7 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
             "--set",
             "contacts.0.friction=0.1",
         ],
-        "--resume needs the model too": resume,
+        "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
         assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
