@@ -145,13 +145,14 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-_owning_march = compiled(march)
+# inlined, so that the compiler sees that the arrays it is passed have no owner
+_inlined_march = compiled(march, forceinline=True)
 
 
 @compiled
 def compiled_march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
     """`march` in compiled code, without the counting of references to arrays."""
-    return _owning_march(
+    return _inlined_march(
         borrowed(model),
         borrowed(contacts),
         borrowed(scheme),
