@@ -123,8 +123,8 @@ def read_archive(
         path: the file.
         what: what the file should hold, such as "a checkpoint".
         form: the entry "format" that its header should have.
-        earlier: how the formats of earlier versions begin, which this version cannot read; "" if
-            there are none.
+        earlier: a prefix of "format". An entry with this prefix that differs from `form` was
+            written by another version of the program, and the error says so. "" skips this check.
 
     Yields:
         The header, and the arrays by their names.

@@ -236,7 +236,8 @@ def _check_abaqus(path: Path, text: str) -> str:
                 )
         elif block in ("*NSET", "*ELSET") and re.search(r"[^-0-9,\s]", line):
             raise SceneError(
-                f"{path}: {block} of other sets ({line.strip()}): must list numbers",
+                f"{path}: {block} lists the names of other sets ({line.strip()}): "
+                "must list node or element numbers",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )

@@ -306,8 +306,9 @@ class Solid(ElasticBody):
                 rotation.omega_squared = goal
                 what += " and of the centrifugal force"
             raise ConvergenceError(
-                f"static equilibrium: no convergence beyond {100.0 * reached:.4g} % {what} "
-                "(smallest load step)",
+                f"static equilibrium: Newton's method converged up to {100.0 * reached:.4g} % "
+                f"{what}, and then failed even with a load step below "
+                f"{100.0 * SMALLEST_LOAD_STEP:g} %",
                 u,
             )
         return u
