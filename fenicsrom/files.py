@@ -61,9 +61,9 @@ def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
 
     Args:
         path: the folder to write.
-        comm: an MPI communicator whose ranks all write into the folder. The call is collective, but
-            the body must not be: if one rank fails, the folder does not appear, and every rank
-            raises.
+        comm: an MPI communicator whose ranks all write into the folder. All ranks enter and leave
+            together, but the body must not communicate, because it may fail on one rank only. Then
+            the folder does not appear, and every rank raises.
 
     Yields:
         The temporary folder to write into, the same on every rank.

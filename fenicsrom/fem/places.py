@@ -20,7 +20,7 @@ NEAR = 1e-3
 """Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
-"""Weight of a node, relative to the largest, that counts as zero."""
+"""A smaller weight of a node counts as zero; relative to the largest weight."""
 
 
 class Places:

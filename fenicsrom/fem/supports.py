@@ -15,7 +15,7 @@ from fenicsrom.fem.mesh import Ints, Mesh
 from fenicsrom.scene import Region
 
 COINCIDENT = 1e-12
-"""Variance of the clamped nodes in a direction, relative to the squared extent, that is zero."""
+"""A smaller variance of the clamped nodes counts as zero; relative to the squared extent."""
 
 
 def clamped_nodes(
