@@ -1,6 +1,7 @@
 """Reduced-order models of geometrically nonlinear structures with friction contact.
 
-Imports run one way. A package may import itself and those on its left, never those on its right:
+Imports run one way. A package may import itself and the packages on its left, never those on its
+right:
 
     arrays, errors, files < scene < online < reduction < fem < assess < post < study < cli
 

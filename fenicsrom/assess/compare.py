@@ -290,7 +290,7 @@ def time_runs(
     """Time `compare.repeats` runs.
 
     Returns:
-        Seconds of each run, and the periods of each if the run is too slow to repeat as a whole.
+        Seconds of each timed run, and the periods that it covers if it is only a part.
     """
     repeats = scene.compare.repeats
     if (

@@ -56,11 +56,11 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     The estimate is twice the difference of the amplitudes if both motions settle, and otherwise
     twice the difference of the root mean squares. The estimate is six times the error of a scheme
     of second order. It is twice the error of a scheme of first order; contacts that switch may
-    reduce the order to one. If successive amplitudes jump in both directions, as impacts cause,
-    their difference says little. The estimate is therefore at least a third of the distance between
-    the displacements of the last periods of both runs. The peak force is not resolved where a stiff
-    contact lasts a few steps. Its error is then unknown: this holds if a contact has a blending
-    weight of a half or more (`fenicsrom.online.contact_step`).
+    reduce the order to one. Impacts may make the difference of the amplitudes small by chance. The
+    estimate is therefore at least a third of the distance between the last periods of both runs. If
+    a stiff contact lasts only a few steps, its peak force is not resolved. The error of this force
+    counts as unknown if a contact has a blending weight of a half or more
+    (`fenicsrom.online.contact_step`).
 
     Args:
         model: the model that was integrated.

@@ -189,7 +189,8 @@ def _parse(path: Path, form: str) -> Any:
         ) from error
     if np.any(mesh.point_data.get("nastran:ref", 0)):
         raise SceneError(
-            f"{path}: a GRID has a coordinate system: must be the basic system (field 3 empty or 0)",
+            f"{path}: a GRID has a coordinate system: must be the basic system "
+            "(field 3 empty or 0)",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )

@@ -17,13 +17,13 @@ from fenicsrom.fem.gmsh_queries import (
 from fenicsrom.scene import Geometry
 
 DEGENERATE = 1e-12
-"""A smaller Jacobian determinant counts as zero; relative to the cell size to the power d."""
+"""Smaller Jacobian determinants, relative to the cell size to the power d, count as zero."""
 
 STRAIGHT = 1e-6
 """Accepted distance of a node from its place in the straight cell, relative to the cell."""
 
 PLANAR = 1e-9
-"""A smaller variation of z counts as zero in a 2D mesh; relative to the extent."""
+"""Smaller variations of z in a 2D mesh, relative to the extent, count as zero."""
 
 
 def check_cells(

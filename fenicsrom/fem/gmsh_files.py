@@ -267,10 +267,8 @@ def _import(gmsh: Any, path: Path, form: str, curved: bool) -> dict[str, Ints]:
             )
             for name in (name for name, marked in zip(file.groups, marks, strict=True) if marked):
                 entities.setdefault((d, name), []).append(entity)
-    for (
-        d,
-        name,
-    ), members in entities.items():  # one call per name: gmsh leaves a second group unnamed
+    # one call per name, because gmsh leaves a second group of this name unnamed
+    for (d, name), members in entities.items():
         gmsh.model.addPhysicalGroup(d, members, name=name)
     return {name: nodes + 1 for name, nodes in file.nodes.items()}
 

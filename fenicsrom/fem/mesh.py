@@ -33,7 +33,7 @@ ON_PLANE = 1e-6
 """Default tolerance of a picking plane, relative to the extent of the mesh."""
 
 ROUNDING = 1e-9
-"""A smaller distance counts as zero; relative to the extent of the mesh."""
+"""Smaller distances, relative to the extent of the mesh, count as zero."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from fenicsrom.fem.mesh import Ints, Mesh
 from fenicsrom.scene import Region
 
 COINCIDENT = 1e-12
-"""A smaller variance of the clamped nodes counts as zero; relative to the squared extent."""
+"""Smaller variances of the clamped nodes, relative to the squared extent, count as zero."""
 
 
 def clamped_nodes(

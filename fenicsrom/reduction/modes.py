@@ -40,13 +40,13 @@ An exact pair of a symmetric section is split by a mesh of tetrahedra.
 """
 
 FACING_TOLERANCE = 1e-6
-"""A smaller work of a mode on a direction counts as zero; relative to the largest work."""
+"""Smaller works of a mode on a direction, relative to the largest work, count as zero."""
 
 INDEPENDENCE = 1e-12
-"""A smaller eigenvalue of the contact flexibility is zero; relative to the largest."""
+"""Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
 
 LARGEST_CONDITION = 1e12
-"""With a larger condition number of the scaled flexibility, contact coordinates depend."""
+"""Contact coordinates depend if the scaled flexibility has a larger condition number."""
 
 IMMOBILE = 1e-14
 """A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""

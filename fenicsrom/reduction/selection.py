@@ -24,7 +24,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
 
 RANK_TOLERANCE = 1e-12
-"""Least squares drops smaller eigenvalues of the Gram matrix; relative to the largest."""
+"""Smaller eigenvalues of the Gram matrix, relative to the largest, count as zero."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ STATIC_LEVELS = 10
 """Number of load levels of the nonlinear statics."""
 
 SNAPSHOT_STEADINESS = 1e-3
-"""The linear transient ends if it changes by less than this over a period; relative."""
+"""The linear transient ends if its relative change over a period is smaller."""
 
 
 class Snapshots:
