@@ -1,12 +1,13 @@
 """Reduced-order models of geometrically nonlinear structures with friction contact.
 
-Imports run one way. A package may import itself and those on its left, never those on its right:
+Imports run one way. A package may import itself and the packages on its left, never those on its
+right:
 
     arrays, errors, files < scene < online < reduction < fem < assess < post < study < cli
 
 Only `fem` needs dolfinx; `scene`, `online` and `reduction` run with numpy, scipy and numba alone.
-The names below are the public interface. Each is imported from its module on first use, so that
-`import fenicsrom` is fast and needs nothing that the caller does not use.
+The names below are the public interface. Each is imported from its module on first use. Therefore
+`import fenicsrom` is fast, and it loads only the modules that the caller uses.
 """
 
 from importlib import import_module

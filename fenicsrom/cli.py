@@ -268,7 +268,7 @@ def _rerun(options: argparse.Namespace) -> int:
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
-    if resume is not None:  # the run may have had another scene than the model
+    if resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
     if options.scene is not None:
         current = stored.with_scene(read_scene(options.scene, options.overrides))

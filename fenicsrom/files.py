@@ -61,9 +61,9 @@ def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
 
     Args:
         path: the folder to write.
-        comm: an MPI communicator whose ranks all write into the folder. The call is collective, but
-            the body must not be: if one rank fails, the folder does not appear, and every rank
-            raises.
+        comm: an MPI communicator whose ranks all write into the folder. All ranks enter and leave
+            together, but the body must not communicate, because it may fail on one rank only. Then
+            the folder does not appear, and every rank raises.
 
     Yields:
         The temporary folder to write into, the same on every rank.
@@ -123,8 +123,8 @@ def read_archive(
         path: the file.
         what: what the file should hold, such as "a checkpoint".
         form: the entry "format" that its header should have.
-        earlier: how the formats of earlier versions begin, which this version cannot read; "" if
-            there are none.
+        earlier: a prefix of "format". An entry with this prefix that differs from `form` was
+            written by another version of the program, and the error says so. "" skips this check.
 
     Yields:
         The header, and the arrays by their names.

@@ -50,10 +50,10 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
     """Errors of the last period against the last period of a reference, percent.
 
     Returns:
-        The errors of `fenicsrom.online.measures.errors_percent`; `history`: L2 norm of the
-        difference of the displacements at equal phases, relative to the reference, of all points
-        and directions; `state`: part of the period in which the contact state differs. An error is
-        None if the reference value is zero or missing.
+        The errors of `fenicsrom.online.measures.errors_percent`, and two more. `history` compares
+        the displacements of all points and directions at equal phases: it is the L2 norm of their
+        difference, relative to the reference. `state` is the part of the period in which the
+        contact state differs. An error is None if the reference value is zero or missing.
     """
     shift, other = (on_phases(m, m.displacement) for m in (motion, reference))
     size = float(np.linalg.norm(other))

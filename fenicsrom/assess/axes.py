@@ -1,8 +1,8 @@
 """The axes along which `fenicsrom stability` drives a scene to its extremes.
 
-No axis has a unit: its values are factors on a value of the scene, or on a scale of its reduced
-model (`fenicsrom.assess.scales`). The same physical scene in other units has the same axes. An axis
-is left out, with the reason, if the scene lacks the feature that it varies.
+The values of an axis have no unit: they multiply a value of the scene, or a scale of its reduced
+model (`fenicsrom.assess.scales`). A scene that is written in other units therefore has the same
+axes. An axis is left out, with the reason, if the scene lacks the feature that it varies.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def contact_stiffness(scene: Scene, scales: Scales, normal: float, tangential: f
 
 
 def preload(scene: Scene, scales: Scales, factor: float) -> Overrides:
-    """Preloads as multiples of the buckling load, or of those of the scene if there is none."""
+    """Multiples of the buckling preload; without one, multiples of the preload of the scene."""
     if scales.preload is not None:
         return contacts_with(scene, preload=lambda k: factor * scales.preload[k])  # type: ignore
     if scene.contacts and not any(contact.preload for contact in scene.contacts):
@@ -300,7 +300,7 @@ def _long_run(scene: Scene, scales: Scales) -> Values:
 
 
 def _pairs(scene: Scene, scales: Scales) -> Values:
-    """The worst values of two axes together, as far as the scene has both."""
+    """The worst values of two axes together; a pair is left out if the scene lacks an axis."""
 
     def coarse() -> Overrides:
         return _steps(scene, scales)["10 a period" if scene.period else "10 times as long"]

@@ -13,8 +13,8 @@ MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Engine order k excites k times per revolution. A critical speed Omega is a root of
 f(Omega)^2 = (k Omega / 2 pi)^2, where f^2 is a cubic spline of the speed (Southwell: f^2 is nearly
-linear in Omega^2). Modes that veer exchange their shapes: closely spaced speeds track the curves of
-the frequencies, widely spaced speeds track the shapes.
+linear in Omega^2). Modes that veer exchange their shapes. With closely spaced speeds a tracked mode
+follows the curve of its frequency; with widely spaced speeds it keeps its shape.
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@
 
 The full model runs once; its motion is kept in the user's cache folder
 (`fenicsrom.assess.full_cache`). The combinations share the mesh, the solid with its factor, the
-modes and the snapshots. The offline seconds of a combination are the sum of the stages it needs, as
-if it were the only one (its modes are the first of the largest requested number). The indicator
-(`fenicsrom.assess.residual`) needs no full run.
+modes and the snapshots. The modes are computed once, for the largest requested number, and each
+combination uses the first of them. The offline seconds of a combination are the sum of the stages
+that it needs, as if it were the only combination. The indicator (`fenicsrom.assess.residual`) needs
+no full run.
 """
 
 from __future__ import annotations
@@ -289,7 +290,7 @@ def time_runs(
     """Time `compare.repeats` runs.
 
     Returns:
-        Seconds of each run, and the periods of each if the run is too slow to repeat as a whole.
+        Seconds of each timed run, and the periods that it covers if it is only a part.
     """
     repeats = scene.compare.repeats
     if (

@@ -54,12 +54,13 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     """Estimate the errors of a motion due to its time step, from a run with twice the step.
 
     The estimate is twice the difference of the amplitudes if both motions settle, and otherwise
-    twice the difference of the root mean squares. That is six times the error of a scheme of second
-    order, and twice the error of one of first order, which contacts that switch may cause. Impacts
-    make the amplitudes of successive steps jump in both directions: the estimate is at least a
-    third of the distance of the last periods. The peak force of a stiff contact that lasts a few
-    steps is not resolved: its error is unknown where the contact blends towards the end of the step
-    by half or more (`fenicsrom.online.contact_step`).
+    twice the difference of the root mean squares. The estimate is six times the error of a scheme
+    of second order. It is twice the error of a scheme of first order; contacts that switch may
+    reduce the order to one. Impacts may make the difference of the amplitudes small by chance. The
+    estimate is therefore at least a third of the distance between the last periods of both runs. If
+    a stiff contact lasts only a few steps, its peak force is not resolved. The error of this force
+    counts as unknown if a contact has a blending weight of a half or more
+    (`fenicsrom.online.contact_step`).
 
     Args:
         model: the model that was integrated.
@@ -68,7 +69,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     """
     coarse = coarser(scene)
     if coarse.time == scene.time and not at_rest(motion):
-        return StepErrors(np.inf, np.inf)  # a single step has no coarser one
+        return StepErrors(np.inf, np.inf)  # a single step cannot be made longer
     try:
         other = simulate(model, coarse)
     except (ConvergenceError, AccuracyError):
@@ -128,9 +129,9 @@ def richer_basis(
 ) -> ReducedBasis | None:
     """A richer basis to compare with, or None if there is none.
 
-    The richer basis adds the derivatives that were left out, the largest weights first. If no
-    derivative was left out, or if the preload has buckled the model and moved it far from the state
-    of its basis, the richer basis has `MORE_MODES` more normal modes and all derivatives.
+    The richer basis adds the derivatives that were left out, the largest weights first. In two
+    cases it has `MORE_MODES` more normal modes and all derivatives instead: no derivative was left
+    out, or the preload has buckled the model and moved it far from the state of its basis.
 
     Args:
         body: the structure.

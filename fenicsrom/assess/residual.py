@@ -6,10 +6,10 @@ motion. Its size is its work on the linear structure, relative to the work of th
 
     indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
 
-the energy norm of the displacement that belongs to the residual. The indicator has no unit. Its
-meaning does not depend on the mesh, nor on the mix of stiff axial and soft transverse forces; the
-meaning of the plain norm |r|/|p| depends on both. The plain norm is kept to compare how well the
-two norms rank the bases.
+which is the energy norm of the displacement that the residual would cause in the linear structure.
+The indicator has no unit. It does not depend on the mesh, or on the ratio of stiff axial to soft
+transverse forces. The plain norm |r|/|p| depends on both; it is computed only to compare how well
+the two norms rank the bases.
 """
 
 from __future__ import annotations

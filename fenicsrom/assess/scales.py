@@ -13,7 +13,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.scene import Scene
 
-# inverse buckling factors below this part of the largest are rounding
+# a smaller inverse buckling factor, relative to the largest, is rounding
 LEAST_INVERSE_FACTOR = 1e-9
 
 
@@ -54,7 +54,7 @@ def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
 
     With the flexibility C = B^T K^-1 B at the contact points and a unit force spread by their
     tributary areas a_p, f_p = a_p / sum a, the body has the stiffness 1 / (f^T C f). Springs of
-    stiffness k per tributary area have k sum a together.
+    stiffness k per tributary area together have the stiffness k sum a.
     """
     areas = np.where(model.points.contact == contact, model.points.tributary_area, 0.0)
     dimension = model.points.position.shape[1]
@@ -75,14 +75,14 @@ def _pair(flexibility: list[float]) -> tuple[float, float]:
 def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | None:
     """The preload of each contact that buckles the body, or None.
 
-    Linear buckling: the preload N displaces the body by q1 = -K^-1 B^T N, which changes the tangent
-    by K_g = A q1, and the least positive factor with det(K + factor K_g) = 0 is the buckling
-    factor. The contact springs and the curvature of the surface are left out.
+    Linear buckling: the preload N displaces the body by q1 = -K^-1 B^T N. This changes the tangent
+    by K_g = A q1. The buckling factor is the least positive factor with det(K + factor K_g) = 0.
+    The contact springs and the curvature of the surface are left out.
 
     Args:
         model: the reduced model.
-        scene: its scene. The preloads are scaled together; without preload, contacts without gap
-            are pressed equally.
+        scene: its scene. One factor scales all its preloads. If it has neither preloads nor gaps,
+            all contacts get equal preloads.
     """
     pattern = np.array([contact.preload for contact in scene.contacts])
     if not pattern.any() and not any(contact.gap > 0.0 for contact in scene.contacts):

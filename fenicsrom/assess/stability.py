@@ -59,7 +59,7 @@ class Verdict(StrEnum):
     WRONG = "silently wrong"
 
 
-NEGLIGIBLE = 1e-3  # relative difference that counts as zero, whatever the estimate
+NEGLIGIBLE = 1e-3  # a smaller relative difference always counts as zero
 UNITS_ERROR = 1e-6  # largest relative difference between runs in different units
 # largest relative difference of the root mean squares of motions that do not settle
 UNSTEADY_ERROR = 0.5

@@ -16,7 +16,7 @@ from fenicsrom.scene.step_size import refined, step_key
 
 # largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
-# the same for the root mean squares of a motion that does not settle
+# largest accepted relative error of the root mean squares of a motion that does not settle
 UNSETTLED_ERROR = 1.0
 # largest accepted relative difference of the amplitudes from those of a richer basis
 BASIS_ERROR = 0.05
@@ -28,7 +28,8 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     Args:
         scene: the scene of the motion.
         estimate: the relative error, infinite if there is no estimate.
-        unsteady: whether the motion does not settle: `UNSETTLED_ERROR` applies, else `TIME_ERROR`.
+        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_ERROR` instead of
+        `TIME_ERROR`.
 
     Raises:
         AccuracyError: the estimate is above the limit.
@@ -98,8 +99,8 @@ def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError 
 def recommended_step(scene: Scene, estimate: float) -> Scene:
     """The scene with a step that likely brings the error below half of `TIME_ERROR`.
 
-    The step is halved often enough for a scheme of first order, which contacts that switch may
-    cause. Without an estimate (infinite), a quarter of the step is taken.
+    The number of halvings assumes a scheme of first order, because contacts that switch may reduce
+    the order to one. If the estimate is infinite, the step is halved twice.
     """
     halvings = np.log2(estimate / (0.5 * TIME_ERROR)) if np.isfinite(estimate) else 2.0
     return refined(scene, 2 ** max(1, int(np.ceil(halvings))))

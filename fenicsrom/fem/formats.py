@@ -189,7 +189,8 @@ def _parse(path: Path, form: str) -> Any:
         ) from error
     if np.any(mesh.point_data.get("nastran:ref", 0)):
         raise SceneError(
-            f"{path}: a GRID has a coordinate system: must be the basic system (field 3 empty, 0)",
+            f"{path}: a GRID has a coordinate system: must be the basic system "
+            "(field 3 empty or 0)",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -236,7 +237,8 @@ def _check_abaqus(path: Path, text: str) -> str:
                 )
         elif block in ("*NSET", "*ELSET") and re.search(r"[^-0-9,\s]", line):
             raise SceneError(
-                f"{path}: {block} of other sets ({line.strip()}): must list numbers",
+                f"{path}: {block} lists the names of other sets ({line.strip()}): "
+                "must list node or element numbers",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
@@ -246,7 +248,7 @@ def _check_abaqus(path: Path, text: str) -> str:
 def _element_sets(mesh: Any, text: str) -> None:
     """Put the sets that *ELEMENT names by ELSET= into the mesh.
 
-    Meshio assigns them to wrong blocks if a block has no such name.
+    Meshio assigns these sets to wrong blocks if some *ELEMENT has no ELSET=.
     """
     blocks = re.findall(r"^\*ELEMENT *,(.*)$", text, flags=re.MULTILINE)
     names = [re.search(r"ELSET *= *\"?([^,\"]+)", line, flags=re.I) for line in blocks]

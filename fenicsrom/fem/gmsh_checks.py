@@ -17,13 +17,13 @@ from fenicsrom.fem.gmsh_queries import (
 from fenicsrom.scene import Geometry
 
 DEGENERATE = 1e-12
-"""Jacobian determinant, relative to the size of the cell to the power d, that counts as zero."""
+"""Smaller Jacobian determinants, relative to the cell size to the power d, count as zero."""
 
 STRAIGHT = 1e-6
 """Accepted distance of a node from its place in the straight cell, relative to the cell."""
 
 PLANAR = 1e-9
-"""Variation of z in a 2D mesh, relative to the extent, that counts as none."""
+"""Smaller variations of z in a 2D mesh, relative to the extent, count as zero."""
 
 
 def check_cells(
@@ -64,8 +64,9 @@ def check_cells(
     ]
     if not geometry.curved and moved > STRAIGHT:
         warnings.append(
-            f"{source}: curved cells are made straight, a node moves by up to "
-            f"{100 * moved:.2g} % of the size of its cell: geometry.curved = true keeps the curves"
+            f"{source}: curved cells are made straight, which moves a node by up to "
+            f"{100 * moved:.2g} % of the size of its cell; "
+            "set geometry.curved = true to keep the curves"
         )
     return given, kind, tuple(warnings)
 
@@ -150,10 +151,10 @@ def _check_shapes(
 
 
 def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], kind: int) -> None:
-    """Check that facets have a kind that facets of the cells can have.
+    """Check that the facets of each group are of the kind that these cells have.
 
     Raises:
-        SceneError: they have another kind.
+        SceneError: the facets of a group are of another kind.
     """
     for name, entities in groups.items():
         types = {

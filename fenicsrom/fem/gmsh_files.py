@@ -19,7 +19,7 @@ from fenicsrom.fem.gmsh_queries import Ints
 from fenicsrom.scene import Geometry
 
 FARTHEST = 1e15
-"""Coordinate of a geometry, in its own unit, beyond which gmsh crashes or fills all memory."""
+"""Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
 
 MOST_CELLS = 1e5
 """Largest number of cells along the body."""
@@ -267,7 +267,8 @@ def _import(gmsh: Any, path: Path, form: str, curved: bool) -> dict[str, Ints]:
             )
             for name in (name for name, marked in zip(file.groups, marks, strict=True) if marked):
                 entities.setdefault((d, name), []).append(entity)
-    for (d, name), members in entities.items():  # once each: gmsh gives a second group no name
+    # one call per name, because gmsh leaves a second group of this name unnamed
+    for (d, name), members in entities.items():
         gmsh.model.addPhysicalGroup(d, members, name=name)
     return {name: nodes + 1 for name, nodes in file.nodes.items()}
 

@@ -34,7 +34,7 @@ CLEAN = "fenicsrom"
 """Name of the clean model in gmsh."""
 
 COINCIDENT = 1e-9
-"""Distance of two nodes, relative to the extent of the mesh, that counts as zero."""
+"""Nodes at smaller distances, relative to the extent of the mesh, coincide."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ class Factorisation:
     for a small matrix, PETSc itself computes them.
     """
 
-    SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
+    SMALL = 1000  # with fewer unknowns PETSc's factorisation is faster than MUMPS
 
     def __init__(
         self, matrix: PETSc.Mat, prefix: str, symmetric: bool = True, counting: bool = False
@@ -40,8 +40,8 @@ class Factorisation:
         self._ksp.setType(PETSc.KSP.Type.PREONLY)
         pc = self._ksp.getPC()
         self._small = matrix.getSize()[0] < self.SMALL and self.comm.size == 1
-        # LDL^T in both: with an inverse that is symmetric to the last digit the modes are right to
-        # 1e-12, with LU to 1e-6
+        # Both solvers use LDL^T, whose inverse is symmetric to the last digit: the modes are then
+        # accurate to 1e-12. With LU they are accurate to 1e-6 only.
         matrix.setOption(PETSc.Mat.Option.SYMMETRIC, symmetric)
         pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
         if not self._small:
@@ -49,7 +49,7 @@ class Factorisation:
         self._ksp.setFromOptions()
         if (
             counting and not self._small
-        ):  # MUMPS counts negative pivots only where it looks for zero ones too
+        ):  # MUMPS counts negative pivots only if it also looks for zero pivots
             self._ksp.setOperators(matrix)
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(24, 1)

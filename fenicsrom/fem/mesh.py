@@ -33,7 +33,7 @@ ON_PLANE = 1e-6
 """Default tolerance of a picking plane, relative to the extent of the mesh."""
 
 ROUNDING = 1e-9
-"""Distance that counts as zero, relative to the extent of the mesh."""
+"""Smaller distances, relative to the extent of the mesh, count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +209,8 @@ class Mesh:
         """Give the measure of a facet group or a pick. Collective.
 
         The facets may lie on the boundary or inside the body. Each facet counts once, seen from one
-        of its cells, which is correct for continuous fields. UFL takes one such measure in a form.
+        of its cells, which is correct for continuous fields. A UFL form may contain only one such
+        measure.
 
         Args:
             where: a facet group, or a region of the scene.
@@ -238,16 +239,17 @@ class Mesh:
 def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
     """Make or read the mesh of a scene. Collective.
 
-    A .geo file receives `geometry.parameters` by the names in its `DefineConstant`, and
-    `structured` = 1 or 0 from `geometry.cells` if it has this name; `Error("...")` in the file
-    refuses them. A .msh file may have any version that gmsh reads. Groups are the physical groups,
-    by their names or numbers.
+    In a .geo file, `geometry.parameters` sets the names in its `DefineConstant`. If `structured` is
+    one of these names, `geometry.cells` sets it to 1 or 0. The file may refuse values with
+    `Error("...")`. A .msh file may have any version that gmsh reads. The groups of both formats are
+    the physical groups, by their names or numbers.
 
     A .step file is converted to metres and meshed with simplices of `geometry.size`; its faces are
     groups by their names or numbers. The groups of other files are: element sets and node sets in
     .inp; the elements of each property, by its number, in .bdf; and in .vtu each integer field of
     cells or points that is 0 or 1, and `name:value` for each value of the other integer fields.
-    Nodes that make up facets of the boundary are a facet group too.
+    If a node set contains all nodes of some boundary facets, these facets are a facet group of the
+    same name.
 
     Args:
         geometry: the [geometry] of the scene.
@@ -440,7 +442,7 @@ def _keys(pairs: Ints) -> Ints:
 def _groups_on_cells(
     source: str, clean: CleanModel, facet_tags: dolfinx.mesh.MeshTags, domain: dolfinx.mesh.Mesh
 ) -> tuple[dict[str, tuple[int, tuple[int, ...]]], tuple[str, ...]]:
-    """Give the groups without facets that are not facets of a cell, and warnings. Collective."""
+    """Leave out facets that do not belong to a cell; give groups and warnings. Collective."""
     below = domain.topology.dim - 1
     tags = facet_tags.values[facet_tags.indices < domain.topology.index_map(below).size_local]
     number = domain.comm.allreduce(

@@ -20,7 +20,7 @@ NEAR = 1e-3
 """Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
-"""Weight of a node, relative to the largest, that counts as zero."""
+"""Smaller weights of a node, relative to the largest weight, count as zero."""
 
 
 class Places:

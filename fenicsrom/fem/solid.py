@@ -1,10 +1,10 @@
 """The solid: a body in its static equilibrium, with its loads and contact points.
 
 In a scene with [rotation], all quantities are described in the rotating frame
-(`fenicsrom.fem.rotation`): the centrifugal potential is part of the energy, of the internal force
-and of the tangent, and the equilibrium is the equilibrium at speed. This equilibrium is always
-computed geometrically nonlinearly: a linear one would lack the stiffening by the centrifugal
-tension. In a geometrically linear scene, only the vibrations about it are linear.
+(`fenicsrom.fem.rotation`). The centrifugal potential is part of the energy, of the internal force
+and of the tangent. The equilibrium is that at speed, and is always geometrically nonlinear: a
+linear one would lack the stiffening by the centrifugal tension. In a geometrically linear scene,
+only the vibrations about this equilibrium are linear.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ STATIC_ITERATIONS = 25
 """Largest number of Newton iterations of a load step."""
 
 STATIC_GROWTH = 1e6
-"""Growth of Newton's decrement beyond which a load step is repeated with half its size."""
+"""Newton's decrement may grow by this factor; if it grows more, the load step is halved."""
 
 STATIC_LAST_RESORT = 1e-15
 """Decrement in J that is accepted after `STATIC_ITERATIONS`."""
 
 SMALLEST_LOAD_STEP = 2e-4
-"""Fraction of the load below which a failed load step ends the iteration."""
+"""Load steps are halved down to this fraction of the load; then the iteration fails."""
 
 DIFFERENCE_STEP = 0.1
 """Largest displacement of the central difference of the tangent, relative to the extent."""
@@ -306,8 +306,9 @@ class Solid(ElasticBody):
                 rotation.omega_squared = goal
                 what += " and of the centrifugal force"
             raise ConvergenceError(
-                f"static equilibrium: no convergence beyond {100.0 * reached:.4g} % {what} "
-                "(smallest load step)",
+                f"static equilibrium: Newton's method converged up to {100.0 * reached:.4g} % "
+                f"{what}, and then failed even with a load step below "
+                f"{100.0 * SMALLEST_LOAD_STEP:g} %",
                 u,
             )
         return u

@@ -15,7 +15,7 @@ from fenicsrom.fem.mesh import Ints, Mesh
 from fenicsrom.scene import Region
 
 COINCIDENT = 1e-12
-"""Variance of the clamped nodes in a direction, relative to the squared extent, that is zero."""
+"""Smaller variances of the clamped nodes, relative to the squared extent, count as zero."""
 
 
 def clamped_nodes(

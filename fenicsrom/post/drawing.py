@@ -20,7 +20,7 @@ FILM_SECONDS = 3.0  # duration of an animation
 
 
 def draw_shapes() -> None:
-    """Draw the shapes of the task on the command line as one PNG."""
+    """Draw shapes as one PNG; the task is on the command line."""
     import pyvista
 
     task = json.loads(sys.argv[1])
@@ -37,7 +37,7 @@ def draw_shapes() -> None:
 
 
 def draw_motion() -> None:
-    """Draw the motion of the task on the command line as an animated GIF."""
+    """Draw a motion as an animated GIF; the task is on the command line."""
     import pyvista
 
     task = json.loads(sys.argv[1])

@@ -9,9 +9,9 @@ but loses rank as modes are added. Every other vector v, a normal mode or a deri
 
     v − R_m Bᵀ v,    (2)
 
-orthonormalised in the mass inner product against the vectors before it. What it adds is measured
-relative to its own norm; if this is at most `DEPENDENCE`, the vector is dropped and named. Source:
-Mashayekhi and Zucca (2024), eqs. (12) and (13).
+orthonormalised in the mass inner product against the vectors before it. If the norm of the
+remaining part, relative to that of the vector (2), is at most `DEPENDENCE`, the vector is dropped
+and named. Source: Mashayekhi and Zucca (2024), eqs. (12) and (13).
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
 
 DEPENDENCE = 1e-7
-"""Norm of the independent part of a vector, relative to the vector, that counts as zero."""
+"""A vector is dropped if the relative norm of its independent part is at most this."""
 
 ORTHOGONALITY = 1e-10
-"""Largest error of the properties (1), relative to the largest sum behind an entry of Bᵀ R."""
+"""Largest error of the properties (1), relative to the largest sum of terms |b r| in Bᵀ R."""
 
 
 @dataclass(frozen=True, eq=False)

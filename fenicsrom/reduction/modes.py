@@ -34,22 +34,22 @@ from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis
 
 PAIR_TOLERANCE = 5e-3
-"""Relative distance of two frequencies below which their modes form a group.
+"""Two modes are in one group if the relative distance of their frequencies is smaller.
 
 An exact pair of a symmetric section is split by a mesh of tetrahedra.
 """
 
 FACING_TOLERANCE = 1e-6
-"""Work of a mode on a direction, relative to the largest of all modes, that counts as zero."""
+"""Smaller works of a mode on a direction, relative to the largest work, count as zero."""
 
 INDEPENDENCE = 1e-12
-"""Smallest eigenvalue of the contact flexibility, relative to the largest, that is not zero."""
+"""Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
 
 LARGEST_CONDITION = 1e12
-"""Condition number of the scaled contact flexibility above which contact coordinates depend."""
+"""Contact coordinates depend if the scaled flexibility has a larger condition number."""
 
 IMMOBILE = 1e-14
-"""Flexibility of a contact coordinate, relative to the largest, below which it cannot move."""
+"""A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
 
 EXTRA_MODES = 2
 """Modes computed beyond those asked for, so that the last group of close modes is complete."""

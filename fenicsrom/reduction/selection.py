@@ -24,7 +24,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
 
 RANK_TOLERANCE = 1e-12
-"""Smallest eigenvalue of the scaled Gram matrix of the modes that least squares keeps, relative."""
+"""Smaller eigenvalues of the Gram matrix, relative to the largest, count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ def modal_coordinates(
     """
     scaled = vectors / scale
     gram, rhs = inner(scaled, scaled), inner(scaled, snapshots)
-    # unit diagonal: the cut of the pseudo-inverse then has one meaning for all columns
+    # scaled to unit diagonal, so that `RANK_TOLERANCE` has the same meaning for all columns
     size = np.sqrt(np.diag(gram))
     values, axes = np.linalg.eigh(gram / np.outer(size, size))
     kept = values > RANK_TOLERANCE * values[-1]

@@ -26,7 +26,7 @@ STATIC_LEVELS = 10
 """Number of load levels of the nonlinear statics."""
 
 SNAPSHOT_STEADINESS = 1e-3
-"""Change over a period below which the linear transient is steady enough to select modes."""
+"""The linear transient ends if its relative change over a period is smaller."""
 
 
 class Snapshots:

@@ -48,9 +48,8 @@ class Place(Region):
     Attributes:
         node: coordinates of a node, which must exist there.
         nearest: coordinates of a point; picks the nearest node at any distance.
-        at: point of a region: the area-weighted mean over it, the node nearest to its centroid, or
-            (of a contact only) every node with its share of the area or length, or one for each
-            node of a group that has only nodes.
+        at: which point of a region is meant: its mean displacement ("mean"), the node nearest to
+            its centroid ("centre"), or, for a contact only, every node ("nodes").
     """
 
     node: Annotated[tuple[float, ...] | None, rules.point] = None

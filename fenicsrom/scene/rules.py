@@ -217,7 +217,7 @@ box = Rule(
 
 
 def _read_direction(value: Any, where: Where) -> tuple[float, ...]:
-    """Give a vector scaled to unit length; a unit vector stays the same to the bit."""
+    """Give a vector scaled to unit length; a unit vector stays the same bit for bit."""
     vector = _read_point(value, where)
     largest = max(map(abs, vector))
     if largest == 0.0:

@@ -82,11 +82,11 @@ class Surface:
         axis: axis of a cylinder in 3D, scaled to unit length.
         inside: whether the body is inside the surface, as a blade in its casing.
         radius: radius; by default it follows from the gap.
-        spin: rate at which a cylinder turns about its axis, as seen from the body; by default that
-            of a casing at rest (the opposite of the rotation of the scene about this axis, or 0).
+        spin: rate at which a cylinder turns about its axis, as seen from the body; by default the
+            casing is at rest, so the rate is minus the rotation of the scene about this axis.
         waves: waves of a cylinder; each moves the surface towards the body by height cos(order
-            (angle - spin t) - phase), with the angle from the first tangent of
-            `fenicsrom.online.surfaces.frame` of the axis (in 2D from x).
+            (angle - spin t) - phase). The angle starts at the first tangent of
+            `fenicsrom.online.surfaces.frame` for the axis, in 2D at x.
     """
 
     kind: Annotated[str, choice("cylinder", "sphere")]
@@ -111,9 +111,9 @@ class Contact:
         place: where the contact is.
         normal: unit vector into the plane; not with a surface.
         surface: a round surface instead of the plane.
-        preload: normal force at the undeformed position; with at = "nodes" per area, length or
-            node, like both stiffnesses.
-        gap: initial distance, of the nearest node with at = "nodes".
+        preload: normal force at the undeformed position; with at = "nodes" it is given per area,
+            length or node, and so are both stiffnesses.
+        gap: initial distance; with at = "nodes" that of the nearest node.
         approach: distances by which the surface has moved towards the body, linear between the
             times; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal.

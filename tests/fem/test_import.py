@@ -304,12 +304,12 @@ def test_quadratic_facet_needs_its_midside_nodes(tmp_path: Path) -> None:
         (
             "*NSET, NSET=root\n",
             "*NSET, NSET=both\nroot, tip\n*NSET, NSET=root\n",
-            r"\*NSET of other sets \(root, tip",
+            r"\*NSET lists the names of other sets \(root, tip",
         ),
         (
             "*NSET, NSET=root\n",
             "*ELSET, ELSET=both\nroot\n*NSET, NSET=root\n",
-            r"\*ELSET of other sets \(root\)",
+            r"\*ELSET lists the names of other sets \(root\)",
         ),
         ("2,5,9,", "2,5,99,", "cannot be read; the file may be truncated or damaged: .*99"),
         (

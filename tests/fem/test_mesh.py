@@ -588,7 +588,7 @@ def test_curved_file(tmp_path: Path) -> None:
     assert not curved.warnings
     assert integral(straight, 1.0) == pytest.approx(4.0)
     assert (
-        "curved cells are made straight, a node moves by up to 4.8 % of the size of its cell"
+        "curved cells are made straight, which moves a node by up to 4.8 % of the size of its cell"
         in straight.warnings[0]
     )
     with pytest.raises(
