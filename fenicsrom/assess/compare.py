@@ -290,8 +290,8 @@ def time_runs(
     """Time `compare.repeats` runs.
 
     Returns:
-        Seconds of each run and None. If the whole run is too slow to repeat, shorter runs are timed:
-        then their seconds, scaled to the whole run, and their number of periods.
+        Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
+        timed: the seconds are then scaled to the whole run, and the number of periods is given.
     """
     repeats = scene.compare.repeats
     if (
