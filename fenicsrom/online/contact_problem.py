@@ -6,8 +6,8 @@ G (contact displacement by contact force),
 
     x + G F(x) = x_free.                                                                        (1)
 
-Everything but the contact is linear in (1), which is one Newton iteration of the step condensed to
-the contact displacements. The contact is therefore solved in full.
+Equation (1) is one Newton iteration of the step, condensed to the contact displacements. In it,
+everything except the contact is linear, so the contact is solved in full.
 """
 
 from __future__ import annotations
