@@ -71,7 +71,7 @@ class ComponentModes:
         labels: labels of the columns of X: 1V, 2V, ..., then 1S, 2S, ...
         flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
-            of modes; the basis does not use this inverse.
+            of modes; the basis does not use the inverse of this matrix.
     """
 
     method: str
