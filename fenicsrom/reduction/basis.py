@@ -129,9 +129,8 @@ def _orthonormalised(
     if remainder <= DEPENDENCE:
         return v, remainder
     v /= remainder
-    for _ in range(
-        2
-    ):  # the division has amplified rounding errors: restore both properties in turn
+    # the division has amplified rounding errors: restore both properties in turn
+    for _ in range(2):
         v -= masters @ total(rows @ v)
         if kept:
             v = v - block @ inner(block, v[:, None])[:, 0]
