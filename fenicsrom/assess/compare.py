@@ -290,7 +290,8 @@ def time_runs(
     """Time `compare.repeats` runs.
 
     Returns:
-        Seconds of each timed run, and the periods that it covers if it is only a part.
+        Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
+        timed: the seconds are then scaled to the whole run, and the number of periods is given.
     """
     repeats = scene.compare.repeats
     if (

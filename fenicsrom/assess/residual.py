@@ -2,7 +2,8 @@
 
 At some steps of the steady state the balance of the full model's own time step is evaluated at the
 reduced motion, with its contact forces. The residual r is zero where the basis contains the full
-motion. Its size is its work on the linear structure, relative to the work of the load amplitude p,
+motion. Its size is measured by the work that it does on the linear structure, relative to the work
+of the load amplitude p,
 
     indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
 

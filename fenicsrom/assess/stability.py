@@ -286,7 +286,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if error > max(NEGLIGIBLE, estimate):
         return (
             Verdict.WRONG,
-            f"error {error:.1e} against half the step, but an estimate of {estimate:.1e}",
+            f"the error against half the step is {error:.1e}, but the estimate is {estimate:.1e}",
         )
     if not has_settled(fine):
         return (

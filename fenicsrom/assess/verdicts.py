@@ -47,8 +47,8 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
         f"time.{name} = {given:g}: the steps are too long: a run with "
         f"{'eight times the tolerance' if name == 'tolerance' else 'twice the step'} gives {found} "
         f"(at most {100.0 * allowed:g} % is accepted"
-        f"{' for a motion that does not settle' if unsteady else ''}): "
-        f"a richer basis will not help; try {name} = {better:g}{scheme}",
+        f"{' for a motion that does not settle' if unsteady else ''}); "
+        f"a richer basis will not help, so try {name} = {better:g}{scheme}",
         kind=ErrorKind.TIME_STEP,
         key=f"time.{name}",
     )

@@ -125,7 +125,7 @@ def _check_shapes(
         The largest distance of a node from its place in the straight cell, relative to the cell.
 
     Raises:
-        SceneError: a Jacobian determinant is zero or has the other sign.
+        SceneError: a Jacobian determinant is zero, or its sign differs from the others.
     """
     source, d = str(geometry.mesh), geometry.dimension
     reference = np.reshape(gmsh.model.mesh.getElementProperties(given)[4], (-1, d))

@@ -62,7 +62,7 @@ class Mesh:
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
 
     def has_facets(self, where: str | Region) -> bool:
-        """Whether a region has facets: a facet group or a pick by coordinates does."""
+        """Whether a region has facets, as facet groups and picks by coordinates do."""
         name = where.group if isinstance(where, Region) else where
         return name is None or self.groups.get(name, (None,))[0] == self.domain.topology.dim - 1
 

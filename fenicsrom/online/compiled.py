@@ -101,10 +101,10 @@ def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
 
 
 # Numba counts the references to every array of every tuple that is passed on, in atomic operations
-# that took more than half of the run time. The compiled loop therefore works with arrays that have
-# no owner to count for; its caller holds them. Pass what is borrowed to a function, and write to
-# the arrays there: numba does not see that it is the memory of the argument, and would take the
-# write for dead code.
+# that took more than half of the run time. The compiled loop therefore works with arrays without an
+# owner, which are not counted; the caller of the loop keeps their memory alive. Never write to such
+# an array in the function that calls `borrowed`: numba does not see that both arrays share memory,
+# and would remove the write as dead code. Pass the array to another function and write to it there.
 
 
 def borrowed(value):  # type: ignore[no-untyped-def]

@@ -6,8 +6,8 @@ G (contact displacement by contact force),
 
     x + G F(x) = x_free.                                                                        (1)
 
-Everything but the contact is linear in (1), which is one Newton iteration of the step condensed to
-the contact displacements. The contact is therefore solved in full.
+Equation (1) is one Newton iteration of the step, condensed to the contact displacements. In it,
+everything except the contact is linear, so the contact is solved in full.
 """
 
 from __future__ import annotations
@@ -254,7 +254,8 @@ def _bisect_normal_force(
     """Normal force of point p, N, with its friction and the forces of the others held.
 
     The displacement is x = rest - G (N n + T + start_weight N0 n0), with the rest in `point.place`
-    and n in `point.mean_normal`. The normal force lies between zero and its value at N = 0.
+    and n in `point.mean_normal`. The solution N lies between zero and the normal force that the law
+    gives at N = 0.
     """
     x, friction, d = end.x[p], scratch.held_friction[p], len(scratch.space)
     n, rest = scratch.point.mean_normal, scratch.point.place
@@ -360,9 +361,9 @@ def solve_point(
 ) -> None:
     """Solve point p with the forces of the others held: first its normal force, then its friction.
 
-    This iteration is slow, but it does not cycle between states: the tangential force is projected
-    on the friction disc as a force, and not computed from a displacement that a wrong normal force
-    has made large.
+    This iteration is slow, but it does not cycle between states. The reason is that it projects the
+    tangential force itself on the friction disc. A tangential force computed from the displacement
+    could be far too large while the normal force is still wrong.
     """
     points, d = free.shape[0], len(scratch.space)
     x, held, point, row = end.x[p], scratch.held_force[p], scratch.point, p * d

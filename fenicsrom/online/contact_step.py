@@ -18,14 +18,14 @@ current position, however far the point slides.
 
 Over a time step the schemes that weight the ends apply the law at the weighted point
 x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight path from x0
-to x1: with opening, closing and the change from stick to slip located inside the step, in closed
-form (`fenicsrom.online.friction`). The rest of the step slips under the law at the middle of this
-rest. This is exact for a point that slides to and fro, and of second order for a point that changes
-its direction as it slides.
+to x1, in closed form (`fenicsrom.online.friction`). It locates opening, closing and the change from
+stick to slip inside the step. After this change the point slips, under the law at the middle of the
+rest of the step. This is exact for a point that slides to and fro, and of second order for a point
+that changes its direction as it slides.
 
 At the end of the step the law (1)-(5) is applied once more (`commit_contact_state`). With the
-discrete gradient friction then dissipates in every step, whatever its size: with the mean force T,
-and in the slipping part the force T_s at its middle and the motion dw of the slider,
+discrete gradient, friction then dissipates in every step of any size. Let T be the mean force, T_s
+the force at the middle of the slipping part, and dw the motion of the slider:
 
     T . dx - d(|T|^2 / 2 k_t) = T_s . dw + (what the law at the end takes from the spring) >= 0 (6)
 
@@ -338,8 +338,9 @@ def _friction_energies(
 ) -> tuple[float, float]:
     """Energy dissipated by friction in a step (6), and work of the moving surface.
 
-    On a curved surface the tangent plane turns in the step: the friction at the end is reduced to
-    the energy that its spring was given.
+    On a curved surface the tangent plane turns in the step, and the friction spring could gain
+    energy. The friction at the end is therefore reduced until the spring holds no more energy than
+    it was given.
     """
     kt, d = contacts.tangential_stiffness[p], len(scratch.space)
     x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place

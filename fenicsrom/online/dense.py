@@ -58,8 +58,8 @@ def inner(x: Array, y: Array) -> float:
 def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
     """Add weights @ rows to out; (k, r), (r, n), (k, n), k small.
 
-    Three rows are taken at a time, for all k: the innermost loop becomes vector instructions that
-    have more to do than load and store.
+    Three rows are added at a time, for all k. The innermost loop then does more arithmetic for each
+    number that it loads and stores.
     """
     k, count, n = weights.shape[0], rows.shape[0], rows.shape[1]
     whole = count - count % 3
@@ -134,8 +134,8 @@ def negative_eigenvalues(matrix: Array) -> int:
     return int(np.sum(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)) < 0.0))
 
 
-# Operations on vectors of the time step, which runs plain and compiled. A new array costs compiled
-# code more than the arithmetic on a short vector, so results are written into arrays that exist.
+# Vector operations of the time step; they run plain and compiled. A new array costs compiled code
+# more than the arithmetic on a short vector, so results are written into arrays that exist.
 
 
 def combine(out, *terms):  # type: ignore[no-untyped-def]

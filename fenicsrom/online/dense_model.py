@@ -18,8 +18,8 @@ from fenicsrom.online.model import Tangent
 class DenseModel:
     """A model of n coordinates with dense matrices and an elastic force given as a function.
 
-    It serves the intrusive projection of the full elastic force (the paper's method, and the oracle
-    of the polynomial) and the 1D beam; it is a `fenicsrom.online.operations.Model`.
+    It is a `fenicsrom.online.operations.Model`. Two models use it: the 1D beam, and the projection
+    of the full elastic force, which is the paper's method and checks the polynomial.
     """
 
     def __init__(

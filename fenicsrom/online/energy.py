@@ -28,10 +28,11 @@ SCHEME_TOLERANCE = {
     "average-acceleration": 0.05,
     "generalised-alpha": 0.05,
 }
-# largest imbalance of a motion that can be relied on, relative to the energy (created) or to the
-# energy plus the work (lost), and the same of the energy that friction gives back
+# Largest imbalance of an accepted motion. Created energy is relative to the largest energy, lost
+# energy to the largest energy plus the work. The energy that friction gives to the motion has the
+# same limit, relative to the dissipated energy.
 ENERGY_ERROR = 1e-2
-# energy that friction may give in one step by rounding, relative to the energies of the motion
+# a gain by friction in one step is rounding if it is smaller, relative to the energies
 ROUNDING = 1e-12
 
 

@@ -27,8 +27,8 @@ from fenicsrom.online.load_histories import largest
 from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
-TOLERANCE = 1e-14  # bound of Newton's decrement, relative to the work of the load, squared
-ROUNDING = 1e-13  # part of this work; a smaller decrement that stops decreasing is rounding
+TOLERANCE = 1e-14  # largest root of the relative Newton decrement
+ROUNDING = 1e-13  # a smaller relative decrement that stops decreasing is rounding
 CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
 ITERATIONS = 25
 DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
@@ -61,8 +61,9 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
     if reached < 1.0:
         raise ConvergenceError(
-            f"equilibrium under the preload: no convergence beyond {100.0 * reached:.4g} % of "
-            "the preload",
+            f"equilibrium under the preload: Newton's method converged up to "
+            f"{100.0 * reached:.4g} % of the preload, and then failed even with a load step of at "
+            f"most {100.0 * SMALLEST_PART:g} %",
             None,
         )
     unstable = problem.unstable(q)
@@ -220,10 +221,11 @@ class _Statics:
         )
 
     def _seed(self, q: Array) -> tuple[Array, Array]:
-        """The response to all loads at their largest, which has a part in every mode they move.
+        """The response to the largest loads; it contains every mode that the loads excite.
 
         Returns:
-            The response (n,), or that to unit contact forces without loads; and the loads (n,), N.
+            The response (n,) to the loads, or to unit contact forces if there are no loads; and the
+            loads (n,), N.
         """
         model = self.model
         force = model.loads @ largest(model.load_histories)

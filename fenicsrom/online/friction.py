@@ -356,7 +356,7 @@ def slip_event(
 def mean_friction(
     stiffness: float, interval: Interval, event: SlipEvent, p: int, scratch: ContactScratch
 ) -> None:
-    """Write the friction (9) of point p, not yet times tau, and the motion (10) of its slider."""
+    """Write friction (9) of point p without the factor tau, and the motion (10) of its slider."""
     point, theta = scratch.point, 1.0 - interval.start_weight
     start, end, change = point.start_stretch, point.end_stretch, point.stretch_change
     friction, slider_motion = scratch.mean_friction[p], scratch.slider_motion[p]

@@ -226,7 +226,9 @@ def integrate(
         if status == FAILED or period is None:
             break
         change = _change(run.history[-2], run.history[-1], period)
-        if change <= settings.steady_tolerance:  # the points repeat; also check the state
+        if (
+            change <= settings.steady_tolerance
+        ):  # the contact points repeat; check the whole state too
             size = max(run.state.scalars[SIZE], 1e-300)
             change = max(change, _norm(model, run.state.q - q0) / size)
         if progress is not None:
@@ -317,7 +319,7 @@ def _run_span(
     """Run one period, or the whole duration, and append its rows to the history.
 
     Returns:
-        The status of the last call of `advance`, and whether `stop` ended a run without period.
+        The status of the last call of `advance`, and whether `stop` ended a run that has no period.
     """
     pieces: list[Record] = []
     counts: list[int] = []
@@ -400,7 +402,7 @@ def _change(before: Record, after: Record, period: float) -> float:
         and np.max(np.abs(after.time - period - before.time)) <= 1e-9 * period
     ):
         there = was
-    else:  # the steps of the two periods differ: a cubic spline is as exact as the motion
+    else:  # other steps in the two periods: a cubic spline is accurate enough
         there = CubicSpline(before.time, was)(
             np.clip(after.time - period, before.time[0], before.time[-1])
         )

@@ -13,9 +13,9 @@ from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
 
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
-# amplitude, relative to the largest displacement, below which a motion counts as at rest
+# a motion is at rest if its amplitude, relative to the largest displacement, is smaller
 REST = 1e-6
-# relative change of the amplitudes from period to period below which they have settled
+# amplitudes have settled if their relative change from period to period is smaller
 SETTLED = 1e-3
 
 
@@ -181,7 +181,7 @@ def peak_total_normal_force(motion: Motion) -> float:
 
 
 def dissipated_per_period(motion: Motion) -> float:
-    """Energy dissipated by friction in the last period, J; in the whole motion without period."""
+    """Energy dissipated by friction in the last period (or, if there is none, in all), J."""
     if motion.period is None:
         return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
     return float(

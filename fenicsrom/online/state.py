@@ -74,9 +74,9 @@ class State(NamedTuple):
         v: (n,) velocity.
         a: (n,) acceleration of the scheme.
         mean_velocity: (n,) dq/h of the last step.
-        mean_acceleration: (n,) rate at which the mean velocity changed from the step before. Both
-            extrapolate to the next step; the distance of the solution from that extrapolation
-            estimates the error.
+        mean_acceleration: (n,) rate at which the mean velocity changed from the step before. The
+            next step is extrapolated from both mean values; the distance of its solution from this
+            extrapolation estimates the error.
         elastic_force: (n,) elastic force at q, N.
         load_vector: (n,) load vector at the time, N.
         contact: the contact points.
@@ -130,7 +130,7 @@ class Record(NamedTuple):
 
 
 class Checkpoint(NamedTuple):
-    """All that the rest of a run depends on, bit for bit, between two periods (or steps).
+    """The state of a run between two periods or steps, to continue the run bit for bit.
 
     Attributes:
         state: the state.

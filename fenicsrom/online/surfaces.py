@@ -64,8 +64,9 @@ class Contacts(NamedTuple):
 def frame(normal: Array) -> Array:
     """The local frame of a unit normal: rows normal, tangents; (d, d), right-handed.
 
-    The first tangent in 3D lies nearest to the first of the axes y, z, x that is least aligned with
-    the normal, so that a wall beyond a blade's tip along x has the tangents y and z.
+    In 3D the first tangent is the projection of one of the axes y, z, x: the axis that is least
+    aligned with the normal, or the first such axis. For a wall beyond a blade's tip along x, the
+    tangents are therefore y and z.
     """
     if normal.size == 2:
         return np.array([normal, [-normal[1], normal[0]]])

@@ -73,7 +73,8 @@ def sentences(found: Campbell) -> list[str]:
         )
     if found.change is not None:
         lines.append(
-            f"With the Coriolis force; the complex frequencies converged to {found.change:.1e}."
+            "The Coriolis force is included; the last relative change of the complex frequencies "
+            f"is {found.change:.1e}."
         )
     if found.unfinished:
         lines.append(f"The computation stopped: {found.unfinished}")

@@ -112,7 +112,7 @@ def _annotate(
     figure = axis.get_figure()
     assert isinstance(figure, Figure)
     size = figure.get_size_inches() * figure.dpi
-    # drawing fixes the layout, from which the places of the names follow
+    # draw once, because the places of the names depend on the final layout
     figure.canvas.draw()
     places = axis.transData.transform(np.column_stack([xs, ys]))
     unit = figure.dpi / 72.0

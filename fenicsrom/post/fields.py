@@ -54,7 +54,8 @@ def contact_vectors(
     frames[:, :, :d] = points.frame
     normals = unit_normals(contacts_of(scene, points), motion.displacement, motion.time)
     normal = -motion.force[:, :, :1] * normals
-    friction = motion.force.copy()  # rotated back below from the frames of the current normals
+    # the forces are given in the frames of the current normals: rotate them back
+    friction = motion.force.copy()
     friction[:, :, 0] = 0.0
     across = np.sum(friction * normals, axis=2, keepdims=True)
     friction -= across / (1.0 + normals[:, :, :1]) * (normals + np.eye(d)[0])

@@ -58,7 +58,7 @@ def motion_pictures(motions: Mapping[str, Motion]) -> list[Picture]:
 
 
 def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
-    """List the pictures of this number of contact points: one each for a few, one for many."""
+    """List the pictures of contact points: one for each of a few, or one for all of many."""
     if count > FEW_POINTS:
 
         def draw_all() -> Figure:

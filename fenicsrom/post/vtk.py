@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 # Cell -> VTK's types of the linear and the quadratic cell, and the reference coordinates of the
 # nodes of the quadratic cell in halves and in VTK's order (corners, edges, faces, centre). The
-# corners alone are the linear cell.
+# corners alone make the linear cell.
 _CELLS: dict[str, tuple[tuple[int, int], str]] = {
     "triangle": ((5, 22), "00 20 02 10 11 01"),
     "quadrilateral": ((9, 28), "00 20 22 02 10 21 12 01 11"),

@@ -81,7 +81,7 @@ def build_basis(
         The basis.
 
     Raises:
-        AccuracyError: Bᵀ R is not [I, 0], or R_s is not orthonormal, to `ORTHOGONALITY`.
+        AccuracyError: Bᵀ R differs from [I, 0], or R_s is not orthonormal (`ORTHOGONALITY`).
     """
     kept: list[Array] = []
     names: list[str] = []
@@ -129,7 +129,8 @@ def _orthonormalised(
     if remainder <= DEPENDENCE:
         return v, remainder
     v /= remainder
-    for _ in range(2):  # rounding grew by 1/remainder in both properties: restore them in turn
+    # the division has amplified rounding errors: restore both properties in turn
+    for _ in range(2):
         v -= masters @ total(rows @ v)
         if kept:
             v = v - block @ inner(block, v[:, None])[:, 0]

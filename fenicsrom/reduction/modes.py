@@ -71,7 +71,7 @@ class ComponentModes:
         labels: labels of the columns of X: 1V, 2V, ..., then 1S, 2S, ...
         flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
-            of modes; the basis does not use this inverse.
+            of modes; the basis does not use the inverse of this matrix.
     """
 
     method: str
@@ -111,7 +111,7 @@ class ConstrainedInverse:
 
 @dataclass(frozen=True, eq=False)
 class SolvedModes:
-    """All solves of a method; the component modes with fewer normal modes need no other solve.
+    """The solves of a method; component modes with fewer normal modes follow from them.
 
     Attributes:
         method: "rubin" or "craig-bampton".
@@ -198,7 +198,8 @@ def first_modes(structure: Structure, solved: SolvedModes, count: int) -> Compon
     """Give the component modes with the first `count` normal modes."""
     b, method = solved.rows, solved.method
     normal, omega_squared = solved.normal[:, :count], solved.omega_squared[:count]
-    # the modal flexibility is 1/omega^2, but not quite diagonal for rotated modes of a split pair
+    # the modal flexibility is 1/omega^2; rotated modes of a split pair make it slightly
+    # non-diagonal
     inertia = structure.mass_times(normal)
     flexibility: Array = np.zeros((0, 0))
     if count:

@@ -84,7 +84,7 @@ def projected_gyroscopic(structure: Structure, r: Array) -> Array:
 
 
 def _projected_terms(structure: Structure, r: Array) -> dict[str, Any]:
-    """All arguments of a reduced model but its elastic force, by their names."""
+    """All arguments of a reduced model except its elastic force, by their names."""
     u0, total = structure.equilibrium, structure.comm.allreduce
     return {
         "mass": structure.inner(r, structure.mass_times(r)),

@@ -341,7 +341,10 @@ def _read_label(value: Any, where: Where) -> str:
     """
     match = re.fullmatch(LABEL, value) if isinstance(value, str) else None
     if match is None or not int(match[1]) or not int(match[3]):
-        allowed = 'must be two modes such as "1V1V" or "1V2S", counted from 1, V normal, S static'
+        allowed = (
+            'must be two modes such as "1V1V" or "1V2S": '
+            "a number from 1, then V (normal) or S (static)"
+        )
         kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
         raise where.refuse(value, allowed, kind)
     pair = sorted([("VS".index(match[2]), int(match[1])), ("VS".index(match[4]), int(match[3]))])
