@@ -30,7 +30,7 @@ from fenicsrom.online.march import SMALLEST_STEP, write
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.operations import borrowed, contact_displacement, keep, load, put
 from fenicsrom.online.scheme import Scheme
-from fenicsrom.online.state import LAST, STEP, TIME, Record, State, no_record, no_state
+from fenicsrom.online.state import ITERATIONS, LAST, STEP, TIME, Record, State, no_record, no_state
 from fenicsrom.online.step import accept, attempt, measure
 from fenicsrom.online.step_sensitivity import (
     Drift,
@@ -106,6 +106,27 @@ def begin_period(  # type: ignore[no-untyped-def]
         start_derivatives(model, contacts, drift, state, s, sliders, memory, not scheme.line)
 
 
+@compiled
+def try_step(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
+    """Try a step of size h: whether it converged."""
+    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
+    state = borrowed(state)
+    load_ahead = load(model, state.scalars[TIME] + h)
+    converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
+    state.scalars[ITERATIONS] += iterations
+    return converged
+
+
+@compiled
+def take_step(model, contacts, scheme, state, h, record, row):  # type: ignore[no-untyped-def]
+    """Accept the step of size h that has converged, and keep it as a row of the record."""
+    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
+    state, record = borrowed(state), borrowed(record)
+    load_ahead = load(model, state.scalars[TIME] + h)
+    accept(model, contacts, scheme, state, h, load_ahead)
+    write(model, contacts, state, record, row)
+
+
 def march_period(model, contacts, scheme, times, state, record, drift, s, derive):  # type: ignore[no-untyped-def]
     """March from the state over the instants `times`; a step that does not converge is halved.
 
@@ -133,17 +154,15 @@ def march_period(model, contacts, scheme, times, state, record, drift, s, derive
             return FULL, rows
         begin, goal = scalars[TIME], times[k]
         grid = goal - times[k - 1]
-        slack = 1e-9 * grid
         h = min(scalars[STEP], goal - begin)
-        lands = goal - begin - h <= slack
+        lands = goal - begin - h <= 1e-9 * grid
         if lands:
             h = goal - begin
-        load_ahead = load(model, begin + h)
-        converged, _ = attempt(model, contacts, scheme, state, h, load_ahead)
-        if converged:
+        if try_step(model, contacts, scheme, state, h):
             if derive:
                 keep_start(state, s)
-            accept(model, contacts, scheme, state, h, load_ahead)
+            take_step(model, contacts, scheme, state, h, record, rows)
+            rows += 1
             if derive and not linearise_step(model, contacts, scheme, drift, state, s, begin, h):
                 return SINGULAR, rows
             scalars[STEP] = 2.0 * h
@@ -152,8 +171,6 @@ def march_period(model, contacts, scheme, times, state, record, drift, s, derive
                 k += 1
                 if k < times.size:
                     scalars[STEP] = times[k] - goal
-            write(model, contacts, state, record, rows)
-            rows += 1
         else:
             scalars[STEP] = 0.5 * h
             if not scalars[STEP] > SMALLEST_STEP * grid:
