@@ -20,10 +20,9 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.compare import machine
+from fenicsrom.assess.full_cache import machine
 from fenicsrom.fem.full import FullModel
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.solid import build_solid
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.modes import component_modes
@@ -66,11 +65,13 @@ def main() -> None:
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     for dimension in (2, 3):
         scene = read_scene(HERE / f"slip_liftoff_{dimension}d.toml")
-        scene = replace(scene, time=replace(scene.time, periods=1, steady_tolerance=0.0))
-        solid = Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
-        modes = component_modes(solid, "rubin", 1)
+        scene = replace(scene, time=scene.time.changed(periods=1, steady_tolerance=0.0))
+        solid = build_solid(scene, MPI.COMM_WORLD)
+        modes = component_modes(solid, replace(scene.basis, method="rubin", modes=1))
         selection = Selection(modes.labels, SIX[dimension], {}, {})
-        basis = enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives))
+        basis = enrich(
+            solid, modes, selection, differentiate(solid, scene.basis, modes, selection.derivatives)
+        )
         model = project(solid, basis)
         simulate(model, scene)
         reduced = run(model, scene, 25)
@@ -83,8 +84,8 @@ def main() -> None:
             run(project_intrusively(solid, basis), scene),
         )
     scene = read_scene(HERE / "blade_rub.toml", ["time.periods=1", "time.steady_tolerance=0.0"])
-    solid = Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
-    found = Reduction(solid, lambda stage: nullcontext())
+    solid = build_solid(scene, MPI.COMM_WORLD)
+    found = Reduction(solid, scene, lambda stage: nullcontext())
     model = found.model
     simulate(model, scene)
     name = f"blade, {found.basis.size} coordinates, {len(solid.points.share)} contact points"

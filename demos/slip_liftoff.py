@@ -5,7 +5,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.solid import solid_of
 from fenicsrom.online.measures import amplitudes, contact_fractions
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.modes import component_modes
@@ -14,12 +14,12 @@ from fenicsrom.scene import read_scene
 
 scene = read_scene(Path(__file__).parent / "slip_liftoff_2d.toml")
 mesh = build_mesh(scene.geometry, MPI.COMM_WORLD)
-solid = Solid(mesh, scene)  # mass, stiffness about the equilibrium, its one factorisation
-modes = component_modes(solid, scene.basis.method, scene.basis.modes)
-selection = choose(solid, modes)  # a linear transient with friction, ten nonlinear statics
-derivatives = differentiate(solid, modes, selection.derivatives)
+solid = solid_of(scene, mesh)  # mass, stiffness about the equilibrium, its one factorisation
+modes = component_modes(solid, scene.basis)
+selection = choose(solid, scene, modes)  # a linear transient with friction, ten nonlinear statics
+derivatives = differentiate(solid, scene.basis, modes, selection.derivatives)
 basis = enrich(solid, modes, selection, derivatives)
-model = reduce(solid, basis)  # the exact polynomial of the elastic force
+model = reduce(solid, scene.basis, basis)  # the exact polynomial of the elastic force
 motion = simulate(model, scene)
 
 if __name__ == "__main__":

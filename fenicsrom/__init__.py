@@ -1,3 +1,106 @@
-"""Reduced-order models of geometrically nonlinear structures that rub, made from solid meshes on
-FEniCSx.
+"""Reduced-order models of geometrically nonlinear structures with friction contact.
+
+Imports run one way. A package may import itself and those on its left, never those on its right:
+
+    arrays, errors, files < scene < online < reduction < fem < assess < post < study < cli
+
+Only `fem` needs dolfinx; `scene`, `online` and `reduction` run with numpy, scipy and numba alone.
+The names below are the public interface. Each is imported from its module on first use, so that
+`import fenicsrom` is fast and needs nothing that the caller does not use.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+    from fenicsrom.fem.full import FullModel
+    from fenicsrom.fem.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+    from fenicsrom.fem.solid import Solid, build_solid, solid_of
+    from fenicsrom.online.archive import StoredModel, load_model, save_model
+    from fenicsrom.online.history import History, read_history
+    from fenicsrom.online.matrices import ModelArrays, model_arrays
+    from fenicsrom.online.measures import amplitudes, contact_fractions
+    from fenicsrom.online.model import ReducedModel
+    from fenicsrom.online.motion import Motion
+    from fenicsrom.online.simulate import simulate
+    from fenicsrom.post.record import Study
+    from fenicsrom.reduction.modes import component_modes
+    from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
+    from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
+    from fenicsrom.study import build_model, run
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AccuracyError",
+    "ConvergenceError",
+    "ErrorKind",
+    "FullModel",
+    "History",
+    "Mesh",
+    "ModelArrays",
+    "Motion",
+    "ReducedModel",
+    "Scene",
+    "SceneError",
+    "Solid",
+    "StoredModel",
+    "Study",
+    "amplitudes",
+    "build_mesh",
+    "build_model",
+    "build_solid",
+    "choose",
+    "component_modes",
+    "contact_fractions",
+    "differentiate",
+    "enrich",
+    "load_model",
+    "make_scene",
+    "mesh_from_dolfinx",
+    "mesh_from_gmsh_model",
+    "model_arrays",
+    "parse_scene",
+    "read_history",
+    "read_scene",
+    "reduce",
+    "run",
+    "save_model",
+    "simulate",
+    "solid_of",
+]
+
+_MODULES = {
+    "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
+    "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
+    "fem.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
+    "fem.solid": ("Solid", "build_solid", "solid_of"),
+    "fem.full": ("FullModel",),
+    "reduction.modes": ("component_modes",),
+    "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
+    "online.model": ("ReducedModel",),
+    "online.archive": ("StoredModel", "load_model", "save_model"),
+    "online.matrices": ("ModelArrays", "model_arrays"),
+    "online.simulate": ("simulate",),
+    "online.motion": ("Motion",),
+    "online.history": ("History", "read_history"),
+    "online.measures": ("amplitudes", "contact_fractions"),
+    "post.record": ("Study",),
+    "study": ("build_model", "run"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use (PEP 562)."""
+    for module, names in _MODULES.items():
+        if name in names:
+            value = getattr(import_module(f"{__name__}.{module}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return sorted([*__all__, "__version__"])

@@ -1,11 +1,14 @@
-"""The commands: run, plan, modes, compare, campbell and stability.
+"""The command line: run, plan, modes, compare, campbell, schema and stability.
 
-Exit codes: 0 done, 1 a numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
+Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
+
+Modules that need numpy, numba or dolfinx are imported by the command that uses them.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import signal
 import sys
 import time
@@ -14,11 +17,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.scene import Scene, read_scene
+from fenicsrom import __version__
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.scene import Scene, json_schema, read_scene
 
-REFUSED = 77  # tag of the messages in which ranks tell each other what is wrong
-PATIENCE = 10.0  # s that a rank waits for such a message, before it takes it that the others go on
+REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
+PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -34,65 +38,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
     except ModuleNotFoundError as error:
-        needed = "a stored model needs no dolfinx: fenicsrom run --from reduced_model.npz"
         return _refuse(
-            f"this command needs the Python module {error.name}, which is not installed ({needed})",
+            f"this command needs the Python module {error.name}, which is not installed; "
+            "a stored model runs without dolfinx: fenicsrom run --from reduced_model.npz",
             1,
         )
-    except Terminated:
-        return _stopped("terminated", 143)
     except KeyboardInterrupt:
+        if _is_terminated():
+            return _stopped("terminated", 143)
         return _stopped("interrupted", 130)
 
 
-class Terminated(BaseException):
-    """SIGTERM arrived: files half written are taken away on the way out."""
+_termination = {"requested": False}
+
+
+def _is_terminated() -> bool:
+    """Tell whether SIGTERM arrived; asked between stages and after each period."""
+    return _termination["requested"]
 
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Turn SIGTERM into `Terminated`, where signals are this thread's to handle.
+    """Note SIGTERM for `_is_terminated`, if this is the main thread.
 
-    A callback of the compiler swallows what is raised in it, with a word on stderr, and may fail
-    for it later: it is raised again every half second until it comes through, what it says of it is
-    kept back, and any failure after it is its.
+    The handler does not raise: numba drops exceptions that are raised while it compiles. A second
+    SIGTERM ends the process at once; files are complete at any moment.
     """
-    asked = False
 
-    def stop(number: int, frame: object) -> None:
-        nonlocal asked
-        asked = True
-        signal.setitimer(signal.ITIMER_REAL, 0.5)
-        raise Terminated
+    def note(number: int, frame: object) -> None:
+        _termination["requested"] = True
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
-    def swallowed(found: Any) -> None:
-        if not asked:
-            hook(found)
-
+    _termination["requested"] = False
     try:
-        before = signal.signal(signal.SIGTERM, stop)
+        before = signal.signal(signal.SIGTERM, note)
     except ValueError:  # not the main thread
         yield
         return
-    alarm, hook = signal.signal(signal.SIGALRM, stop), sys.unraisablehook
-    sys.unraisablehook = swallowed
     try:
         yield
-    except Exception:
-        if asked:
-            raise Terminated from None
-        raise
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        if not asked:  # what the compiler still takes down fails of it too
-            sys.unraisablehook = hook
-        signal.signal(signal.SIGALRM, alarm)
         signal.signal(signal.SIGTERM, before)
 
 
 def _refuse(sentence: str, code: int) -> int:
-    """Say what is wrong, once: unless a rank before this one says the same. Ranks that go on, and
-    would wait, are stopped.
+    """Print an error once: a rank is silent if a lower rank prints the same sentence.
+
+    Ranks without an error would wait for this one forever, so they are aborted.
     """
     comm = _ranks()
     if comm is None:
@@ -103,7 +95,7 @@ def _refuse(sentence: str, code: int) -> int:
     if sentence not in heard:
         _say(sentence, code)
     if None in heard + _heard(comm, range(comm.rank + 1, comm.size), last):
-        time.sleep(1.0)  # mpirun passes on what is said, but not once it stops the ranks
+        time.sleep(1.0)  # mpirun forwards no output after the abort
         comm.Abort(code)
     for request in sent:
         request.wait()
@@ -111,8 +103,12 @@ def _refuse(sentence: str, code: int) -> int:
 
 
 def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
-    """What these ranks say to be wrong; None for each that has said nothing by this time of the
-    monotonic clock, s.
+    """Receive the errors of these ranks; None for a rank that is silent until the last moment.
+
+    Args:
+        comm: the communicator.
+        ranks: the ranks to listen to.
+        last: the last moment, on the monotonic clock, s.
     """
     found = []
     for rank in ranks:
@@ -123,25 +119,30 @@ def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
 
 
 def _stopped(word: str, code: int) -> int:
+    """Say on the first rank that the run was stopped; return the exit code."""
     comm = _ranks()
     return _say(word, code) if comm is None or comm.rank == 0 else code
 
 
 def _say(sentence: str, code: int) -> int:
+    """Print a sentence to stderr; return the exit code."""
     print(f"fenicsrom: {sentence}", file=sys.stderr, flush=True)
     return code
 
 
 def _ranks() -> Any:
-    """The communicator of all ranks; None where MPI is not in use, or there is one only."""
+    """Give the communicator of all ranks; None if MPI is not in use or has one rank."""
     mpi = sys.modules.get("mpi4py.MPI")
     return mpi.COMM_WORLD if mpi and mpi.COMM_WORLD.size > 1 else None
 
 
 def _parser() -> argparse.ArgumentParser:
+    """Make the parser of the command line."""
     parser = argparse.ArgumentParser(
-        prog="fenicsrom", description="Reduced-order models of structures that rub."
+        prog="fenicsrom",
+        description="Reduced-order models of geometrically nonlinear structures with friction.",
     )
+    parser.add_argument("--version", action="version", version=f"fenicsrom {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     run = commands.add_parser("run", help="run a scene, or integrate a stored reduced model again")
@@ -150,47 +151,56 @@ def _parser() -> argparse.ArgumentParser:
         "--from",
         dest="stored",
         metavar="MODEL",
-        help="a reduced_model.npz to integrate again, without a mesh",
+        help="integrate the reduced_model.npz of an earlier run, without a mesh and dolfinx",
     )
     run.add_argument(
         "--resume",
         metavar="CHECKPOINT",
-        help="a checkpoint.npz of the reduced model's run, to go on from",
+        help="continue the reduced model from the checkpoint.npz of an earlier run",
     )
     run.set_defaults(command=_run)
 
     plan = commands.add_parser(
-        "plan", help="say what a scene will compute, what it leaves out, and why"
+        "plan", help="list the stages of a scene: which ones run, which ones are left out, and why"
     )
     plan.add_argument("scene", help="scene file (TOML)")
     plan.set_defaults(command=_plan)
 
-    modes = commands.add_parser("modes", help="modes and derivatives only, for ParaView")
+    modes = commands.add_parser(
+        "modes", help="compute only the modes and modal derivatives, for ParaView"
+    )
     modes.add_argument("scene", help="scene file (TOML)")
     modes.set_defaults(command=_modes)
 
     compare = commands.add_parser(
-        "compare", help="every basis against the full model: error against run time"
+        "compare", help="compare reduced bases with the full model: error and run time"
     )
-    compare.add_argument(
-        "scene", help="scene file (TOML); its [compare] table says what to compare"
-    )
+    compare.add_argument("scene", help="scene file (TOML); its [compare] table lists the bases")
     compare.set_defaults(command=_compare)
 
     campbell = commands.add_parser(
-        "campbell", help="frequencies against speed, with engine orders and critical speeds"
+        "campbell", help="compute a Campbell diagram: frequencies and critical speeds"
     )
     campbell.add_argument(
         "scene",
-        help="scene file (TOML) with a [rotation] table; its [campbell] table says what to draw",
+        help="scene file (TOML) with a [rotation] table; its [campbell] table gives the speeds",
     )
     campbell.set_defaults(command=_campbell)
 
+    schema = commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
+    schema.add_argument("--output", metavar="FILE", help="write it to this file")
+    schema.set_defaults(command=_schema)
+
     stability = commands.add_parser(
-        "stability", help="a hundred extreme variants of a scene, and a verdict on each"
+        "stability", help="run extreme variants of a scene, with a verdict on each"
     )
+    stability.add_argument("scene", help="scene file (TOML)")
     stability.add_argument(
-        "scene", nargs="?", help="scene file (TOML; default: the demo slip_liftoff_2d)"
+        "--axis",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="run this axis only, such as friction; may be repeated",
     )
     stability.set_defaults(command=_stability)
 
@@ -201,143 +211,105 @@ def _parser() -> argparse.ArgumentParser:
             default=[],
             metavar="KEY=VALUE",
             dest="overrides",
-            help="change a value of the scene, such as loads.0.force=200 (text in quotes); may be repeated",
+            help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
+            "may be repeated",
         )
     for command in (run, modes, compare, campbell, stability):
         command.add_argument(
-            "--output", metavar="DIR", help="folder of the results (default: out/NAME of the scene)"
+            "--output", metavar="DIR", help="output folder (default: out/NAME of the scene)"
         )
     return parser
 
 
 def _folder(options: argparse.Namespace, source: str) -> Path:
+    """Choose the output folder."""
     return Path(options.output) if options.output else Path("out") / Path(source).stem
 
 
 def _run(options: argparse.Namespace) -> int:
+    """Run a scene or a stored model."""
     if options.stored:
         return _rerun(options)
-    if options.scene is None and options.resume:
-        raise SceneError(
-            "fenicsrom run: --resume needs the model too: --from reduced_model.npz, or the scene file"
-        )
     if options.scene is None:
-        raise SceneError(
-            "fenicsrom run: SCENE is missing: must be a scene file, or --from a stored reduced model"
-        )
+        if options.resume:
+            sentence = "fenicsrom run: --resume also needs the scene file or --from MODEL"
+        else:
+            sentence = "fenicsrom run: give a scene file or --from MODEL"
+        raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
     comm, say, scene, folder = _start(options)
     from fenicsrom import study
-    from fenicsrom.online import measures
-    from fenicsrom.post import results
+    from fenicsrom.post import sentences
 
-    resume = Path(options.resume) if options.resume else None
-    found = study.run(scene, comm, say, lambda made: results.restarts(made, folder, resume))
-    say("files ..")
-    files = results.write_study(found, folder)
+    found = study.run(
+        scene,
+        comm,
+        say,
+        folder=folder,
+        resume=Path(options.resume) if options.resume else None,
+        stop=_is_terminated,
+    )
     if comm.rank == 0:
-        table = results.terminal_table(found.motions, results.sizes(found)) if found.motions else ""
-        _found(scene, table, found.solid.warnings)
-        if "reduced" in found.motions and (
-            sentence := results.resumed_sentence(found.motions["reduced"])
-        ):
-            print(sentence)
-        if found.deflection is not None:
-            print(results.equilibrium_sentence(found.deflection))
-        if (basis := found.basis) is not None:
-            print(f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}")
-            condition = found.modes.flexibility_condition
-            print(
-                f"condition: {basis.condition:.3g} of the reduced mass, {condition:.3g} of the residual flexibility, scaled"
-            )
-        for sentence in (
-            measures.out_of_reach(found.motions["reduced"], found.solid.points)
-            if "reduced" in found.motions
-            else []
-        ):
-            print(sentence)
-        if found.errors:
-            print(results.estimate_sentence(found))
-        if errors := results.errors_of(found.motions):
-            print(results.error_sentence(errors))
-        if "full" in found.motions and "reduced" in found.motions:
-            slow, fast = (found.motions[name] for name in ("full", "reduced"))
-            ratio = (slow.seconds / max(slow.steps, 1)) / (fast.seconds / max(fast.steps, 1))
-            print(f"The reduced model took 1/{ratio:.0f} of the full model's time for a step.")
-        _files(files)
+        table = sentences.response_table(found.motions, found.sizes)
+        _results(scene, table, found.warnings, sentences.study_sentences(found))
+        _files(found.files)
     if found.unfinished:
-        comm.barrier()  # the first rank has its files to write
+        comm.barrier()  # the first rank finishes its files
         raise found.unfinished[1]
     return 0
 
 
 def _rerun(options: argparse.Namespace) -> int:
+    """Integrate a stored model again."""
     from dataclasses import replace
 
-    from fenicsrom.assess import verdicts
-    from fenicsrom.online import archive, simulate
-    from fenicsrom.online import checkpoints as restart
-    from fenicsrom.post import results
+    from fenicsrom import study
+    from fenicsrom.online import archive, checkpoints
+    from fenicsrom.post import sentences
 
     stored = archive.load_model(Path(options.stored))
-    overrides = list(options.overrides)
     resume = Path(options.resume) if options.resume else None
-    if (
-        resume is not None
-    ):  # under the scene it was run under, which need not be the one the model was made from
-        stored = replace(stored, scene=restart.load_scene(resume))
+    if resume is not None:  # the run may have had another scene than the model
+        stored = replace(stored, scene=checkpoints.load_scene(resume))
     if options.scene is not None:
-        wanted = read_scene(options.scene, overrides)
-        if (key := archive.changed_key(stored.scene, wanted)) is not None:
-            raise SceneError(
-                f"{options.scene}: {key} is not what {options.stored} was made from: run the scene without --from"
-            )
-        model, scene = archive.with_scene(stored, wanted)
+        current = stored.with_scene(read_scene(options.scene, options.overrides))
     else:
-        model, scene = archive.rescene(stored, overrides)
-    begin = restart.load_checkpoint(resume, model, scene) if resume is not None else None
+        current = stored.with_overrides(options.overrides)
+    model, scene = current.model, current.scene
     folder = _folder(options, options.scene or options.stored)
-    _writable(folder)
-    unfinished: ConvergenceError | AccuracyError | None = None
-    try:
-        keep = restart.keeper(folder / results.CHECKPOINT, model, scene)
-        motion = simulate.simulate(model, scene, resume=begin, checkpoint=keep)
-    except (AccuracyError, ConvergenceError) as error:
-        if error.partial is None:
-            raise
-        motion, unfinished = error.partial, error
-    else:
-        unfinished = verdicts.rejection_reason(model, scene, motion)
-    files = results.write_rerun(stored, scene, motion, folder)
-    _found(scene, results.terminal_table({"reduced": motion}, {"reduced": stored.size}), [])
-    if sentence := results.resumed_sentence(motion):
-        print(sentence)
-    _files(files)
-    if unfinished:
-        raise unfinished
+    folder.mkdir(parents=True, exist_ok=True)
+    found = study.rerun(
+        stored,
+        model,
+        scene,
+        folder,
+        resume=resume,
+        say=_progress,
+        stop=_is_terminated,
+    )
+    table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
+    resumed = sentences.resumed_sentence(found.motion)
+    _results(scene, table, found.warnings, [resumed] if resumed else [])
+    _files(found.files)
+    if found.unfinished:
+        raise found.unfinished
     return 0
 
 
 def _modes(options: argparse.Namespace) -> int:
+    """Compute modes and modal derivatives."""
     comm, say, scene, folder = _start(options)
     from fenicsrom import study
-    from fenicsrom.post import results
+    from fenicsrom.post import sentences
 
-    found = study.offline(scene, comm, study.Stopwatch(say), modes_only=True)
-    say("files ..")
-    files = results.write_study(found, folder)
+    found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=_is_terminated)
     if comm.rank == 0:
-        print()
-        for warning in found.solid.warnings:
-            print(f"warning: {warning}")
-        for k, frequency in enumerate(found.modes.frequencies_hz):
-            print(f"{k + 1}V  {frequency:.5g} Hz")
-        if found.derivatives.labels:
-            print(f"derivatives: {' '.join(found.derivatives.labels)}")
-        _files(files)
+        _results(None, "", found.warnings, sentences.mode_lines(found))
+        _files(found.files)
     return 0
 
 
 def _compare(options: argparse.Namespace) -> int:
+    """Compare bases with the full model."""
     comm, say, scene, folder = _start(options)
     from fenicsrom.assess import compare
     from fenicsrom.post import compare_report
@@ -345,19 +317,33 @@ def _compare(options: argparse.Namespace) -> int:
     found = compare.compare(scene, comm, say)
     if comm.rank == 0:
         files = compare_report.write_comparison(found, folder)
-        _found(scene, compare_report.terminal(found), found.warnings)
+        _results(scene, compare_report.terminal(found), found.warnings)
         _files(files)
     return 0
 
 
+def _schema(options: argparse.Namespace) -> int:
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
+    if options.output is None:
+        print(text)
+        return 0
+    from fenicsrom.files import atomic_write
+
+    with atomic_write(options.output) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
 def _campbell(options: argparse.Namespace) -> int:
+    """Compute a Campbell diagram."""
     comm, say, scene, folder = _start(options)
     from fenicsrom.assess import campbell
+    from fenicsrom.post import campbell_report
 
     found = campbell.campbell(scene, comm, say)
     if comm.rank == 0:
-        files = campbell.write(found, folder)
-        _found(scene, campbell.terminal(found), found.warnings)
+        files = campbell_report.write(found, folder)
+        _results(scene, campbell_report.terminal(found), found.warnings)
         _files(files)
     if found.unfinished:
         comm.barrier()
@@ -366,39 +352,35 @@ def _campbell(options: argparse.Namespace) -> int:
 
 
 def _stability(options: argparse.Namespace) -> int:
-    from fenicsrom.scene.paths import shared_demos
-
-    path = Path(options.scene) if options.scene else shared_demos() / "slip_liftoff_2d.toml"
+    """Run extreme variants of a scene."""
     folder = Path(options.output) if options.output else Path("out") / "stability"
-    _writable(folder)
-    from fenicsrom.assess import schemes, stability
+    folder.mkdir(parents=True, exist_ok=True)
+    from fenicsrom.assess import stability
+    from fenicsrom.post import stability_report
 
-    matrix = stability.stability(
-        path, options.overrides, lambda line: print(line, file=sys.stderr, flush=True)
-    )
-    files = stability.write(matrix, folder)
+    matrix = stability.stability(Path(options.scene), options.overrides, _progress, options.axis)
+    files = stability_report.write(matrix, folder)
     print()
-    print("\n".join(stability.sentences(matrix)))
-    if matrix.by_scheme:
-        print(f"\n{schemes.terminal(matrix.by_scheme)}")
+    print("\n".join([*stability_report.sentences(matrix), *matrix.left_out]))
     _files(files)
-    return 1 if matrix.count(stability.WRONG) else 0
+    return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
 def _plan(options: argparse.Namespace) -> int:
-    from fenicsrom.plan import plan
+    """List the stages of a scene; the parts of a stage are indented."""
+    from fenicsrom.study import Stage, plan
 
-    scene = read_scene(options.scene, options.overrides)
-    for stage in plan(scene):
-        print(f"{'runs     ' if stage.runs else 'left out '} {stage.name:26} {stage.why}")
+    for item in plan(read_scene(options.scene, options.overrides)):
+        name = item.name if isinstance(item, Stage) else f"  {item.name}"
+        print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
     return 0
 
 
 def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
-    """The communicator, where progress goes, the scene and the output folder.
+    """Give the communicator, the progress callback, the scene and the output folder.
 
-    MPI comes first, so that a scene that is wrong is called so once; the folder is made before
-    anything is computed, so that a run is not lost for want of it.
+    MPI starts first, so that only one rank prints an error in the scene. The folder is made before
+    the computation, so that a run is not lost because its folder cannot be made.
     """
     from mpi4py import MPI
 
@@ -406,30 +388,39 @@ def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
     scene = read_scene(options.scene, options.overrides)
     folder = _folder(options, options.scene)
     if comm.rank == 0:
-        _writable(folder)
+        folder.mkdir(parents=True, exist_ok=True)
 
     def say(line: str) -> None:
         if comm.rank == 0:
-            print(line, file=sys.stderr, flush=True)
+            _progress(line)
 
     return comm, say, scene, folder
 
 
-def _writable(folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
+def _progress(line: str) -> None:
+    """Print a line of progress to stderr; stop a serial run if SIGTERM arrived."""
+    if _is_terminated() and _ranks() is None:
+        raise KeyboardInterrupt
+    print(line, file=sys.stderr, flush=True)
 
 
-def _found(scene: Scene, table: str, warnings: Sequence[str]) -> None:
+def _results(
+    scene: Scene | None, table: str, warnings: Sequence[str], sentences: Sequence[str] = ()
+) -> None:
+    """Print the title of the scene, a table, the warnings and the sentences on the results."""
     print()
-    if scene.title:
+    if scene is not None and scene.title:
         print(scene.title)
     if table:
         print(table)
     for warning in warnings:
         print(f"warning: {warning}")
+    for sentence in sentences:
+        print(sentence)
 
 
 def _files(files: Sequence[Path]) -> None:
+    """List the written files."""
     print("files:")
     for path in files:
         print(f"  {path}")

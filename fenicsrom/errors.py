@@ -1,39 +1,108 @@
-"""The three ways the program says no."""
+"""The errors of the program: one class for each exit path, and a kind that code can check.
+
+A message is one printable line for the user. Code never reads the message: it checks the class,
+`kind`, `key` and `source`.
+"""
 
 from __future__ import annotations
 
+from enum import Enum
 from typing import Any
 
 
+class ErrorKind(Enum):
+    """What an error is about."""
+
+    # wrong input (SceneError)
+    INPUT = "wrong input that no other kind describes"
+    MISSING = "a required key is missing"
+    UNKNOWN_KEY = "a key that does not exist"
+    TYPE = "a value of the wrong type"
+    RANGE = "a value of the right type that is not allowed"
+    CONFLICT = "a key that another key excludes, or keys that contradict each other"
+    FILE = "a file that does not exist or cannot be read"
+    FORMAT = "a file with damaged or unsupported content"
+    MISMATCH = "files that do not belong together"
+    MESH = "a mesh that cannot be used"
+    PLACE = "a group, node or region that the mesh lacks, or that cannot be used there"
+    SUPPORT = "supports that do not hold the body"
+    DEPENDENCY = "an optional Python module that is not installed"
+    # failed computations (ConvergenceError, AccuracyError)
+    CONVERGENCE = "an iteration that did not converge"
+    INSTABILITY = "an equilibrium that is unstable"
+    ACCURACY = "a result that failed its own check"
+    ENERGY = "a motion that does not balance its energy"
+    TIME_STEP = "a motion with a time step that is too long"
+    BASIS = "a basis that is too small or lost its structure"
+    NOT_FINITE = "a result that is not a finite number"
+
+
+def printable(text: str) -> str:
+    """Give a text in which every character that a terminal would act on is escaped."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
 class SceneError(ValueError):
-    """The input is wrong: one sentence naming the file, the key, the value and what is allowed
-    (exit code 2).
+    """The input is wrong (exit code 2).
+
+    The message is one sentence that names the file, the key, the value and what is allowed.
+
+    Attributes:
+        kind: what is wrong.
+        key: the dotted key of the scene that the error is about, such as "loads[0].force", or "".
+        source: the file that the error is about, as the message names it, or "".
     """
+
+    def __init__(
+        self, message: str, *, kind: ErrorKind = ErrorKind.INPUT, key: str = "", source: str = ""
+    ):
+        """Store the sentence and what it is about."""
+        super().__init__(printable(message))
+        self.kind = kind
+        self.key = key
+        self.source = source
 
 
 class ConvergenceError(RuntimeError):
-    """An iteration did not converge: says when and where, and keeps what was computed (exit code
-    1).
+    """An iteration did not converge (exit code 1).
+
+    The message says when and where.
 
     Attributes:
-        partial: what was computed before the failure (a `Motion`, a list of equilibria, or None).
+        partial: what was computed before the failure (a `Motion`, a list of equilibria), or None.
+        kind: what failed.
     """
 
-    def __init__(self, message: str, partial: Any = None):
+    def __init__(
+        self, message: str, partial: Any = None, *, kind: ErrorKind = ErrorKind.CONVERGENCE
+    ):
         """Store the sentence and the partial result."""
         super().__init__(message)
         self.partial = partial
+        self.kind = kind
 
 
 class AccuracyError(RuntimeError):
-    """A result failed its own check (a residual, an orthogonality, the energy ledger): it is not
-    returned (exit code 1).
+    """A result failed its own check and is not returned (exit code 1).
+
+    The checks are a residual, an orthogonality, the energy balance and the estimated errors.
 
     Attributes:
         partial: what was computed, for inspection (a `Motion`), or None.
+        kind: which check failed.
+        key: the dotted key of the scene that would help, such as "time.steps_per_period", or "".
     """
 
-    def __init__(self, message: str, partial: Any = None):
+    def __init__(
+        self,
+        message: str,
+        partial: Any = None,
+        *,
+        kind: ErrorKind = ErrorKind.ACCURACY,
+        key: str = "",
+    ):
         """Store the sentence and the result that failed."""
         super().__init__(message)
         self.partial = partial
+        self.kind = kind
+        self.key = key

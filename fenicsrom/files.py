@@ -1,6 +1,4 @@
-"""Files and folders that appear whole or not at all, and archives of arrays that are read with
-distrust.
-"""
+"""Files and folders that appear only when they are complete, and archives of checked arrays."""
 
 from __future__ import annotations
 
@@ -16,17 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 
 
 @contextmanager
 def atomic_write(path: str | Path) -> Iterator[Path]:
     """Write a file that appears under its name only when it is complete.
 
-    The body writes to the temporary path it is given, in the same folder (made if missing) and with
-    the same suffix. At the end the temporary file is flushed to the disk and takes the name in one
-    step. Whatever stops the body (an error, a full disk, an interrupt, an exit) removes it, and a
-    file that had the name before stays as it was.
+    The body writes to a temporary path in the same folder (made if missing) with the same suffix.
+    At the end the temporary file is flushed to the disk and renamed in one step. If anything stops
+    the body (an error, a full disk, an interrupt, an exit), the temporary file is removed, and an
+    earlier file of that name stays as it was.
 
     Args:
         path: the file to write.
@@ -56,16 +54,16 @@ def atomic_write(path: str | Path) -> Iterator[Path]:
 def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
     """Write a folder that appears under its name only when everything in it is complete.
 
-    The body writes into a temporary folder beside `path`; at the end every file in it is flushed to
-    the disk and the folder takes the name, **replacing the folder that had it, with all its
-    content**. Whatever stops the body removes the temporary folder and leaves the older one as it
-    was.
+    The body writes into a temporary folder beside `path`. At the end every file in it is flushed to
+    the disk, and the folder is renamed; it **replaces an earlier folder of that name with all its
+    content**. If anything stops the body, the temporary folder is removed, and the earlier folder
+    stays as it was.
 
     Args:
         path: the folder to write.
-        comm: an MPI communicator whose ranks all write into the folder. The call is collective, the
-            body must not
-            be: when one rank fails, the folder does not appear and every rank raises.
+        comm: an MPI communicator whose ranks all write into the folder. The call is collective, but
+            the body must not be: if one rank fails, the folder does not appear, and every rank
+            raises.
 
     Yields:
         The temporary folder to write into, the same on every rank.
@@ -96,8 +94,13 @@ def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
 def write_archive(
     path: Path, header: Mapping[str, Any], arrays: Mapping[str, Any], compress: bool = False
 ) -> None:
-    """Write arrays as an `.npz` with a header of what JSON can hold; the file appears whole or not
-    at all.
+    """Write arrays and a header to an `.npz` file that appears only when it is complete.
+
+    Args:
+        path: the file to write.
+        header: values that JSON can hold.
+        arrays: numpy arrays by name.
+        compress: whether to compress the arrays.
 
     Raises:
         OSError: it cannot be written.
@@ -109,62 +112,69 @@ def write_archive(
 
 @contextmanager
 def read_archive(
-    path: Path, what: str, form: str
+    path: Path, what: str, form: str, earlier: str = ""
 ) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Read what `write_archive` wrote, or what pretends to be: pickles are refused.
+    """Read a file that `write_archive` wrote; the content is not trusted, and pickles are refused.
 
-    The body makes of header and arrays what they stand for; whatever it raises means that the file
-    is damaged.
+    The body turns header and arrays into an object. Any error in the body means that the file is
+    damaged.
 
     Args:
         path: the file.
-        what: it should be, such as "a checkpoint".
-        form: what its header should have under "format".
+        what: what the file should hold, such as "a checkpoint".
+        form: the entry "format" that its header should have.
+        earlier: how the formats of earlier versions begin, which this version cannot read; "" if
+            there are none.
 
     Yields:
         The header, and the arrays by their names.
 
     Raises:
-        SceneError: the file is missing, damaged or of another format; one line that begins with its
-            path.
+        SceneError: the file is missing, damaged or of another format; the message is one line that
+            begins with the path.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # of entries that overlap: someone has been at the file
+            warnings.simplefilter("error")  # overlapping entries: the file was manipulated
             with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 arrays = {name: np.array(file[name]) for name in file.files}
             header = json.loads(str(arrays.pop("header")[()]))
+        if earlier and str(header.get("format")).startswith(earlier) and header["format"] != form:
+            raise _damaged(
+                path,
+                f"{path}: holds {what} of another version of this program "
+                f"({header['format']}, this version reads {form}); run the scene again",
+            )
         if header.get("format") != form:
-            raise SceneError(f"{path}: format = {header.get('format')!r}: must be {form!r}")
+            raise _damaged(path, f"{path}: format = {header.get('format')!r}: must be {form!r}")
         yield header, arrays
     except FileNotFoundError:
-        raise SceneError(f"{path}: cannot be read: no such file") from None
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or 'it is damaged'}") from None
-    except SceneError as error:
-        sentence = (
-            str(error)
-            if str(error).startswith(f"{path}: ")
-            else f"{path}: the scene in it is damaged ({error})"
-        )
-        raise SceneError(_one_line(sentence)) from None
-    except (
-        Exception
-    ) as error:  # damaged bytes make numpy, zipfile and zlib raise whatever they have
-        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise SceneError(
-            _one_line(f"{path}: is not {what} written by this program ({reason})")
+            f"{path}: cannot be read: no such file", kind=ErrorKind.FILE, source=str(path)
         ) from None
+    except OSError as error:
+        raise SceneError(
+            f"{path}: cannot be read: {error.strerror or 'it is damaged'}",
+            kind=ErrorKind.FILE,
+            source=str(path),
+        ) from None
+    except SceneError as error:
+        if error.source == str(path):
+            raise
+        raise _damaged(path, f"{path}: the scene in it is damaged ({error})") from None
+    except Exception as error:  # damaged bytes raise many kinds of errors in numpy and zipfile
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise _damaged(path, f"{path}: is not {what} written by this program ({reason})") from None
 
 
-def _one_line(text: str) -> str:
-    """The first line of a text, shortened, without what cannot be printed."""
-    return "".join(c if c.isprintable() else "?" for c in text.splitlines()[0])[:500]
+def _damaged(path: Path, text: str) -> SceneError:
+    """The error of a damaged file, from the first line of a text, shortened."""
+    return SceneError(text.splitlines()[0][:500], kind=ErrorKind.FORMAT, source=str(path))
 
 
 @contextmanager
 def _together(temporary: Path, path: Path, comm: Any) -> Iterator[None]:
-    """Let every rank do its part, then raise on all of them if one failed."""
+    """Run the body on every rank, then raise on all ranks if one failed."""
     failure: BaseException | None = None
     try:
         yield
@@ -191,7 +201,7 @@ def _flush(file: Path) -> None:
 
 
 def _swap(temporary: Path, path: Path) -> None:
-    """Give a finished folder its name; the older folder comes back if that fails."""
+    """Give a finished folder its name; restore the earlier folder if that fails."""
     if not path.exists():
         os.rename(temporary, path)
         return
@@ -206,7 +216,7 @@ def _swap(temporary: Path, path: Path) -> None:
 
 
 def _named(error: OSError, temporary: Path, path: Path) -> OSError:
-    """The same error, naming the file the user knows instead of the temporary one (or none)."""
+    """The same error with the file that the user knows, instead of the temporary file."""
     if error.errno is None or error.filename not in (None, str(temporary)):
         return error
     return OSError(error.errno, error.strerror, str(path))

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
 from fenicsrom.online.simulate import simulate
 from fenicsrom.online.surfaces import Contacts, planes
-from fenicsrom.scene import Scene, Time, override_table, parse_scene
+from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
 Array = NDArray[np.float64]
 
@@ -123,14 +124,23 @@ STOCKY = tuple(
 """Overrides that make the beam short and its mesh tiny."""
 
 
+_SCENES: WeakKeyDictionary[Any, Scene] = WeakKeyDictionary()
+
+
 def make_solid(scene: Scene) -> Any:
-    """Mesh and solid of a scene."""
+    """Mesh and solid of a scene; `scene_of` gives the scene back."""
     from mpi4py import MPI
 
-    from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid import build_solid
 
-    return Solid(build_mesh(scene.geometry, MPI.COMM_WORLD), scene)
+    solid = build_solid(scene, MPI.COMM_WORLD)
+    _SCENES[solid] = scene
+    return solid
+
+
+def scene_of(solid: Any) -> Scene:
+    """The scene that a solid was made from by `make_solid`."""
+    return _SCENES[solid]
 
 
 def free_unknowns(solid: Any) -> NDArray[np.int64]:
@@ -160,7 +170,7 @@ def enriched(
     from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
     from fenicsrom.reduction.modes import component_modes
 
-    found = component_modes(solid, method, modes)
+    found = component_modes(solid, Basis(method=method, modes=modes))
     labels = all_pairs(found.labels) if wanted is None else list(wanted)
     theta = modal_derivatives(
         found.vectors, found.labels, labels, solid.tangent_derivative, found.inverse
@@ -300,7 +310,7 @@ def one_contact(dimension: int = 2, **values: Any) -> Contacts:
 
 def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 0.8) -> Time:
     """Settings of a run of a number of equal steps."""
-    return Time(
+    return Time.of(
         scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius
     )
 

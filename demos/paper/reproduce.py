@@ -21,15 +21,18 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.compare import Outcome, Workshop, compare_bases, motion_errors
+from fenicsrom.assess.agreement import motion_errors
+from fenicsrom.assess.compare import Outcome, Workshop, compare_bases
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.solid import solid_of
 from fenicsrom.files import atomic_write
 from fenicsrom.online import measures
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.post import report
+from fenicsrom.post import figures
+from fenicsrom.post.style import COLOURS, line_styles, new_figure, styled
+from fenicsrom.post.writers import write_figure
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.beam import beam_structure
 from fenicsrom.reduction.derivatives import all_pairs
@@ -57,7 +60,7 @@ def mesh() -> Any:
 
 def body(kind: str, of: Scene) -> Any:
     """The beam or the solid of a scene."""
-    return beam_structure(of) if kind == "beam" else Solid(mesh(), of)
+    return beam_structure(of) if kind == "beam" else solid_of(of, mesh())
 
 
 @functools.cache
@@ -246,9 +249,9 @@ def third_order_table() -> Table:
     """
     of = scene("high_load")
     beam = body("beam", of)
-    modes = component_modes(beam, "rubin", 1)
+    modes = component_modes(beam, replace(of.basis, method="rubin", modes=1))
     labels = tuple(all_pairs(modes.labels))
-    derivatives = differentiate(beam, modes, labels)
+    derivatives = differentiate(beam, of.basis, modes, labels)
     # the odd part of the nonlinear static deflection along the first mode, less its linear part, is
     # of third order
     force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (
@@ -294,7 +297,7 @@ def state_table() -> Table:
             shares = [f"{100 * share:.1f}" for share in measures.contact_fractions(motion).values()]
             energy = measures.dissipated_per_period(motion)
             found.append(
-                [label, kind, *shares, f"{report.peak_normal_force(motion):.1f}", f"{energy:.4g}"]
+                [label, kind, *shares, f"{measures.peak_normal_force(motion):.1f}", f"{energy:.4g}"]
             )
     return found
 
@@ -308,7 +311,7 @@ FULL_POINTS = {0: (3.0, 3.28), 40: (3.2, 3.28), 60: (3.2, 3.3), 250: (7.8, 8.1)}
 def at(of: Scene, frequency: float, preload: float) -> Scene:
     """The scene at another frequency and preload; without preload the wall is out of reach."""
     contact = replace(of.contacts[0], preload=float(preload), gap=0.0 if preload else 1.0)
-    return replace(of, loads=(replace(of.loads[0], frequency=frequency),), contacts=(contact,))
+    return replace(of, loads=(of.loads[0].changed(frequency=frequency),), contacts=(contact,))
 
 
 @functools.cache
@@ -318,10 +321,14 @@ def response(preload: int) -> dict[str, Any]:
     """
     of = scene("slip_liftoff", "time.steady_tolerance=1e-4")
     solid = body("solid", of)
-    modes = component_modes(solid, "rubin", of.basis.modes)
-    selection = choose(solid, modes)
+    modes = component_modes(solid, replace(of.basis, method="rubin"))
+    selection = choose(solid, of, modes)
     model = reduce(
-        solid, enrich(solid, modes, selection, differentiate(solid, modes, selection.derivatives))
+        solid,
+        of.basis,
+        enrich(
+            solid, modes, selection, differentiate(solid, of.basis, modes, selection.derivatives)
+        ),
     )
     low, high, step = RANGES[preload]
     up = np.arange(low, high + 0.5 * step, step)
@@ -377,13 +384,13 @@ def response_table() -> Table:
 # ---------------------------------------------------------------------- pictures
 
 
-@report.styled
+@styled
 def response_figure() -> Any:
     """Fig. 4."""
-    figure = report.new_figure(9.6, 4.6)
+    figure = new_figure(9.6, 4.6)
     axes = figure.subplots(1, 2, width_ratios=[3, 2])
     for k, preload in enumerate(RANGES):
-        axis, colour = axes[int(preload == 250)], report.COLOURS[k]
+        axis, colour = axes[int(preload == 250)], COLOURS[k]
         curves = response(preload)
         axis.plot(*zip(*curves["up"], strict=True), color=colour, label=f"{preload} N")
         axis.plot(*zip(*curves["down"], strict=True), color=colour, linestyle="--")
@@ -400,18 +407,18 @@ def response_figure() -> Any:
     return figure
 
 
-@report.styled
+@styled
 def deflection_figure(kind: str, name: str) -> Any:
     """Figs. 5a and 12a: the deflected beam at instants of the steady state."""
     of = scene(name)
     beam = body("beam", of)
     motion = simulate(full_model(beam), of, keep_coordinates=True)
-    figure = report.new_figure(7.6, 3.6)
+    figure = new_figure(7.6, 3.6)
     axis = figure.subplots()
     x = np.linspace(0, beam.beam.length, beam.beam.elements + 1)[1:]
     instants = np.linspace(0, motion.coordinates.shape[0] - 1, 9).astype(int)[:-1]
     for (name, style), k in zip(
-        report.line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True
+        line_styles(f"{j / 8:g} T" for j in range(8)).items(), instants, strict=True
     ):
         q = motion.coordinates[k]
         axis.plot(x + q[0::3], 1e3 * q[1::3], label=name, **style)
@@ -420,14 +427,14 @@ def deflection_figure(kind: str, name: str) -> Any:
     return figure
 
 
-@report.styled
+@styled
 def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Any:
     """Figs. 8, 9 and 14: error against size, with and without derivatives, on the beam and the
     solid.
     """
-    figure = report.new_figure(4.2 * len(parts) + 1.0, 6.4)
+    figure = new_figure(4.2 * len(parts) + 1.0, 6.4)
     axes = figure.subplots(2, len(parts), sharey=True, squeeze=False)
-    colours = {"none": report.COLOURS[0], "mmi": report.COLOURS[1], "mmi-nls": report.COLOURS[2]}
+    colours = {"none": COLOURS[0], "mmi": COLOURS[1], "mmi-nls": COLOURS[2]}
     for column, (name, chosen, plain) in enumerate(parts):
         for row, kind in enumerate(BODIES):
             axis = axes[row][column]
@@ -485,15 +492,15 @@ PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
     "figure_05": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "slip_liftoff")),
     "figure_05_motion": (
         "figures 5 to 7, 12, 13",
-        lambda: report.plot_motion({k: full(k, "slip_liftoff") for k in BODIES}),
+        lambda: figures.plot_motion({k: full(k, "slip_liftoff") for k in BODIES}),
     ),
     "figure_06": (
         "figures 5 to 7, 12, 13",
-        lambda: report.plot_contact({k: full(k, "slip_liftoff") for k in BODIES}),
+        lambda: figures.plot_contact({k: full(k, "slip_liftoff") for k in BODIES}),
     ),
     "figure_07": (
         "figures 5 to 7, 12, 13",
-        lambda: report.plot_contact({k: full(k, "slip_liftoff", LINEAR) for k in BODIES}),
+        lambda: figures.plot_contact({k: full(k, "slip_liftoff", LINEAR) for k in BODIES}),
     ),
     "figures_08_09": (
         "figure 9, right",
@@ -502,7 +509,7 @@ PICTURES: dict[str, tuple[str, Callable[[], Any]]] = {
     "figure_12": ("figures 5 to 7, 12, 13", lambda: deflection_figure("beam", "stick_slip")),
     "figure_13": (
         "figures 5 to 7, 12, 13",
-        lambda: report.plot_contact({k: full(k, "stick_slip") for k in BODIES}),
+        lambda: figures.plot_contact({k: full(k, "stick_slip") for k in BODIES}),
     ),
     "figure_14": (
         "figure 14, no derivatives",
@@ -542,8 +549,7 @@ def main() -> None:
         fill(HERE / "README.md", name, markdown(PARTS[name]()))
     for file, (part, draw) in PICTURES.items():
         if part in wanted:
-            with atomic_write(Path(options.output) / f"{file}.png") as temporary:
-                draw().savefig(temporary, format="png", dpi=130)
+            write_figure(Path(options.output) / f"{file}.png", draw())
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Whether a motion can be relied on: each check raises an AccuracyError."""
+"""Whether a motion can be relied on: each check raises an AccuracyError with its kind."""
 
 from __future__ import annotations
 
@@ -6,57 +6,60 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.estimates import refined, step_errors
-from fenicsrom.errors import AccuracyError
+from fenicsrom.assess.estimates import step_errors
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.online.energy import check_energy
 from fenicsrom.online.measures import is_unsteady
 from fenicsrom.online.motion import Motion
 from fenicsrom.scene import Scene
+from fenicsrom.scene.step_size import refined, step_key
 
-TIME_ERROR = 0.1  # estimated relative error by the time step above which a motion is refused
-UNSETTLED_ERROR = 1.0  # the same of a motion that does not settle, whose root mean squares wander
-BASIS_ERROR = (
-    0.05  # relative difference from a basis with more derivatives above which a motion is refused
-)
-ENERGY_ERROR = 1e-2  # relative imbalance of the energy ledger above which a motion is refused
+# largest estimated relative error by the time step, of amplitudes
+TIME_ERROR = 0.1
+# the same of root mean squares, where the motion does not settle
+UNSETTLED_ERROR = 1.0
+# largest relative difference from the motion of a richer basis
+BASIS_ERROR = 0.05
 
 
-def check_time_error(scene: Scene, estimate: float, wandering: bool = False) -> None:
-    """Refuse a motion whose estimated error by the time step is above `TIME_ERROR`;
-    `UNSETTLED_ERROR` if it wanders.
+def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
+    """Refuse a motion whose estimated error by the time step is too large.
+
+    Args:
+        scene: of the motion.
+        estimate: the relative error, infinite if there is no estimate.
+        unsteady: whether the motion does not settle: `UNSETTLED_ERROR` applies, else `TIME_ERROR`.
 
     Raises:
-        AccuracyError: it is.
+        AccuracyError: the estimate is above the limit.
     """
-    allowed = UNSETTLED_ERROR if wandering else TIME_ERROR
+    allowed = UNSETTLED_ERROR if unsteady else TIME_ERROR
     if estimate <= allowed:
         return
-    time = scene.time
-    name = next(
-        name
-        for name in ("tolerance", "steps_per_period", "step")
-        if getattr(time, name) is not None
-    )
-    other = "eight times the tolerance" if name == "tolerance" else "twice the step"
-    size = (
-        f"an error of about {100.0 * estimate:.2g} %"
-        if np.isfinite(estimate)
-        else "no motion that settles, or none"
-    )
+    name = step_key(scene)
+    given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
+    if np.isfinite(estimate):
+        found, scheme = f"an error of about {100.0 * estimate:.2g} %", ""
+    else:
+        found, scheme = "no motion that settles, or none", other_scheme(scene)
     raise AccuracyError(
-        f"time.{name} = {getattr(time, name):g}: the steps are too long: {other} gives {size} "
-        f"(at most {100.0 * allowed:g} % is taken as converged{', of a motion that does not settle' if wandering else ''}): "
-        f"a richer basis is no help, {name} = {getattr(recommended_step(scene, estimate).time, name):g} is likely enough"
-        f"{'' if np.isfinite(estimate) else other_scheme(scene)}"
+        f"time.{name} = {given:g}: the steps are too long: a run with "
+        f"{'eight times the tolerance' if name == 'tolerance' else 'twice the step'} gives {found} "
+        f"(at most {100.0 * allowed:g} % is accepted"
+        f"{' of a motion that does not settle' if unsteady else ''}): "
+        f"a richer basis will not help; try {name} = {better:g}{scheme}",
+        kind=ErrorKind.TIME_STEP,
+        key=f"time.{name}",
     )
 
 
 def other_scheme(scene: Scene) -> str:
-    """What to try where a motion does not settle: the end of a sentence."""
-    conserves = scene.time.scheme == "discrete-gradient"
+    """The end of a sentence: the scheme to try where a motion does not settle, or ""."""
+    if scene.time.scheme != "discrete-gradient":
+        return ""
     return (
-        '; or time.scheme = "generalised-alpha", which damps the waves that the steps do not resolve'
-        if conserves
-        else ""
+        '; or try time.scheme = "generalised-alpha", which damps the waves that the steps do not '
+        "resolve"
     )
 
 
@@ -68,61 +71,22 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
     """
     if estimate <= BASIS_ERROR:
         return
-    size = (
+    found = (
         f"amplitudes that differ by {100.0 * estimate:.2g} %"
         if np.isfinite(estimate)
         else "no motion that settles"
     )
     raise AccuracyError(
-        f"the basis is too poor: with more modes or derivatives it gives {size} (at most {100.0 * BASIS_ERROR:g} % is "
-        "taken as converged): lower basis.threshold, or take derivatives = 'all' or more than basis.modes = "
-        f"{scene.basis.modes}"
+        f"the basis is too small: a basis with more modes or derivatives gives {found} "
+        f"(at most {100.0 * BASIS_ERROR:g} % is accepted): lower basis.threshold, set "
+        f'basis.derivatives = "all", or set basis.modes above {scene.basis.modes}',
+        kind=ErrorKind.BASIS,
+        key="basis",
     )
-
-
-def check_energy(motion: Motion) -> None:
-    """Refuse a motion whose energy ledger is off by more than `ENERGY_ERROR`, or in which friction
-    gives energy.
-
-    Energy from nowhere is held against the largest energy of the motion, as it may come to be all
-    of it. Energy that is lost (it is what generalised-alpha is made for) is held against the
-    largest energy and the work of the loads together: it is so much more damping.
-
-    Raises:
-        AccuracyError: it is.
-    """
-    energy = float(np.max(motion.kinetic + np.abs(motion.elastic)))
-    work = float(np.max(np.abs(motion.work - motion.work[0])))
-    both = "largest energy and the work of the loads"
-    for sign, share, found in ((1.0, energy, "largest energy"), (-1.0, energy + work, both)):
-        off = float(np.max(sign * motion.imbalance))
-        if not off <= ENERGY_ERROR * share:
-            kind = "comes from nowhere" if sign > 0.0 else "is lost"
-            raise AccuracyError(
-                f"the energy ledger is off: {off / share if share > 0.0 else np.inf:.1e} of the {found} {kind} "
-                f"(at most {ENERGY_ERROR:g} is allowed): the steps are too long for the scheme"
-            )
-    gains = np.diff(motion.friction_dissipation)
-    given, taken = (
-        -float(np.sum(gains[gains < 0.0])),
-        float(
-            np.sum(gains[gains > 0.0])
-            + motion.damping_dissipation[-1]
-            - motion.damping_dissipation[0]
-        ),
-    )
-    if given > ENERGY_ERROR * taken:
-        part = f"{given / taken:.1e} of what is dissipated" if taken > 0.0 else "from nothing"
-        raise AccuracyError(
-            f"friction gives energy to the motion, {part} (at most {ENERGY_ERROR:g} is allowed): the steps are too "
-            "long for the stiffness of the contact"
-        )
 
 
 def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """Why a motion is not to be relied on, as far as the model alone can tell; None if nothing
-    speaks against it.
-    """
+    """The reason to reject a motion, as far as the model alone can tell, or None."""
     try:
         check_energy(motion)
         check_time_error(scene, step_errors(model, scene, motion).amplitude, is_unsteady(motion))
@@ -132,11 +96,10 @@ def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError 
 
 
 def recommended_step(scene: Scene, estimate: float) -> Scene:
-    """The scene with its step halved until an error by the time step is likely below half of
-    `TIME_ERROR`.
+    """The scene with a step that likely brings the error below half of `TIME_ERROR`.
 
-    The error is taken to fall with the step as in a scheme of first order, to which contacts that
-    switch may bring it; where no estimate could be made (infinite), a quarter of the step is taken.
+    The step is halved often enough for a scheme of first order, which contacts that switch may
+    cause. Without an estimate (infinite), a quarter of the step is taken.
     """
     halvings = np.log2(estimate / (0.5 * TIME_ERROR)) if np.isfinite(estimate) else 2.0
     return refined(scene, 2 ** max(1, int(np.ceil(halvings))))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 
 Ints = npt.NDArray[Any]
 Marks = list[npt.NDArray[np.bool_]]
@@ -126,18 +126,28 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
     points = np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells if len(block.data)]
     if not blocks:
-        raise SceneError(f"{path}: no cells: must be a mesh")
+        raise SceneError(
+            f"{path}: no cells: must be a mesh", kind=ErrorKind.FORMAT, source=str(path)
+        )
     for kind, cells in blocks:
         if kind not in CELLS:
             raise SceneError(
-                f"{path}: cells {kind}: must be triangles, quadrilaterals, tetrahedra or hexahedra"
+                f"{path}: cells {kind}: must be triangles, quadrilaterals, tetrahedra or hexahedra",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
             )
         if cells.min() < 0 or cells.max() >= len(points):
             raise SceneError(
-                f"{path}: a cell has a node that is not in the file: must be a whole mesh"
+                f"{path}: a cell has a node that is not in the file: must be a whole mesh",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
             )
     if not np.isfinite(points).all():
-        raise SceneError(f"{path}: a coordinate is not a finite number: must be a mesh")
+        raise SceneError(
+            f"{path}: a coordinate is not a finite number: must be a mesh",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
+        )
     groups, nodes = _groups(mesh, form), _node_sets(mesh)
     if curved:
         points, blocks, nodes = _complete(points, blocks, nodes)
@@ -154,7 +164,9 @@ def _parse(path: Path, form: str) -> Any:
         import meshio
     except ImportError:
         raise SceneError(
-            f"{path}: reading a {path.suffix} file needs meshio: install it, or convert to .msh"
+            f"{path}: reading a {path.suffix} file needs meshio: install it, or convert to .msh",
+            kind=ErrorKind.DEPENDENCY,
+            source=str(path),
         ) from None
     try:
         if form == "vtu":
@@ -171,18 +183,24 @@ def _parse(path: Path, form: str) -> Any:
     except (Exception, SystemExit) as error:  # meshio raises what the file makes it stumble over
         reason = " ".join(str(error).split()) or type(error).__name__
         raise SceneError(
-            f"{path}: cannot be read, it may be cut off or damaged: {reason}"
+            f"{path}: cannot be read, it may be cut off or damaged: {reason}",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         ) from error
     if np.any(mesh.point_data.get("nastran:ref", 0)):
         raise SceneError(
-            f"{path}: a GRID has a coordinate system: must be in the basic one, field 3 empty or 0"
+            f"{path}: a GRID has a coordinate system: must be in the basic one, field 3 empty or 0",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     return mesh
 
 
 def _check_abaqus(path: Path, text: str) -> str:
-    """Refuse what meshio would pass over in an Abaqus file; give the text with keywords and types
-    in capitals.
+    """Refuse what meshio would skip in an Abaqus file.
+
+    Returns:
+        The text with keywords and types in capitals.
     """
     lines = [
         re.sub(r"^\*[^,]*|\bTYPE *= *\w+", lambda match: match[0].upper(), line, flags=re.I)
@@ -192,10 +210,15 @@ def _check_abaqus(path: Path, text: str) -> str:
     keywords = [line.partition(",")[0].strip() for line in lines if line.startswith("*")]
     if keywords.count("*NODE") != 1:
         raise SceneError(
-            f"{path}: {keywords.count('*NODE')} *NODE blocks: must be one, with all nodes of one part"
+            f"{path}: {keywords.count('*NODE')} *NODE blocks: must be one, with all nodes of one "
+            "part",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     if "*INCLUDE" in keywords:
-        raise SceneError(f"{path}: *INCLUDE: must be one file")
+        raise SceneError(
+            f"{path}: *INCLUDE: must be one file", kind=ErrorKind.FORMAT, source=str(path)
+        )
     block = ""
     for index, line in enumerate(lines):
         if line.startswith("*"):
@@ -212,13 +235,18 @@ def _check_abaqus(path: Path, text: str) -> str:
                     flags=re.I,
                 )
         elif block in ("*NSET", "*ELSET") and re.search(r"[^-0-9,\s]", line):
-            raise SceneError(f"{path}: {block} of other sets ({line.strip()}): must list numbers")
+            raise SceneError(
+                f"{path}: {block} of other sets ({line.strip()}): must list numbers",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
+            )
     return "\n".join(lines) + "\n"
 
 
 def _element_sets(mesh: Any, text: str) -> None:
-    """Put the sets named by ELSET= on *ELEMENT into the mesh: meshio takes them for the wrong block
-    if one has none.
+    """Put the sets that *ELEMENT names by ELSET= into the mesh.
+
+    Meshio assigns them to wrong blocks if a block has no such name.
     """
     blocks = re.findall(r"^\*ELEMENT *,(.*)$", text, flags=re.MULTILINE)
     names = [re.search(r"ELSET *= *\"?([^,\"]+)", line, flags=re.I) for line in blocks]
@@ -233,12 +261,16 @@ def _check_nastran(path: Path, text: str) -> str:
     """Refuse a bulk data file that is cut off; give it with the line that meshio begins at."""
     if not re.search(r"^ENDDATA", text, flags=re.MULTILINE):
         raise SceneError(
-            f"{path}: cannot be read, it may be cut off or damaged: must end with ENDDATA"
+            f"{path}: cannot be read, it may be cut off or damaged: must end with ENDDATA",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     if not re.search(
         r"^[A-Z]+\*? *,? *[0-9]", text.partition("BEGIN BULK")[2] or text, flags=re.MULTILINE
     ):
-        raise SceneError(f"{path}: no cells: must be a mesh")
+        raise SceneError(
+            f"{path}: no cells: must be a mesh", kind=ErrorKind.FORMAT, source=str(path)
+        )
     return text if re.search(r"^ *BEGIN BULK", text, flags=re.MULTILINE) else "BEGIN BULK\n" + text
 
 
@@ -299,10 +331,9 @@ def _marked(form: str, name: str, field: list[Ints]) -> Iterator[tuple[str, Mark
 def _complete(
     points: Floats, blocks: list[tuple[str, Ints]], sets: dict[str, Ints]
 ) -> tuple[Floats, list[tuple[str, Ints]], dict[str, Ints]]:
-    """Put in the nodes of degree 2 that serendipity cells lack, where the shape functions of the
-    cell have them.
+    """Add the nodes of degree 2 that serendipity cells lack, by the shape functions of the cell.
 
-    A node in the middle of a face is in the node sets that hold the whole face.
+    A node in the middle of a face is in the node sets that contain the whole face.
     """
     faces = [np.empty((0, 8), dtype=np.int64)]
     for kind, rows in blocks:

@@ -1,14 +1,8 @@
-"""A study: the stages of a scene in their order, each run only if the scene needs it.
-
-    scene -> mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motion
-
-Each step is a function of its own, to be called from Python one by one (`demos/slip_liftoff.py`) or
-all together by `run`.
-"""
+"""The full model: all unknowns of the mesh, for the time integration."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -19,13 +13,11 @@ from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.load_histories import factors
 from fenicsrom.reduction.beam import BeamStructure
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+from fenicsrom.reduction.protocols import Structure
 
 
 def full_model(body: Structure) -> Any:
-    """The full model of a body, as the time integration wants it."""
+    """The full model of a structure, for the time integration."""
     if isinstance(body, BeamStructure):
         return body.full_model()
 
@@ -38,16 +30,17 @@ _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 
 
 class FullModel:
-    """A `fenicsrom.online.operations.Model` of all unknowns q = u - u0; vectors hold those owned by this
-    rank.
+    """The full model of a solid: a `fenicsrom.online.operations.Model` of q = u − u₀.
+
+    Vectors hold the unknowns that this rank owns.
     """
 
     def __init__(self, solid: Solid):
         """Take the forms and matrices of the solid; geometrically linear if its scene is."""
         self._solid = solid
-        self.linear = not solid.scene.geometrically_nonlinear
+        self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
-        self.damping = solid.scene.material.mass_damping
+        self.damping = solid.mass_damping
         self.loads, self.load_histories, self.points = (
             solid.load_vectors,
             solid.load_histories,
@@ -64,13 +57,14 @@ class FullModel:
         self._mass = solid.matrix(solid.mass_form, 1.0)
         self._effective = solid.stiffness.copy()
         self._factor: Factorisation | None = None
-        self._key: tuple[float, float] | None = None
+        self._key: tuple[float, float, float] | None = None
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Slope]:
-        """Mean force, and where the tangent has to be taken with what weight (it is assembled when
-        it is needed).
+        """Mean force over a step, and the states and weights of its tangent.
+
+        The tangent itself is assembled when it is needed.
         """
         mean = start_weight * start
         slope: Slope = []
@@ -93,13 +87,17 @@ class FullModel:
             return force, 0.5 * self.dot(q, force + self._start)
         return force, self._solid.energy(self._solid.equilibrium + q) - self._energy
 
-    def responses(
-        self, inertia: float, drag: float, slope: Slope, residual: Array
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Slope,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + sum of weighted tangents) [y, Z] = [-residual, B]."""
-        key = (inertia, sum(weight for weight, _ in slope))
+        """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`."""
+        key = (mass_coefficient, gyroscopic_coefficient, sum(weight for weight, _ in tangent))
         if not (self.linear and key == self._key):
-            self._assemble(inertia, drag, slope)
+            self._assemble(mass_coefficient, gyroscopic_coefficient, tangent)
             try:
                 if self._factor is None:
                     self._factor = Factorisation(

@@ -1,10 +1,6 @@
-"""Factorised solver and eigenmodes: PETSc and SLEPc on arrays of the unknowns owned by this
-rank.
-"""
+"""Factorisations and eigenmodes by PETSc and SLEPc, on arrays of the unknowns of this rank."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 from petsc4py import PETSc
@@ -12,6 +8,7 @@ from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.reduction.protocols import Inverse
 
 EIGEN_TOLERANCE = 1e-10
 # largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender
@@ -19,18 +16,11 @@ EIGEN_TOLERANCE = 1e-10
 EIGEN_CHECK = 1e-8
 
 
-class Inverse(Protocol):
-    """Something that applies the inverse of a stiffness matrix to the columns of a block (local
-    rows, k).
-    """
-
-    def solve(self, block: Array) -> Array:
-        """K^-1 times the block."""
-
-
 class Factorisation:
-    """A matrix, factorised once: LDL^T, or LU unless it is symmetric; by MUMPS, or PETSc's own when
-    it is small.
+    """A factorised matrix.
+
+    The factors are L D Lᵀ, or L U of a matrix that is not symmetric. MUMPS computes them, or PETSc
+    itself if the matrix is small.
     """
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
@@ -114,8 +104,7 @@ class Factorisation:
 
 
 def negative_eigenvalues(matrix: PETSc.Mat) -> int:
-    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia from its
-    factors.
+    """Number of negative eigenvalues of a symmetric matrix, by Sylvester's law of inertia.
 
     Raises:
         ConvergenceError: the matrix is singular.
@@ -193,7 +182,8 @@ def eigenmodes(
     eps.solve()
     if eps.getConverged() < count:
         raise ConvergenceError(
-            f"only {eps.getConverged()} of {count} modes converged in {eps.getIterationNumber()} iterations"
+            f"only {eps.getConverged()} of {count} modes converged in "
+            f"{eps.getIterationNumber()} iterations"
         )
     squares = np.array([eps.getEigenvalue(k).real for k in range(count)])
     modes = np.empty((stiffness.getLocalSize()[0], count))
@@ -213,6 +203,7 @@ def eigenmodes(
     if np.any(errors > EIGEN_CHECK):
         worst = int(np.argmax(errors))
         raise AccuracyError(
-            f"mode {worst + 1} has a backward error of {errors[worst]:.1e}, more than {EIGEN_CHECK:.0e}"
+            f"mode {worst + 1} has a backward error of {errors[worst]:.1e}, more than "
+            f"{EIGEN_CHECK:.0e}"
         )
     return squares, modes

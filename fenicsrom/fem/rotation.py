@@ -1,14 +1,17 @@
-"""What a frame that turns steadily about an axis adds to a body: centrifugal and Coriolis force.
+"""Centrifugal and Coriolis force of a body in a steadily rotating frame.
 
-Seen from a frame of angular velocity Omega e through the point a, with P = I - e e^T, the body X +
-u has the potential
+The frame has the angular velocity Ω e and passes through the point a. With P = I − e eᵀ, the body
+at X + u has the centrifugal potential
 
-    V(u) = -1/2 Omega^2 int rho |P (X + u - a)|^2 = V(0) - Omega^2 (c . u + 1/2 u . Q u),
-    c . v = int rho P (X - a) . v,    v . Q u = int rho P u . v
+    V(u) = −½ Ω² ∫ ρ |P (X + u − a)|² = V(0) − Ω² (c · u + ½ u · Q u),    (1)
+    c · v = ∫ ρ P (X − a) · v,    v · Q u = ∫ ρ P u · v.    (2)
 
-Its force Omega^2 (c + Q u) is the centrifugal load and, by Q, spin softening. The Coriolis force is
--G du/dt, where v . G w = 2 Omega int rho v . (e x w) is skew: it does no work. (For a beam: Wright
-et al., J. Appl. Mech. 49, 1982.)
+The centrifugal force Ω² (c + Q u) is a load with spin softening by Q. The Coriolis force is −G u̇
+with
+
+    v · G w = 2 Ω ∫ ρ v · (e × w),    (3)
+
+which is skew, so the force does no work. For a beam: Wright et al., J. Appl. Mech. 49, 1982.
 """
 
 from __future__ import annotations
@@ -27,14 +30,13 @@ from fenicsrom.scene import Rotation
 
 
 class RotatingFrame:
-    """Centrifugal and Coriolis terms of a body, for any angular velocity.
+    """Centrifugal and Coriolis terms of a body, at any angular velocity.
 
     Attributes:
-        omega: angular velocity in rad/s.
-        square: Omega^2 of the centrifugal force in rad^2/s^2; load steps take it from one speed to
-        another.
-        mass: Q, the mass matrix of the motion normal to the axis, kg.
-        pull: (local,) c, kg m.
+        omega: angular velocity Ω, rad/s.
+        omega_squared: Ω² of the centrifugal force, rad²/s²; load steps vary it between two speeds.
+        mass: Q of (2), the mass matrix of the motion normal to the axis, kg.
+        unit_centrifugal_force: (local,) c of (2), kg m.
     """
 
     def __init__(
@@ -45,14 +47,15 @@ class RotatingFrame:
         assemble_matrix: Callable[[Any], PETSc.Mat],
         assemble_vector: Callable[[Any], Array],
     ):
-        """Form c, Q and, if the Coriolis force is wanted, G.
+        """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
 
         Args:
-            rotation: the axis.
-            space: of the displacements.
-            density: UFL measure weighted with the density (and the thickness in 2D).
-            assemble_matrix: of a UFL form, zero on the clamped rows.
-            assemble_vector: of a UFL form, (local,), zero on the clamped unknowns.
+            rotation: the axis and the speed.
+            space: displacement space.
+            density: multiplies a UFL integrand by the density (and the thickness in 2D), and
+                integrates it.
+            assemble_matrix: assembles a UFL form, zero on the clamped rows.
+            assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
         """
         d = space.mesh.geometry.dim
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
@@ -64,7 +67,7 @@ class RotatingFrame:
             axis = ufl.as_vector([float(value) for value in rotation.axis])
             normal = ufl.Identity(d) - ufl.outer(axis, axis)
             turned = ufl.cross(axis, trial)
-        self.pull = assemble_vector(
+        self.unit_centrifugal_force = assemble_vector(
             density(ufl.dot(normal * (ufl.SpatialCoordinate(space.mesh) - point), test))
         )
         self.mass = assemble_matrix(density(ufl.dot(normal * trial, test)))
@@ -72,38 +75,39 @@ class RotatingFrame:
             assemble_matrix(density(2.0 * ufl.dot(turned, test))) if rotation.coriolis else None
         )
         self._comm = space.mesh.comm
-        self.turn(rotation.omega)
+        self.set_speed(rotation.omega)
 
-    def turn(self, omega: float) -> None:
+    def set_speed(self, omega: float) -> None:
         """Set the angular velocity, rad/s."""
-        self.omega, self.square = omega, omega**2
+        self.omega, self.omega_squared = omega, omega**2
 
-    def force(self, u: Array) -> Array:
-        """Centrifugal force (local,) at a displacement (local,), N."""
-        return self.square * (self.pull + multiply(self.mass, u))
+    def centrifugal_force(self, u: Array) -> Array:
+        """Centrifugal force (local,) at a displacement u (local,), N."""
+        return self.omega_squared * (self.unit_centrifugal_force + multiply(self.mass, u))
 
     def mass_times(self, block: Array) -> Array:
-        """Q times the columns of a block (local, k)."""
+        """Q times a block (local, k)."""
         return multiply(self.mass, block)
 
     def energy(self, u: Array) -> float:
-        """Centrifugal potential V(u) - V(0), J."""
+        """Centrifugal potential V(u) − V(0) of (1) at a displacement u (local,), J."""
         return float(
             self._comm.allreduce(
-                -self.square * float(np.dot(u, self.pull + 0.5 * multiply(self.mass, u)))
+                -self.omega_squared
+                * float(np.dot(u, self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)))
             )
         )
 
-    def soften(self, matrix: PETSc.Mat, weight: float) -> None:
-        """Add a multiple of the potential's second derivative, -Omega^2 Q, to a tangent
-        stiffness.
-        """
+    def add_spin_softening(self, matrix: PETSc.Mat, weight: float) -> None:
+        """Add `weight` times −Ω² Q, the second derivative of (1), to a tangent stiffness."""
         matrix.axpy(
-            -weight * self.square, self.mass, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+            -weight * self.omega_squared,
+            self.mass,
+            structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN,
         )
 
     def gyroscopic(self) -> PETSc.Mat | None:
-        """G at this speed, N s/m; None where the Coriolis force is not wanted."""
+        """G of (3) at this speed, N s/m; None without the Coriolis force."""
         if self._unit is None:
             return None
         matrix = self._unit.copy()

@@ -1,9 +1,34 @@
-"""The online stage: from a scene and a reduced model to a motion, without mesh and without dolfinx.
+"""Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
 
-A reduced model is stored in one `.npz` file with its labels, units, provenance and the scene it was
-made from. What the online stage may change is the size of the loads that are not static and how
-they vary in time, the damping, everything about the contacts but where they are, and the time
-integration.
+With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
+points in d dimensions and v normal modes, the file holds these arrays of float64, in SI units:
+
+    ==================== ============ ========== ================================================
+    name                 shape        unit       meaning
+    ==================== ============ ========== ================================================
+    mass                 (n, n)       kg         M
+    damping              ()           1/s        alpha of the damping matrix C = alpha M
+    force                (n,)         N          elastic force at q = 0
+    stiffness            (n, n)       N/m        K, the tangent at q = 0
+    quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.polynomial`)
+    cubic                (p, p)       N/m^3      B by pairs of pairs
+    gyroscopic_matrix    (n, n)       kg/s       Gamma, skew; (0, 0) without Coriolis force
+    loads                (n, loads)   1          projected unit loads, one column for each load
+    contact_rows         (P d, n)     1          local contact displacement = rows q + offset
+    contact_offset       (P d,)       m          local contact displacement at q = 0
+    probe                (d, n)       1          probe displacement = probe q + offset, global axes
+    probe_offset         (d,)         m          probe displacement at q = 0
+    point_contact        (P,) int64   -          contact of the scene that each point belongs to
+    point_tributary_area (P,)         m^(d-1)    area, length or number that a point stands for
+    point_position       (P, d)       m          place on the undeformed body
+    point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
+    frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
+    ==================== ============ ========== ================================================
+
+The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
+the mesh (`dofs`), scene with its source, units and provenance.
+
+What may change when a stored model runs again is stated in `fenicsrom.online.scene_changes`.
 """
 
 from __future__ import annotations
@@ -17,15 +42,18 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.model import ReducedModel, reduced_model
+from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.simulate import load_histories
+from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 
 FORMAT = "fenicsrom reduced model 3"
+EARLIER = "fenicsrom reduced model"  # how the formats of earlier versions begin
 UNITS = {
     "mass": "kg",
     "stiffness": "N/m",
@@ -38,11 +66,11 @@ UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class StoredModel:
-    """A reduced model as a file holds it.
+    """A reduced model with its scene, as a file holds it.
 
     Attributes:
-        model: the model.
-        scene: the scene it was made from.
+        model: the model, under the load histories and the damping of the scene.
+        scene: the scene it was made from, or runs under.
         method: "rubin" or "craig-bampton".
         labels: (n,) of its coordinates.
         dofs: number of free unknowns of the solid.
@@ -63,11 +91,59 @@ class StoredModel:
         """Number of coordinates."""
         return self.model.size
 
+    def with_scene(self, scene: Scene) -> StoredModel:
+        """The same model under the loads, damping, contacts and time integration of a scene.
+
+        Args:
+            scene: a scene that agrees with the stored one in everything the model was made from.
+
+        Raises:
+            SceneError: it does not; the error names the first key that differs.
+        """
+        if (key := changed_key(self.scene, scene)) is not None:
+            raise SceneError(
+                f"{scene.source}: {key} cannot change on a stored reduced model; "
+                "run the scene again, without --from",
+                kind=ErrorKind.MISMATCH,
+                key=key,
+                source=scene.source,
+            )
+        damping = float(scene.material.mass_damping)
+        model = self.model._replace(load_histories=load_histories(scene), damping=damping)
+        return replace(self, model=model, scene=scene)
+
+    def with_overrides(self, overrides: Sequence[str]) -> StoredModel:
+        """The same model under its scene with other values.
+
+        Args:
+            overrides: as `--set` takes them, such as "loads.0.force=200".
+
+        Raises:
+            SceneError: an override is wrong, or changes what the model was made from.
+        """
+        table, source = scene_table(self.scene), self.scene.source
+        return self.with_scene(parse_scene(override_table(table, overrides, source), source, None))
+
+    def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
+        """Integrate the model under a scene: its loads, damping, contacts and time integration.
+
+        Args:
+            scene: the scene; that of the model without it.
+            options: as `fenicsrom.online.simulate.simulate`.
+
+        Raises:
+            SceneError: the scene differs in what the model was made from.
+            ConvergenceError: the smallest step did not converge.
+            AccuracyError: the energy balance is off.
+        """
+        run = self if scene is None else self.with_scene(scene)
+        return simulate(run.model, run.scene, **options)
+
 
 def provenance(
     modules: Sequence[str] = ("numpy", "numba", "fenics-dolfinx", "petsc4py", "slepc4py"),
 ) -> dict[str, str]:
-    """Versions of this program and of what it stands on, where they are installed."""
+    """Versions of this program and of the libraries it uses, as far as they are installed."""
     found = {}
     for name in ("fenicsrom", *modules):
         try:
@@ -78,7 +154,7 @@ def provenance(
 
 
 def save_model(path: Path, stored: StoredModel) -> None:
-    """Write a reduced model; the file appears whole or not at all.
+    """Write a reduced model to a file that appears only when it is complete.
 
     Raises:
         OSError: it cannot be written.
@@ -114,10 +190,10 @@ def load_model(path: Path) -> StoredModel:
     """Read a reduced model.
 
     Raises:
-        SceneError: the file is missing, damaged, of another format, or its arrays do not fit
+        SceneError: the file is missing, damaged or of another format, or its arrays do not fit
             together.
     """
-    with read_archive(path, "a reduced model", FORMAT) as (header, data):
+    with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
         scene = parse_scene(header["scene"], str(header["source"]), None)
         labels = tuple(str(label) for label in header["labels"])
         return _assemble(path, data, header, scene, labels)
@@ -126,19 +202,59 @@ def load_model(path: Path) -> StoredModel:
 def _assemble(
     path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]
 ) -> StoredModel:
-    n, d = len(labels), scene.geometry.dimension
-    p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    """The stored model of checked arrays."""
     belongs = data["point_contact"]
     if (
         belongs.ndim != 1
         or belongs.dtype != np.int64
         or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
     ):
-        raise SceneError(
-            f"{path}: point_contact does not name the contacts of the scene: the file is damaged"
-        )
-    points = belongs.size
-    shapes = {
+        raise _damaged(path, "point_contact does not name the contacts of the scene")
+    for name, shape in _shapes(data, scene, len(labels)).items():
+        array = data[name]
+        if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
+            found = f"{name} has shape {array.shape} and type {array.dtype}"
+            raise _damaged(path, f"{found}: must be {shape} of finite float64")
+    for name, sign, word in (
+        ("mass", 1.0, "symmetric"),
+        ("stiffness", 1.0, "symmetric"),
+        ("gyroscopic_matrix", -1.0, "skew"),
+    ):
+        off = np.max(np.abs(data[name] - sign * data[name].T), initial=0.0)
+        if off > 1e-9 * np.max(np.abs(data[name]), initial=0.0):
+            raise _damaged(path, f"{name} is not {word}")
+    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
+        raise _damaged(path, "mass or damping is not positive")
+    model = reduced_model(
+        data["mass"],
+        float(data["damping"]),
+        ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
+        data["loads"],
+        load_histories(scene),
+        ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
+        data["contact_rows"],
+        data["contact_offset"],
+        data["probe"],
+        data["probe_offset"],
+        data["gyroscopic_matrix"],
+    )
+    return StoredModel(
+        model,
+        scene,
+        str(header["method"]),
+        labels,
+        int(header["dofs"]),
+        data["frequencies_hz"],
+        {str(name): str(number) for name, number in header["provenance"].items()},
+    )
+
+
+def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, ...]]:
+    """The shape that each array of float64 must have, by name (module docstring)."""
+    d, points = scene.geometry.dimension, data["point_contact"].size
+    p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    turning = scene.rotation is not None and scene.rotation.coriolis
+    return {
         "mass": (n, n),
         "damping": (),
         "force": (n,),
@@ -153,124 +269,12 @@ def _assemble(
         "contact_offset": (points * d,),
         "probe": (d, n),
         "probe_offset": (d,),
-        "gyroscopic_matrix": (n, n)
-        if scene.rotation is not None and scene.rotation.coriolis
-        else (0, 0),
+        "gyroscopic_matrix": (n, n) if turning else (0, 0),
         "frequencies_hz": (data["frequencies_hz"].size,),
     }
-    for name, shape in shapes.items():
-        array = data[name]
-        if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            raise SceneError(
-                f"{path}: {name} has shape {array.shape} and type {array.dtype}: must be {shape} of finite float64"
-            )
-    for name in ("mass", "stiffness"):
-        if np.max(np.abs(data[name] - data[name].T), initial=0.0) > 1e-9 * np.max(
-            np.abs(data[name]), initial=0.0
-        ):
-            raise SceneError(f"{path}: {name} is not symmetric: the file is damaged")
-    gyroscopic_matrix = data["gyroscopic_matrix"]
-    if np.max(np.abs(gyroscopic_matrix + gyroscopic_matrix.T), initial=0.0) > 1e-9 * np.max(
-        np.abs(gyroscopic_matrix), initial=0.0
-    ):
-        raise SceneError(f"{path}: gyroscopic_matrix is not skew: the file is damaged")
-    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
-        raise SceneError(f"{path}: mass or damping is not positive: the file is damaged")
-    elastic = ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields))
-    model = reduced_model(
-        data["mass"],
-        float(data["damping"]),
-        elastic,
-        data["loads"],
-        load_histories(scene),
-        ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
-        data["contact_rows"],
-        data["contact_offset"],
-        data["probe"],
-        data["probe_offset"],
-        data["gyroscopic_matrix"],
-    )
-    made_by = {str(k): str(v) for k, v in header["provenance"].items()}
-    return StoredModel(
-        model,
-        scene,
-        str(header["method"]),
-        labels,
-        int(header["dofs"]),
-        data["frequencies_hz"],
-        made_by,
-    )
 
 
-def rescene(stored: StoredModel, overrides: Sequence[str]) -> tuple[ReducedModel, Scene]:
-    """The stored model under another load, frequency, friction, damping or time integration.
-
-    Args:
-        stored: the model.
-        overrides: as for `fenicsrom.scene.schema.read_scene`, such as "loads.0.force=200".
-
-    Returns:
-        The model with its new time factors, and the new scene.
-
-    Raises:
-        SceneError: an override is wrong, or changes what the model was built from.
-    """
-    table = scene_table(stored.scene)
-    named = {override.partition("=")[0].strip() for override in overrides}
-    for given, other in (
-        ("time.tolerance", "steps_per_period"),
-        ("time.steps_per_period", "tolerance"),
-    ):
-        if given in named:  # the table holds every default; one of the two excludes the other
-            table["time"] = {key: value for key, value in table["time"].items() if key != other}
-    scene = parse_scene(
-        override_table(table, overrides, stored.scene.source), stored.scene.source, None
-    )
-    if (key := changed_key(stored.scene, scene)) is not None:
-        raise SceneError(
-            f"{scene.source}: {key} cannot change on a stored reduced model: run the scene again"
-        )
-    return with_scene(stored, scene)
-
-
-def with_scene(stored: StoredModel, scene: Scene) -> tuple[ReducedModel, Scene]:
-    """The stored model with the time factors and damping of a scene that agrees with its own
-    (`changed_key` is None).
-    """
-    return stored.model._replace(
-        load_histories=load_histories(scene), damping=float(scene.material.mass_damping)
-    ), scene
-
-
-def changed_key(made: Scene, wanted: Scene) -> str | None:
-    """The first key of the offline stage in which two scenes differ, None if they agree."""
-    for name in ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis"):
-        if getattr(made, name) != getattr(wanted, name):
-            return name
-    if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):
-        return "material"
-    for kind in ("loads", "contacts"):
-        ours, theirs = getattr(made, kind), getattr(wanted, kind)
-        if len(ours) != len(theirs):
-            return kind
-        for k, (a, b) in enumerate(zip(ours, theirs, strict=True)):
-            if a.place != b.place:
-                return f"{kind}[{k}].place"
-            if kind == "contacts" and a.normal != b.normal:
-                return f"contacts[{k}].normal"
-            if kind == "contacts" and a.surface is not None:
-                for name in (
-                    "kind",
-                    "point",
-                    "axis",
-                    "inside",
-                ):  # the frames of the points are those of its normals
-                    if getattr(a.surface, name) != getattr(b.surface, name):
-                        return f"contacts[{k}].surface.{name}"
-            if kind == "loads" and a.direction != b.direction:
-                return f"loads[{k}].direction"
-            if kind == "loads" and a.kind != b.kind:
-                return f"loads[{k}].{b.kind}"
-            if kind == "loads" and (a.static or b.static) and a != b:
-                return f"loads[{k}]: a static load"
-    return None
+def _damaged(path: Path, words: str) -> SceneError:
+    """The error of a file whose content does not fit together."""
+    text = f"{path}: {words}: the file is damaged"
+    return SceneError(text, kind=ErrorKind.FORMAT, source=str(path))

@@ -1,8 +1,8 @@
-"""Restarts: where a run of a reduced model stands, in a file, to go on from bit for bit.
+"""Checkpoints that continue a run of a reduced model bit for bit.
 
-A checkpoint is an `.npz` of plain arrays with the scene of the run and the fingerprint of its
-model. A run goes on only on the same model, and under a scene in which nothing is changed but when
-it ends: `ENDS`.
+A checkpoint is an `.npz` file of plain arrays with the scene of the run and the fingerprint of its
+model. A run continues only on the same model, and under a scene that differs at most in the keys
+that say when the run ends (`fenicsrom.online.scene_changes.END_KEYS`).
 """
 
 from __future__ import annotations
@@ -10,31 +10,27 @@ from __future__ import annotations
 import hashlib
 import time as clock
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.online.state import TIME, Checkpoint, no_record, no_state
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
-FORMAT = "fenicsrom checkpoint 1"
-EVERY = 10.0  # s between two checkpoints, at least
-ENDS = (
-    "periods",
-    "duration",
-    "steady_tolerance",
-)  # keys of [time] that say when a run ends, and nothing else
+FORMAT = "fenicsrom checkpoint 2"
+INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 
 
 def fingerprint(model: ReducedModel) -> str:
-    """SHA-256 of the arrays of a model; its damping and the time factors of its loads are the
-    scene's.
+    """SHA-256 of the arrays of a model.
+
+    The damping and the load histories are left out: they belong to the scene.
     """
     digest = hashlib.sha256()
     points = [
@@ -59,7 +55,7 @@ def fingerprint(model: ReducedModel) -> str:
 
 
 def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: Checkpoint) -> None:
-    """Write where a run stands; the file appears whole or not at all.
+    """Write a checkpoint to a file that appears only when it is complete.
 
     Raises:
         OSError: it cannot be written.
@@ -81,9 +77,11 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
     state, last = checkpoint.state, checkpoint.last
     return {
         **{
-            name: array for name, array in state._asdict().items() if name not in ("touch", "trial")
+            name: array
+            for name, array in state._asdict().items()
+            if name not in ("contact", "trial")
         },
-        **{f"touch_{name}": array for name, array in state.touch._asdict().items()},
+        **{f"contact_{name}": array for name, array in state.contact._asdict().items()},
         **{
             f"last_{name}": array for name, array in last._asdict().items() if name != "coordinates"
         },
@@ -91,7 +89,7 @@ def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
 
 
 def load_scene(path: Path) -> Scene:
-    """The scene of the run that a checkpoint is of.
+    """The scene of the run that wrote a checkpoint.
 
     Raises:
         SceneError: as `load_checkpoint`.
@@ -100,21 +98,28 @@ def load_scene(path: Path) -> Scene:
 
 
 def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint:
-    """Read where a run of this model under this scene stands.
+    """Read a checkpoint of a run of this model under this scene.
 
     Raises:
-        SceneError: the file is missing, damaged, of another format, model or scene, or the run has
-            come to its end.
+        SceneError: the file is missing or damaged, belongs to another format, model or scene, or
+            the run already reached its end.
     """
     header, made, data = _read(path)
     if header["model"] != fingerprint(model):
         raise SceneError(
-            f"{path}: is a checkpoint of another reduced model: go on with that it was made with, by --from"
+            f"{path}: another reduced model wrote this checkpoint; "
+            "resume with the model that wrote it: --from MODEL",
+            kind=ErrorKind.MISMATCH,
+            source=str(path),
         )
-    if (key := changed_key(made, scene)) is not None:
-        ends = ", ".join(f"time.{name}" for name in ENDS)
+    if (key := changed_run_key(made, scene)) is not None:
+        ends = ", ".join(f"time.{name}" for name in END_KEYS)
         raise SceneError(
-            f"{path}: {key} is another than that of the run: only when it ends may change, {ends}"
+            f"{path}: {key} differs from the scene of the run; "
+            f"a run that continues may only change when it ends: {ends}",
+            kind=ErrorKind.MISMATCH,
+            key=key,
+            source=str(path),
         )
     points, d = model.points.position.shape
     found = Checkpoint(
@@ -133,7 +138,9 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             or not np.all(np.isfinite(given))
         ):
             raise SceneError(
-                f"{path}: {name} is not {array.shape} of finite {array.dtype}: the file is damaged"
+                f"{path}: {name} is not {array.shape} of finite {array.dtype}: the file is damaged",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
             )
         array[...] = given
     end = scene.time.periods if scene.period is not None else scene.time.duration
@@ -141,8 +148,13 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
     assert end is not None
     if not reached < end:
         key = "periods" if scene.period is not None else "duration"
+        place = f"period {reached:g}" if scene.period is not None else f"t = {reached:g} s"
         raise SceneError(
-            f"{path}: time.{key} = {end:g}: the run has come there already: must be more to go on"
+            f"{path}: time.{key} = {end:g}: the run already reached {place}; set a larger value to "
+            "continue",
+            kind=ErrorKind.RANGE,
+            key=f"time.{key}",
+            source=str(path),
         )
     return found
 
@@ -155,30 +167,21 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
             not all(type(header[key]) is kind for key, kind in kinds.items())
             or data["last_time"].ndim != 1
         ):
-            raise SceneError(f"{path}: its header does not fit a checkpoint: the file is damaged")
+            raise SceneError(
+                f"{path}: the header is not that of a checkpoint: the file is damaged",
+                kind=ErrorKind.FORMAT,
+                source=str(path),
+            )
         return header, parse_scene(header["scene"], str(header["source"]), None), data
 
 
-def changed_key(made: Scene, wanted: Scene) -> str | None:
-    """The first key in which two scenes of one model differ that may not change on the way, None if
-    there is none.
-    """
-    for name in ("geometrically_nonlinear", "material", "rotation", "loads", "contacts"):
-        if getattr(made, name) != getattr(wanted, name):
-            return name
-    for name in (item.name for item in fields(made.time) if item.name not in ENDS):
-        if getattr(made.time, name) != getattr(wanted.time, name):
-            return f"time.{name}"
-    return "time" if (made.period is None) != (wanted.period is None) else None
-
-
 def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoint], None]:
-    """A callback for `fenicsrom.online.march.integrate` that writes a checkpoint now and then."""
+    """A callback of `fenicsrom.online.march.integrate` that writes a checkpoint each `INTERVAL`."""
     last = clock.monotonic()
 
     def keep(checkpoint: Checkpoint) -> None:
         nonlocal last
-        if clock.monotonic() - last >= EVERY:
+        if clock.monotonic() - last >= INTERVAL:
             save_checkpoint(path, model, scene, checkpoint)
             last = clock.monotonic()
 
@@ -186,8 +189,10 @@ def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoin
 
 
 def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> bool:
-    """Write where a motion ended, to go on from later; False, and nothing, if it broke off within a
-    period.
+    """Write a checkpoint at the end of a motion, to continue later.
+
+    Returns:
+        Whether it was written: a motion that stopped within a period has no checkpoint there.
 
     Raises:
         OSError: it cannot be written.

@@ -1,14 +1,41 @@
-"""Compilation with numba, and the cache of the machine code."""
+"""Compilation with numba, and the only use of numba's private interfaces.
+
+Four private interfaces make the kernels fast. Each was checked with the versions of numba from
+`FIRST` to `LAST`; any other version runs without them, slower and with the same results:
+
+- `_source_stamp` of a cache file decides whether stored machine code is still valid. Without it
+  nothing is stored, because numba's own rule misses changes in other files.
+- the option `_nrt=False` compiles a function without the counting of references to arrays.
+- `meminfo` and `parent` of an array are cleared by `borrowed`, so that callers count nothing.
+- `alias_func_extensions` tells numba that `borrowed` returns the memory of its argument.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from contextlib import suppress
+import re
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numba
+from numba import njit, types
+from numba.core import cgutils, ir_utils
+from numba.extending import intrinsic, overload, overload_method
+
+FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
+
+
+def _is_supported(version: str) -> bool:
+    """Whether the private interfaces were checked with this version of numba."""
+    found = re.match(r"(\d+)\.(\d+)", version)
+    return found is not None and FIRST <= (int(found[1]), int(found[2])) <= LAST
+
+
+PRIVATE = _is_supported(numba.__version__) and not numba.config.DISABLE_JIT
+UNCOUNTED: dict[str, bool] = {"_nrt": False} if PRIVATE else {}
+"""Options of a function that makes no arrays, so that it need not count references."""
+INLINED = {**UNCOUNTED, "forceinline": True}
 
 
 def _sources() -> str:
@@ -19,30 +46,103 @@ def _sources() -> str:
     return digest.hexdigest()
 
 
-_SOURCES = _sources()
+_SOURCES = _sources() if PRIVATE else ""
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile a function with numba, and keep the machine code for the next process.
+    """Compile a function with numba, and store the machine code for the next process.
 
-    Numba keeps it until the function's own file changes, but it holds code of other files too: here
-    it is kept until one of them changes.
+    By itself numba keeps stored code until the function's own file changes. The code contains
+    functions of other files too, so here it is kept until any file of this package changes.
     """
-    dispatcher = njit(cache=True, error_model="numpy", **options)(function)
-    with suppress(AttributeError):  # no public way; a numba built otherwise keeps to its own rule
+    dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
+    if PRIVATE:
         dispatcher._cache._cache_file._source_stamp = _SOURCES
     return dispatcher
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes no arrays: numba then counts no references to those it is
-    given.
-    """
-    return compiled(function, _nrt=False)
+    """Compile a function that makes no arrays."""
+    return compiled(function, **UNCOUNTED)
 
 
 def part(function: Callable[..., Any]) -> Any:
-    """A kernel that becomes a part of its callers: to hand on tuples of many arrays costs more than
-    short functions do.
+    """Compile a function that makes no arrays and is always inlined into its callers.
+
+    Passing tuples of many arrays costs more than the arithmetic of a short function.
     """
-    return compiled(function, _nrt=False, forceinline=True)
+    return compiled(function, **INLINED)
+
+
+def compile_methods(cls: Any, names: Iterable[str]) -> None:
+    """Let compiled code call methods of a named tuple: `model.mass_times(v)`.
+
+    Args:
+        cls: the named tuple.
+        names: its methods; each body is inlined into the caller. A field of this name, of any
+            named tuple in compiled code, would be hidden by the method.
+    """
+    for name in names:
+        overload_method(types.NamedTuple, name, inline="always", strict=False)(
+            _method_of(cls, getattr(cls, name))
+        )
+
+
+def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
+    """What numba asks for the implementation of a method: the method itself, for this class.
+
+    The implementation must be an object of its module: numba finds no stored code for a function
+    that is made anew in each process.
+    """
+
+    def choose(model, *arguments):  # type: ignore[no-untyped-def]
+        return method if model.instance_class is cls else None
+
+    return choose
+
+
+# Numba counts the references to every array of every tuple that is passed on, in atomic operations
+# that took more than half of the run time. The compiled loop therefore works with arrays that have
+# no owner to count for; its caller holds them.
+
+
+def borrowed(value):  # type: ignore[no-untyped-def]
+    """The value itself; in compiled code, with arrays whose references are not counted."""
+    return value
+
+
+def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Clear the owner of every array in a value of this type."""
+    if isinstance(kind, types.BaseTuple):
+        members = [
+            _without_owners(context, builder, k, builder.extract_value(value, i))
+            for i, k in enumerate(kind)
+        ]
+        return context.make_tuple(builder, kind, members)
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        return array._getvalue()
+    return value
+
+
+@intrinsic
+def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
+    return value(value), lambda context, builder, _, arguments: _without_owners(
+        context, builder, value, arguments[0]
+    )
+
+
+@overload(borrowed, jit_options={"forceinline": True})
+def _borrowed(value):  # type: ignore[no-untyped-def]
+    return (lambda value: _borrow(value)) if PRIVATE else (lambda value: value)
+
+
+def _same_memory(result, arguments, aliases, argument_aliases):  # type: ignore[no-untyped-def]
+    """Tell numba that writing to what is borrowed writes to the argument, and is not dead code."""
+    ir_utils._add_alias(result, arguments[0].name, aliases, argument_aliases)
+
+
+if PRIVATE:
+    ir_utils.alias_func_extensions["borrowed", __name__] = _same_memory

@@ -8,16 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes, spin_of
 
 
 class ContactPoints(NamedTuple):
-    """Where P contact points are on the undeformed body.
+    """The places of P contact points on the undeformed body.
 
     Attributes:
-        contact: (P,) the entry of the scene's contacts that each belongs to.
-        tributary_area: (P,) its part of that: 1 for a single point, else area, length or number.
+        contact: (P,) index of the scene's contact of each point.
+        tributary_area: (P,) its part of that contact: 1 for a single point, else area, length or
+            number of nodes.
         position: (P, d) m.
         frame: (P, d, d) rows normal into the surface, tangents.
     """
@@ -29,7 +30,7 @@ class ContactPoints(NamedTuple):
 
 
 def no_points(dimension: int) -> ContactPoints:
-    """The points of a scene without contact."""
+    """The contact points of a scene without contact."""
     return ContactPoints(
         np.zeros(0, dtype=np.int64),
         np.zeros(0),
@@ -89,27 +90,38 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         for order, height, phase in surface.waves:
             found.height[p, orders.index(order)] += height
             found.phase[p, orders.index(order)] = phase
-    for k, contact in enumerate(
-        scene.contacts
-    ):  # the radius of a surface: given, or the gap beyond the nearest node
-        if contact.surface is None:
-            continue
-        mine = np.flatnonzero(points.contact == k)
-        axes = axes_of(contact.surface, d)
-        reach = [
-            float(np.linalg.norm(axes @ (points.position[p] - contact.surface.point))) for p in mine
-        ]
-        nearest = max(reach) if contact.surface.inside else min(reach)
-        radius = contact.surface.radius or nearest + (
-            contact.gap if contact.surface.inside else -contact.gap
-        )
-        if (
-            not radius > 0.0
-            or (nearest - radius) * (1.0 if contact.surface.inside else -1.0) > 1e-9 * radius
-        ):
-            raise SceneError(
-                f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into the undeformed body, whose "
-                f"nearest contact point is at {nearest:.9g} m from its axis or centre"
-            )
-        found.radius[mine] = radius
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is not None:
+            mine = np.flatnonzero(points.contact == k)
+            found.radius[mine] = _surface_radius(scene, k, points.position[mine])
     return found
+
+
+def _surface_radius(scene: Any, k: int, position: Array) -> float:
+    """Radius of the round surface of contact k: given, or by its gap to the nearest point.
+
+    Args:
+        scene: the scene.
+        k: the contact.
+        position: (p, d) its points on the undeformed body, m.
+
+    Raises:
+        SceneError: the surface cuts into the undeformed body.
+    """
+    contact = scene.contacts[k]
+    surface = contact.surface
+    axes = axes_of(surface, position.shape[1])
+    distances = [float(np.linalg.norm(axes @ (x - surface.point))) for x in position]
+    nearest = max(distances) if surface.inside else min(distances)
+    side = 1.0 if surface.inside else -1.0
+    radius = float(surface.radius or nearest + (contact.gap if surface.inside else -contact.gap))
+    if not radius > 0.0 or (nearest - radius) * side > 1e-9 * radius:
+        raise SceneError(
+            f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into "
+            f"the undeformed body, whose nearest contact point is at {nearest:.9g} m from the axis "
+            "or centre of the surface",
+            kind=ErrorKind.RANGE,
+            key=f"contacts[{k}].surface.radius",
+            source=scene.source,
+        )
+    return radius

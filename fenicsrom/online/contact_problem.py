@@ -1,4 +1,14 @@
-"""The contact problem of a time step: semismooth Newton, then nonlinear Gauss-Seidel."""
+"""The contact problem of a time step: semismooth Newton, then nonlinear Gauss-Seidel.
+
+The unknowns are the contact displacements x at the end of the step. With the contact displacement
+x_free without contact forces, the mean contact force F(x) over the step and the Delassus operator
+G (contact displacement by contact force),
+
+    x + G F(x) = x_free.                                                                        (1)
+
+Everything but the contact is linear in (1), which is one Newton iteration of the step condensed to
+the contact displacements. The contact is therefore solved in full.
+"""
 
 from __future__ import annotations
 
@@ -7,298 +17,371 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel, part
 from fenicsrom.online.contact_state import ContactScratch, ContactState, Interval
-from fenicsrom.online.contact_step import over_step
+from fenicsrom.online.contact_step import contact_force, trial_normal_force
 from fenicsrom.online.dense import lu_factor, lu_solve
-from fenicsrom.online.friction import leaning_normal_force, mean_normal_force, touch_lasts
-from fenicsrom.online.surfaces import Contacts, carry, direction, penetration
+from fenicsrom.online.friction import (
+    blended_normal_force,
+    friction_limits,
+    kept_part,
+    positive,
+)
+from fenicsrom.online.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
 
-CONTACT_ITERATIONS = 25  # of Newton before it is taken to cycle
-CONTACT_SWEEPS = 100  # tens of sweeps before the contact is given up
-ROUNDING = 4e-15  # of the displacements: a residual that no update could better
-
-
-# ---------------------------------------------------------------------- the contact problem of a
-# step
+CONTACT_ITERATIONS = 25  # Newton iterations, after which it is taken to cycle between states
+CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton, after which the step is given up
+SWEEPS = 10  # Gauss-Seidel sweeps of a round
+BISECTIONS = 100
+ROUNDING = 4e-15  # part of the displacements: no update improves a smaller residual
 
 
 @part
-def resolve(
+def solve_contact(
     contacts: Contacts,
     interval: Interval,
-    compliance: Array,
+    delassus: Array,
     free: Array,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
+    scratch: ContactScratch,
 ) -> bool:
-    """Find the contact displacements at the end of a step: x + G F(x) = x_free, with F the mean
-    force over the step.
-
-    Everything but the contact is linear in this problem (it is one Newton iteration of the step,
-    condensed to the contact displacements), so the contact is solved in full: semismooth Newton
-    and, where that cycles between states, Newton again from where a nonlinear Gauss-Seidel
-    iteration has come to.
+    """Solve (1) by semismooth Newton, restarted from Gauss-Seidel where it cycles between states.
 
     Args:
         contacts: the parameters of P points.
         interval: the step.
-        compliance: (m, m) G, contact displacement by contact force at this iteration, m = P d, m/N.
-        free: (P, d) displacement at the end of the step without contact forces, m.
+        delassus: (m, m) G, m = P d, m/N.
+        free: (P, d) x_free, m.
         start: the state at the start of the step.
         end: its x in: a first guess; out: the displacement at the end of the step.
-        room: its mean (P, d) out: mean force over the step.
+        scratch: out: `mean_force` (P, d) over the step.
 
     Returns:
-        True if the residual or the update fell to round-off; False if no iteration found a
-        solution.
+        True if the residual or the update fell to rounding; False if no round found a solution.
     """
-    points, d = free.shape[0], len(room.space)
+    points, d = free.shape[0], len(scratch.space)
     for p in range(points):
         for k in range(d):
-            room.guess[p, k] = end.x[p, k]
-    for attempt in range(1 + CONTACT_SWEEPS):
+            scratch.guess[p, k] = end.x[p, k]
+    for attempt in range(1 + CONTACT_ROUNDS):
         if attempt > 0:
-            relax(contacts, interval, compliance, free, start, end, room, attempt == 1)
-        if newton(contacts, interval, compliance, free, start, end, room):
+            nonlinear_gauss_seidel(
+                contacts, interval, delassus, free, start, end, scratch, attempt == 1
+            )
+        if semismooth_newton(contacts, interval, delassus, free, start, end, scratch):
             return True
     return False
 
 
-@kernel
-def relax(
-    contacts: Contacts,
-    interval: Interval,
-    compliance: Array,
+@part
+def _contact_residual(
+    delassus: Array,
     free: Array,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
-    first: bool,
-) -> None:
-    """Ten sweeps over all points from where the last ones came to, at first from the guess, with
-    the forces there.
+    count: int,
+    scratch: ContactScratch,
+) -> tuple[float, float]:
+    """Write the residual of (1), of which `count` points touch.
+
+    Returns:
+        Its largest entry, and the largest displacement, m.
     """
-    points, d = free.shape[0], len(room.space)
+    points, d = free.shape[0], len(scratch.space)
+    touching, mean = scratch.touching, scratch.mean_force
+    scale, worst, row = 0.0, 0.0, 0
     for p in range(points):
         for k in range(d):
-            end.x[p, k] = room.guess[p, k]
-        if first:
-            over_step(contacts, interval, p, start, end, room)
-            for k in range(d):
-                room.held[p, k], room.held_rubbing[p, k] = room.mean[p, k], room.rubbing[p, k]
-    for _ in range(10):
-        for p in range(points):
-            sweep(contacts, interval, compliance, free, p, start, end, room)
-    for p in range(points):
-        for k in range(d):
-            room.guess[p, k] = end.x[p, k]
+            value = end.x[p, k] - free[p, k]
+            for t in range(count):
+                column = touching[t] * d
+                for j in range(d):
+                    value += delassus[row, column + j] * mean[touching[t], j]
+            scratch.residual[p, k] = value
+            worst = max(worst, abs(value))
+            scale = max(scale, abs(end.x[p, k]), abs(free[p, k]), abs(start.x[p, k]))
+            row += 1
+    return worst, scale
 
 
 @part
-def newton(
+def _solve_touching(delassus: Array, count: int, scratch: ContactScratch) -> bool:
+    """Write Newton's update of the touching points to `update`; False if it has none."""
+    d, touching, jacobian = len(scratch.space), scratch.touching, scratch.jacobian
+    for t in range(count):
+        p = touching[t]
+        for k in range(d):
+            scratch.update[t * d + k, 0] = -scratch.residual[p, k]
+            for s in range(count):
+                column = touching[s] * d
+                for j in range(d):
+                    value = 1.0 if s == t and j == k else 0.0
+                    for i in range(d):
+                        value += (
+                            delassus[p * d + k, column + i]
+                            * scratch.force_derivative[touching[s], i, j]
+                        )
+                    jacobian[t * d + k, s * d + j] = value
+    m = count * d
+    if not lu_factor(jacobian, scratch.pivots, m):
+        return False
+    lu_solve(jacobian, scratch.pivots, scratch.update, m)
+    return True
+
+
+@part
+def _update_all(delassus: Array, points: int, count: int, scratch: ContactScratch) -> float:
+    """Turn the residual of all points into Newton's update, given that of the touching points.
+
+    Returns:
+        The largest entry of the update, m.
+    """
+    d, touching, update = len(scratch.space), scratch.touching, scratch.update
+    residual, force_change = scratch.residual, scratch.force_change
+    for p in range(points):
+        for k in range(d):
+            residual[p, k] = -residual[p, k]
+    for t in range(count):
+        p = touching[t]
+        for k in range(d):
+            force_change[p, k] = 0.0
+            for j in range(d):
+                force_change[p, k] += scratch.force_derivative[p, k, j] * update[t * d + j, 0]
+    if count < points:
+        row = 0
+        for p in range(points):
+            for k in range(d):
+                for t in range(count):
+                    for j in range(d):
+                        residual[p, k] -= (
+                            delassus[row, touching[t] * d + j] * force_change[touching[t], j]
+                        )
+                row += 1
+    for t in range(count):
+        for k in range(d):
+            residual[touching[t], k] = update[t * d + k, 0]
+    size = 0.0
+    for p in range(points):
+        for k in range(d):
+            size = max(size, abs(residual[p, k]))
+    return size
+
+
+@part
+def semismooth_newton(
     contacts: Contacts,
     interval: Interval,
-    compliance: Array,
+    delassus: Array,
     free: Array,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
+    scratch: ContactScratch,
 ) -> bool:
-    """Semismooth Newton for x + G F(x) = x_free from the x given; True if it converged.
+    """Semismooth Newton for (1) from the x given; True if it converged.
 
     Only the points that touch are unknowns: the others follow from their forces.
     """
-    points, d = free.shape[0], len(room.space)
-    x, x0, mean, slopes, touching = end.x, start.x, room.mean, room.slopes, room.touching
-    residual, product, jacobian, update, pivots = (
-        room.residual,
-        room.product,
-        room.jacobian,
-        room.update,
-        room.pivots,
-    )
+    points, d = free.shape[0], len(scratch.space)
     size, remained = np.inf, np.inf
     for _ in range(CONTACT_ITERATIONS):
         count = 0
         for p in range(points):
-            if over_step(contacts, interval, p, start, end, room):
-                touching[count] = p
+            if contact_force(contacts, interval, p, start, end, scratch):
+                scratch.touching[count] = p
                 count += 1
-        scale, worst, row = 0.0, 0.0, 0
-        for p in range(points):
-            for k in range(d):
-                value = x[p, k] - free[p, k]
-                for t in range(count):
-                    column = touching[t] * d
-                    for j in range(d):
-                        value += compliance[row, column + j] * mean[touching[t], j]
-                residual[p, k] = value
-                worst = max(worst, abs(value))
-                scale = max(scale, abs(x[p, k]), abs(free[p, k]), abs(x0[p, k]))
-                row += 1
+        worst, scale = _contact_residual(delassus, free, start, end, count, scratch)
         if worst <= ROUNDING * scale:
             return True
-        m = count * d
-        for t in range(count):
-            p = touching[t]
-            for k in range(d):
-                update[t * d + k, 0] = -residual[p, k]
-                for s in range(count):
-                    column = touching[s] * d
-                    for j in range(d):
-                        value = 1.0 if s == t and j == k else 0.0
-                        for i in range(d):
-                            value += compliance[p * d + k, column + i] * slopes[touching[s], i, j]
-                        jacobian[t * d + k, s * d + j] = value
-        if not lu_factor(jacobian, pivots, m):
+        if not _solve_touching(delassus, count, scratch):
             return False
-        lu_solve(jacobian, pivots, update, m)
-        for p in range(points):  # what the others do under the change of force
-            for k in range(d):
-                residual[p, k] = -residual[p, k]
-        for t in range(count):
-            p = touching[t]
-            for k in range(d):
-                product[p, k] = 0.0
-                for j in range(d):
-                    product[p, k] += slopes[p, k, j] * update[t * d + j, 0]
-        if count < points:
-            row = 0
-            for p in range(points):
-                for k in range(d):
-                    for t in range(count):
-                        for j in range(d):
-                            residual[p, k] -= (
-                                compliance[row, touching[t] * d + j] * product[touching[t], j]
-                            )
-                    row += 1
-        for t in range(count):
-            for k in range(d):
-                residual[touching[t], k] = update[t * d + k, 0]
-        last, size = size, 0.0
-        for p in range(points):
-            for k in range(d):
-                size = max(size, abs(residual[p, k]))
-        # rounding: neither update nor residual fall (of a stiff contact that only opens, the
-        # residual still does, slowly)
+        last = size
+        size = _update_all(delassus, points, count, scratch)
+        # rounding: neither the update nor the residual falls (for a stiff contact that only opens,
+        # the residual still falls slowly)
         if size <= 1e-15 * scale or (
             size <= 1e-11 * scale and size >= 0.5 * last and worst >= 0.9 * remained
         ):
-            return True  # the forces belong to the x they were evaluated at
+            return True  # the forces belong to the x at which they were evaluated
         remained = worst
         for p in range(points):
             for k in range(d):
-                x[p, k] += residual[p, k]
+                end.x[p, k] += scratch.residual[p, k]
     return False
 
 
 @kernel
-def sweep(
+def nonlinear_gauss_seidel(
     contacts: Contacts,
     interval: Interval,
-    compliance: Array,
+    delassus: Array,
+    free: Array,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+    first: bool,
+) -> None:
+    """Ten sweeps over all points, from `scratch.guess`.
+
+    The first round takes the forces at the guess; later rounds continue from the last forces.
+    """
+    points, d = free.shape[0], len(scratch.space)
+    for p in range(points):
+        for k in range(d):
+            end.x[p, k] = scratch.guess[p, k]
+        if first:
+            contact_force(contacts, interval, p, start, end, scratch)
+            for k in range(d):
+                scratch.held_force[p, k] = scratch.mean_force[p, k]
+                scratch.held_friction[p, k] = scratch.mean_friction[p, k]
+    for _ in range(SWEEPS):
+        for p in range(points):
+            solve_point(contacts, interval, delassus, free, p, start, end, scratch)
+    for p in range(points):
+        for k in range(d):
+            scratch.guess[p, k] = end.x[p, k]
+
+
+@part
+def _bisect_normal_force(
+    contacts: Contacts,
+    interval: Interval,
+    delassus: Array,
+    p: int,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> float:
+    """Normal force of point p, N, with its friction and the forces of the others held.
+
+    The displacement is x = rest - G (N n + T + start_weight N0 n0), with the rest in `point.place`
+    and n in `point.mean_normal`. The normal force lies between zero and its value at N = 0.
+    """
+    x, friction, d = end.x[p], scratch.held_friction[p], len(scratch.space)
+    n, rest = scratch.point.mean_normal, scratch.point.place
+    a = 0.0 if interval.discrete_gradient else interval.start_weight
+    theta, row = 1.0 - interval.start_weight, p * d
+    low, high, force = 0.0, 0.0, 0.0
+    for step in range(1 + BISECTIONS):
+        force = 0.0 if step == 0 else 0.5 * (low + high)
+        for k in range(d):
+            x[k] = rest[k]
+            for j in range(d):
+                total = force * n[j] + friction[j] + a * start.normal[p, j]
+                x[k] -= delassus[row + k, row + j] * total
+        after = trial_normal_force(contacts, p, x, interval.end)
+        if interval.discrete_gradient:
+            found, _ = blended_normal_force(start.trial_normal_force[p], after, scratch.blending[p])
+        else:
+            found = theta * positive(after)
+        if step == 0:
+            high = found
+        elif found > force:
+            low = force
+        else:
+            high = force
+    return force
+
+
+@part
+def _project_friction(
+    contacts: Contacts,
+    interval: Interval,
+    delassus: Array,
+    p: int,
+    start: ContactState,
+    end: ContactState,
+    force: float,
+    scratch: ContactScratch,
+) -> None:
+    """Friction of point p as a force on the friction disc, to `held_friction`; N is its `force`.
+
+    Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
+    of contact of `fenicsrom.online.friction`. This is near the mean along the way, and leads
+    Newton's iteration to its solution.
+    """
+    point, d = scratch.point, len(scratch.space)
+    x, x0, friction = end.x[p], start.x[p], scratch.held_friction[p]
+    kt, mu, before = (
+        contacts.tangential_stiffness[p],
+        contacts.friction[p],
+        start.trial_normal_force[p],
+    )
+    a, theta = interval.start_weight, 1.0 - interval.start_weight
+    n, stretch0, stretch, trial = (
+        point.mean_normal,
+        point.start_stretch,
+        point.end_stretch,
+        point.slip_force,
+    )
+    advect_with_surface(
+        contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch
+    )
+    softness, size, across, across0 = 0.0, 0.0, 0.0, 0.0
+    for k in range(d):
+        softness += delassus[p * d + k, p * d + k]  # at least that of any direction
+        stretch[k] = a * x0[k] + theta * x[k] - stretch[k]
+        size += n[k] ** 2
+    for k in range(d):
+        across += n[k] * stretch[k] / size
+        across0 += n[k] * (x0[k] - start.slider[p, k]) / size
+    for k in range(d):
+        stretch0[k] = x0[k] - start.slider[p, k] - across0 * n[k]
+        stretch[k] -= across * n[k]
+    limit, fraction, kept = mu * force, 1.0, 1.0
+    if not interval.discrete_gradient:
+        limit = mu * (force + a * positive(before))
+    elif force > 0.0:
+        after = trial_normal_force(contacts, p, x, interval.end)
+        limits = friction_limits(mu, before, after, force, 0.0, scratch.blending[p])
+        fraction = limits.fraction
+        kept, _ = kept_part(kt, stretch0, limits.first)
+    softness *= fraction * fraction * theta
+    total = 0.0
+    for k in range(d):
+        middle = kept * stretch0[k] + fraction * (stretch[k] - stretch0[k])
+        trial[k] = (fraction * middle + softness * friction[k]) / (1.0 / kt + softness)
+        total += trial[k] ** 2
+    total = np.sqrt(total)
+    factor = limit / total if total > limit else 1.0
+    for k in range(d):
+        friction[k] = factor * trial[k]
+
+
+@kernel
+def solve_point(
+    contacts: Contacts,
+    interval: Interval,
+    delassus: Array,
     free: Array,
     p: int,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
+    scratch: ContactScratch,
 ) -> None:
-    """Solve point p, the forces of the others held: first its normal force, by bisection, then its
-    friction.
+    """Solve point p with the forces of the others held: first its normal force, then its friction.
 
-    This nonlinear Gauss-Seidel iteration is slow, but does not cycle between states: the tangential
-    force is projected on the friction disc as a force, not found from a displacement that a wrong
-    normal force has thrown far away. Friction is taken at the weighted point, near the mean along
-    the way: it leads to where Newton's iteration ends.
+    This iteration is slow, but it does not cycle between states: the tangential force is projected
+    on the friction disc as a force, and not computed from a displacement that a wrong normal force
+    has made large.
     """
-    points, d = free.shape[0], len(room.space)
-    a = interval.start_weight
-    theta = 1.0 - a
-    x, mean, rubbing = end.x[p], room.held[p], room.held_rubbing[p]
-    kn, kt, preload, before = (
-        contacts.normal_stiffness[p],
-        contacts.tangential_stiffness[p],
-        contacts.preload[p],
-        start.raw[p],
-    )
-    n, rest, spare, stretch = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
-    row = p * d
+    points, d = free.shape[0], len(scratch.space)
+    x, held, point, row = end.x[p], scratch.held_force[p], scratch.point, p * d
+    n, rest = point.mean_normal, point.place
     for k in range(d):
         rest[k] = free[p, k]
         for q in range(points):
             if q != p:
                 for j in range(d):
-                    rest[k] -= compliance[row + k, q * d + j] * room.held[q, j]
-    if interval.line:
-        direction(
-            contacts,
-            p,
-            start.x[p],
-            x,
-            0.5 * (interval.begin + interval.end),
-            n,
-            room.matrices[0],
-            spare,
-        )
+                    rest[k] -= delassus[row + k, q * d + j] * scratch.held_force[q, j]
+    if interval.discrete_gradient:
+        first, time, a = start.x[p], 0.5 * (interval.begin + interval.end), 0.0
     else:
-        direction(contacts, p, x, x, interval.end, n, room.matrices[0], spare)
-    low, high, push, held = 0.0, 0.0, 0.0, 0.0
-    if not interval.line:  # what the start contributes is known
-        held = a
-    for step in range(
-        101
-    ):  # the force lies between nothing and what it would be if it moved nothing
-        push = 0.0 if step == 0 else 0.5 * (low + high)
-        for k in range(d):
-            x[k] = rest[k]
-            for j in range(d):
-                force = push * n[j] + rubbing[j] + held * start.normal[p, j]
-                x[k] -= compliance[row + k, row + j] * force
-        after = preload + kn * penetration(contacts, p, x, interval.end)
-        if interval.line:
-            found, _ = leaning_normal_force(before, after, room.lean[p])
-        else:
-            found = theta * max(after, 0.0)
-        if step == 0:
-            high = found
-        elif found > push:
-            low = push
-        else:
-            high = push
-    limit = contacts.friction[p] * (push + held * max(before, 0.0))
-    carry(contacts, p, theta * (interval.end - interval.begin), start.slider[p], stretch)
-    softness, size, across, over = 0.0, 0.0, 0.0, 0.0
+        first, time, a = x, interval.end, interval.start_weight
+    gap_discrete_gradient(contacts, p, first, x, time, n, point.mean_normal_derivative, point.work)
+    force = _bisect_normal_force(contacts, interval, delassus, p, start, end, scratch)
+    _project_friction(contacts, interval, delassus, p, start, end, force, scratch)
     for k in range(d):
-        softness += compliance[row + k, row + k]  # at least that of any direction
-        stretch[k] = a * start.x[p, k] + theta * x[k] - stretch[k]
-        size += n[k] ** 2
-    for k in range(d):
-        across += n[k] * stretch[k] / size
-        over += n[k] * (start.x[p, k] - start.slider[p, k]) / size
-    lasts, kept, drawn = 1.0, 1.0, 0.0  # as in `rub`: of the step, and of the stretch at its start
-    if interval.line and push > 0.0:
-        after = preload + kn * penetration(contacts, p, x, interval.end)
-        lasts, _ = touch_lasts(before, after, room.lean[p])
-        full, _ = mean_normal_force(before, after)
-        first = limit / full * max(before, 0.0) if full > 0.0 else 0.0
-        for k in range(d):
-            drawn += (kt * (start.x[p, k] - start.slider[p, k] - over * n[k])) ** 2
-        drawn = np.sqrt(drawn)
-        if drawn > first:
-            kept = first / drawn
-    softness *= lasts * lasts * theta
-    total = 0.0
-    for k in range(d):
-        begin = start.x[p, k] - start.slider[p, k] - over * n[k]
-        middle = kept * begin + lasts * (stretch[k] - across * n[k] - begin)
-        spare[k] = (lasts * middle + softness * rubbing[k]) / (1.0 / kt + softness)
-        total += spare[k] ** 2
-    total = np.sqrt(total)
-    factor = limit / total if total > limit else 1.0
-    for k in range(d):
-        rubbing[k] = factor * spare[k]
-        mean[k] = push * n[k] + rubbing[k] + held * start.normal[p, k]
+        held[k] = force * n[k] + scratch.held_friction[p, k] + a * start.normal[p, k]
     for k in range(d):
         x[k] = rest[k]
         for j in range(d):
-            x[k] -= compliance[row + k, row + j] * mean[j]
+            x[k] -= delassus[row + k, row + j] * held[j]

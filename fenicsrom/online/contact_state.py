@@ -9,88 +9,144 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 
+OPEN, SLIP, STICK = -1, 0, 1
+
 
 class ContactState(NamedTuple):
     """The state of P contact points.
 
     Attributes:
         x: (P, d) displacement, m.
-        raw: (P,) y of the module docstring: the normal force before it is clamped at zero, N.
+        trial_normal_force: (P,) y = N0 + k_n delta, the normal force before it is clamped at
+            zero, N.
         normal: (P, d) normal force N n, N.
-        friction: (P, d) T, N.
-        slider: (P, d) w, m.
+        friction: (P, d) friction force T, N.
+        slider: (P, d) position w of the slider, m.
         state: (P,) OPEN, SLIP or STICK.
     """
 
     x: Array
-    raw: Array
+    trial_normal_force: Array
     normal: Array
     friction: Array
     slider: Array
     state: NDArray[np.int8]
 
 
-class ContactScratch(NamedTuple):
-    """Room to work in, and what is found of a step.
+class PointScratch(NamedTuple):
+    """Scratch arrays of one contact point; (d,), and (d, d) where it says derivative.
+
+    All derivatives are those by the displacement x1 at the end of the step.
 
     Attributes:
-        mean: (P, d) mean force, N.
-        rubbing: (P, d) the friction in it, N.
-        slip: (P, d) how far the slider goes over the surface, m.
-        push: (P,) the normal force in it, N.
-        motion: (P,) OPEN, SLIP or STICK.
-        slopes: (P, d, d) derivative of the mean force by the displacement at the end, N/m.
-        lean: (P,) how far the mean normal force leans to that of the end of the step, in [0, 1].
-        space: d zeros: how many is known when this is compiled, and loops over it are unrolled.
+        normal: unit normal at the weighted point.
+        normal_derivative: its derivative.
+        gradient: gradient of the penetration at x1; then of the trial normal force there.
+        gradient_derivative: half its derivative.
+        mean_normal: discrete gradient of the penetration over the step.
+        mean_normal_derivative: its derivative.
+        start_stretch: tangential stretch x - w of the friction spring at the start of the step.
+        start_stretch_derivative: its derivative.
+        end_stretch: the same at the end of the step, or at the weighted point.
+        end_stretch_derivative: its derivative.
+        stretch_change: change of the stretch while the point touches.
+        stretch_change_column: one column of its derivative.
+        slip_stretch: trial stretch at the point where the slipping part is evaluated.
+        slip_stretch_column: one column of its derivative.
+        slip_force: friction force there.
+        place: a place on the way of the point, or of the surface.
+        work: contents of no meaning between two calls.
     """
 
-    mean: Array
-    rubbing: Array
-    slip: Array
-    push: Array
-    motion: NDArray[np.int8]
-    slopes: Array
-    lean: Array
+    normal: Array
+    normal_derivative: Array
+    gradient: Array
+    gradient_derivative: Array
+    mean_normal: Array
+    mean_normal_derivative: Array
+    start_stretch: Array
+    start_stretch_derivative: Array
+    end_stretch: Array
+    end_stretch_derivative: Array
+    stretch_change: Array
+    stretch_change_column: Array
+    slip_stretch: Array
+    slip_stretch_column: Array
+    slip_force: Array
+    place: Array
+    work: Array
+
+
+class ContactScratch(NamedTuple):
+    """Scratch arrays and results of the contact problem of one step.
+
+    Attributes:
+        mean_force: (P, d) mean contact force over the step, N.
+        mean_friction: (P, d) the friction in it, N.
+        mean_normal_force: (P,) the size of the normal force in it, N.
+        force_derivative: (P, d, d) derivative of the mean force by the end displacement, N/m.
+        slider_motion: (P, d) motion of the slider relative to the surface, m.
+        mode: (P,) OPEN, SLIP or STICK over the step.
+        blending: (P,) weight in [0, 1] of the normal force at the end in the mean normal force.
+        guess: (P, d) displacement from which the next iteration starts, m.
+        held_force: (P, d) forces of the Gauss-Seidel iteration, N.
+        held_friction: (P, d) the friction in them, N.
+        residual: (P, d) residual of the contact problem; then the update, m.
+        force_change: (P, d) change of the mean force by the update, N.
+        touching: (P,) the points that touch come first.
+        jacobian: (m, m) of the touching points, m = P d.
+        update: (m, 1) of the touching points, m.
+        pivots: (m,) of the factorised Jacobian.
+        point: scratch arrays of one point.
+        space: d zeros; the compiler knows the length of a tuple and unrolls loops over it.
+    """
+
+    mean_force: Array
+    mean_friction: Array
+    mean_normal_force: Array
+    force_derivative: Array
+    slider_motion: Array
+    mode: NDArray[np.int8]
+    blending: Array
     guess: Array
-    held: Array
-    held_rubbing: Array
+    held_force: Array
+    held_friction: Array
     residual: Array
-    product: Array
+    force_change: Array
     touching: NDArray[np.int64]
     jacobian: Array
     update: Array
     pivots: NDArray[np.int64]
-    vectors: Array
-    matrices: Array
+    point: PointScratch
     space: tuple[int, ...]
 
 
 class Interval(NamedTuple):
-    """A time step.
+    """A time step, and how contact forces are averaged over it.
 
     Attributes:
         begin: s.
         end: s.
-        start_weight: a of the module docstring.
-        line: the normal force is its mean along the straight way (discrete gradient) in place of
-            the weighted ends.
+        start_weight: weight a of the forces at the start of the step.
+        discrete_gradient: forces are averaged along the straight way of the point, in place of
+            weighting those at the ends of the step.
     """
 
     begin: float
     end: float
     start_weight: float
-    line: bool
+    discrete_gradient: bool
 
 
 def zero_contact_state(points: int, d: int) -> ContactState:
     """A `ContactState` of zeros."""
     return ContactState(
-        np.zeros((points, d)),
-        np.zeros(points),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros(points, dtype=np.int8),
+        x=np.zeros((points, d)),
+        trial_normal_force=np.zeros(points),
+        normal=np.zeros((points, d)),
+        friction=np.zeros((points, d)),
+        slider=np.zeros((points, d)),
+        state=np.zeros(points, dtype=np.int8),
     )
 
 
@@ -98,26 +154,27 @@ def contact_scratch(points: int, d: int) -> ContactScratch:
     """A `ContactScratch` for P points in d dimensions."""
     m = points * d
     return ContactScratch(
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros(points),
-        np.zeros(points, dtype=np.int8),
-        np.zeros((points, d, d)),
-        np.zeros(points),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros((points, d)),
-        np.zeros(points, dtype=np.int64),
-        np.zeros((m, m)),
-        np.zeros((m, 1)),
-        np.zeros(m, dtype=np.int64),
-        np.zeros((9, d)),
-        np.zeros((4, d, d)),
-        (0,) * d,
+        mean_force=np.zeros((points, d)),
+        mean_friction=np.zeros((points, d)),
+        mean_normal_force=np.zeros(points),
+        force_derivative=np.zeros((points, d, d)),
+        slider_motion=np.zeros((points, d)),
+        mode=np.zeros(points, dtype=np.int8),
+        blending=np.zeros(points),
+        guess=np.zeros((points, d)),
+        held_force=np.zeros((points, d)),
+        held_friction=np.zeros((points, d)),
+        residual=np.zeros((points, d)),
+        force_change=np.zeros((points, d)),
+        touching=np.zeros(points, dtype=np.int64),
+        jacobian=np.zeros((m, m)),
+        update=np.zeros((m, 1)),
+        pivots=np.zeros(m, dtype=np.int64),
+        point=PointScratch(
+            **{
+                name: np.zeros((d, d) if name.endswith("_derivative") else d)
+                for name in PointScratch._fields
+            }
+        ),
+        space=(0,) * d,
     )
-
-
-OPEN, SLIP, STICK = -1, 0, 1

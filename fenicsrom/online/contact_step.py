@@ -1,40 +1,35 @@
-"""Friction between points of the structure and rigid surfaces: one statement of the law, for every
-model.
+"""The contact law of one point over a time step, and its state at the end of the step.
 
-A point is described by its displacement x (d,) in its own frame, whose first axis is the normal
-into the surface at the place of the undeformed body, the others tangents there. The forces below
-act against the motion: the residual of the equations of motion gains + B F. With the penetration
-delta(x, t) of the surface, n = grad delta, P = I - n n^T / |n|^2 and the slider w, a point of the
-surface that friction pulls the body towards,
+A point is described by its displacement x (d,) in its own frame. The first axis is the normal into
+the surface at the place of the undeformed body; the others are tangents there. Forces act against
+the motion: the residual of the equations of motion gains + B F. With the penetration delta(x, t) of
+the surface, n = grad delta, P = I - n n^T / |n|^2 and the slider w, the point of the surface to
+which the friction spring is attached,
 
-    y = N0 + k_n delta                         N = max(0, y)                the normal force is N n
-    T = k_t P (x - w)                          if |T| <= mu N               stick, the slider rests
-    on the surface T = mu N T/|T|                             otherwise                    slip, the
-    slider is dragged: w = x - T/k_t T = 0, w = x                               if N = 0
-    open, the slider follows
+    y = N0 + k_n delta                  trial normal force                                  (1)
+    N = max(0, y)                       the normal force is N n                             (2)
+    T = k_t P (x - w)                   stick, if |T| <= mu N: the slider rests             (3)
+    T = mu N T/|T|                      slip, otherwise: w = x - T/k_t                      (4)
+    T = 0, w = x                        open, if N = 0: the slider follows                  (5)
 
-Surfaces are planes, cylinders and spheres, seen from inside (a casing) or outside, that may close
-in on the body and turn about their axis; a cylinder may have waves. The normal is that of the
+Surfaces are planes, cylinders and spheres, seen from inside (a casing) or from outside. They may
+approach the body and turn about their axis; a cylinder may have waves. The normal is that of the
 current position, however far the point slides.
 
-Over a time step the forces are weighted means of those at its ends, or (the discrete gradient)
-means along the straight way of the point, as the scheme asks. Along the way every change of state
-is located within the step, in closed form: opening and closing, and, with the limit of friction
-that goes with the normal force, where stick turns to slip (`rub`). What is left of the step slips
-under the law at its middle: exact for a point that slides to and fro, of second order for one that
-turns as it slides. Where the contact is too stiff for the step, the mean normal force leans to that
-at the end, which takes energy from what would ring (`lean_to_the_end`); when a touch begins leans
-with it (`touch_lasts`). The weighted schemes apply the law at the weighted point x_w = a x0 + (1 -
-a) x1, from which the slider moves on to the end, w1 = w0 + (w_w - w0)/(1 - a).
+Over a time step the schemes that weight the ends apply the law at the weighted point
+x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight way from x0 to
+x1: with opening, closing and the change from stick to slip located inside the step, in closed form
+(`fenicsrom.online.friction`). What remains slips under the law at its middle. That is exact for a
+point that slides to and fro, and of second order for one that turns as it slides.
 
-At the end the law is applied once more. In the discrete gradient friction so dissipates in every
-step, whatever its size: with the mean force T and, in the slipping part, T_s at its middle and the
-way dw of the slider,
+At the end of the step the law (1)-(5) is applied once more (`commit_contact_state`). With the
+discrete gradient friction then dissipates in every step, whatever its size: with the mean force T,
+and in the slipping part the force T_s at its middle and the motion dw of the slider,
 
-    T . dx - d(|T|^2 / 2 k_t) = T_s . dw + (what the law at the ends takes from the spring) >= 0
+    T . dx - d(|T|^2 / 2 k_t) = T_s . dw + (what the law at the end takes from the spring) >= 0 (6)
 
-Everything is pure: it reads the last accepted state and writes into arrays of the caller; a
-rejected step leaves no trace.
+Functions read the last accepted state and write into arrays of the caller: a rejected step leaves
+no trace.
 """
 
 from __future__ import annotations
@@ -43,256 +38,327 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import compiled, part
-from fenicsrom.online.contact_state import OPEN, SLIP, STICK, ContactScratch, ContactState, Interval
-from fenicsrom.online.friction import (
-    into_the_plane,
-    leaning_normal_force,
-    mean_normal_force,
-    return_mapping,
-    rub,
+from fenicsrom.online.contact_state import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactScratch,
+    ContactState,
+    Interval,
 )
-from fenicsrom.online.surfaces import PLANE, Contacts, carry, direction, penetration
+from fenicsrom.online.friction import (
+    blended_normal_force,
+    friction_force,
+    mean_normal_force,
+    positive,
+    project_on_tangent_plane,
+    return_mapping,
+)
+from fenicsrom.online.surfaces import (
+    PLANE,
+    Contacts,
+    advect_with_surface,
+    gap_discrete_gradient,
+    penetration,
+)
 
 
 @part
-def lean_to_the_end(
+def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> float:
+    """Equation (1) for point p at x (d,), N."""
+    return contacts.preload[p] + contacts.normal_stiffness[p] * penetration(contacts, p, x, time)
+
+
+@part
+def implicit_blending(
     contacts: Contacts,
     interval: Interval,
-    compliance: Array,
-    here: ContactState,
-    room: ContactScratch,
+    delassus: Array,
+    start: ContactState,
+    scratch: ContactScratch,
 ) -> None:
-    """Say how far the mean normal force of each point is to lean to the end of the step:
-    `room.lean`.
+    """Write the weight b of the normal force at the end in the mean normal force of each point.
 
-    Where the step is long for the contact, s = k_n n^T G n > 1, its spring would ring from step to
-    step instead of passing on an impact, and with it the limit of friction. The lean s^2/(1 + s^2)
-    stops that; it is of the fourth order in the step, and so leaves a contact that the step
-    resolves as it is.
+    Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would ring from
+    step to step instead of passing on an impact, and with it the limit of friction. The weight
+    b = r^2/(1 + r^2) stops that. It is of fourth order in the step, so that a contact that the step
+    resolves stays as it is.
 
     Args:
         contacts: the parameters.
         interval: the step.
-        compliance: (m, m) G, contact displacement at the end of the step by mean contact force,
-        m/N.
-        here: the state at the start of the step.
-        room: its `lean` is written.
+        delassus: (m, m) G, contact displacement at the end of the step by mean contact force, m/N.
+        start: the state at the start of the step.
+        scratch: out: `blending`.
     """
-    d = here.x.shape[1]
-    n = room.vectors[0]
-    for p in range(here.x.shape[0]):
-        room.lean[p] = 0.0
-        if not interval.line:
+    d = start.x.shape[1]
+    point = scratch.point
+    for p in range(start.x.shape[0]):
+        scratch.blending[p] = 0.0
+        if not interval.discrete_gradient:
             continue
-        give = compliance[p * d, p * d]
+        flexibility = delassus[p * d, p * d]
         if contacts.kind[p] != PLANE:
-            direction(
+            x = start.x[p]
+            gap_discrete_gradient(
                 contacts,
                 p,
-                here.x[p],
-                here.x[p],
+                x,
+                x,
                 interval.begin,
-                n,
-                room.matrices[0],
-                room.vectors[1],
+                point.gradient,
+                point.gradient_derivative,
+                point.work,
             )
-            give = 0.0
+            flexibility = 0.0
             for k in range(d):
                 for j in range(d):
-                    give += n[k] * compliance[p * d + k, p * d + j] * n[j]
-        ratio = contacts.normal_stiffness[p] * give
-        room.lean[p] = ratio**2 / (1.0 + ratio**2)
+                    flexibility += (
+                        point.gradient[k] * delassus[p * d + k, p * d + j] * point.gradient[j]
+                    )
+        ratio = contacts.normal_stiffness[p] * flexibility
+        scratch.blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
 @part
-def over_step(
+def _add_normal_force(
     contacts: Contacts,
     interval: Interval,
     p: int,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
-) -> bool:
-    """The mean force of point p over a step to end.x[p], its slope and its parts, into `room`;
-    False if it does not touch.
+    force: float,
+    force_by_end: float,
+    scratch: ContactScratch,
+) -> None:
+    """Write the mean normal force of point p as a vector, its derivative, and `point.gradient`."""
+    a, theta = interval.start_weight, 1.0 - interval.start_weight
+    kn, x1, d = contacts.normal_stiffness[p], end.x[p], len(scratch.space)
+    point, mean, derivative = scratch.point, scratch.mean_force[p], scratch.force_derivative[p]
+    gradient, bend = point.gradient, point.gradient_derivative
+    if contacts.kind[p] == PLANE:
+        for k in range(d):
+            gradient[k] = 0.0
+        gradient[0] = 1.0
+        mean[0] = force
+        derivative[0, 0] = force_by_end * kn
+        return
+    gap_discrete_gradient(contacts, p, x1, x1, interval.end, gradient, bend, point.work)
+    if interval.discrete_gradient:
+        n, n_derivative = point.mean_normal, point.mean_normal_derivative
+        middle = 0.5 * (interval.begin + interval.end)
+        gap_discrete_gradient(contacts, p, start.x[p], x1, middle, n, n_derivative, point.work)
+        for k in range(d):
+            mean[k] = force * n[k]
+            for j in range(d):
+                derivative[k, j] = (
+                    force_by_end * kn * n[k] * gradient[j] + force * n_derivative[k, j]
+                )
+        return
+    pressed = positive(end.trial_normal_force[p])
+    for k in range(d):
+        mean[k] = a * start.normal[p, k] + theta * pressed * gradient[k]
+        for j in range(d):
+            derivative[k, j] = (
+                force_by_end * kn * gradient[k] * gradient[j] + theta * pressed * 2.0 * bend[k, j]
+            )
+
+
+@part
+def _tangential_stretch(
+    contacts: Contacts,
+    interval: Interval,
+    p: int,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> None:
+    """Write the unit normal of point p and its tangential stretch at both ends, with derivatives.
+
+    The end is that of the step for the discrete gradient, else the weighted point. The tangent
+    plane is that at the weighted point.
     """
-    a = interval.start_weight
-    theta = 1.0 - a
-    kn = contacts.normal_stiffness[p]
-    x0, x1, mean, slope = start.x[p], end.x[p], room.mean[p], room.slopes[p]
-    d = len(room.space)
-    before = start.raw[p]
-    after = contacts.preload[p] + kn * penetration(contacts, p, x1, interval.end)
-    end.raw[p] = after
-    if interval.line:
-        push, by_after = leaning_normal_force(before, after, room.lean[p])
-    else:
-        push = a * max(before, 0.0) + theta * max(after, 0.0)
-        by_after = theta if after > 0.0 else 0.0
-    room.push[p] = push
-    for k in range(d):
-        mean[k] = 0.0
-        room.rubbing[p, k] = 0.0
-        room.slip[p, k] = 0.0
-        for j in range(d):
-            slope[k, j] = 0.0
-    if not push > 0.0:
-        room.motion[p] = OPEN
-        return False
-    flat = contacts.kind[p] == PLANE
-    n, steepest, there = room.vectors[0], room.vectors[1], room.vectors[5]
-    bend, spare = room.matrices[0], room.matrices[1]
-    if flat:
-        for k in range(d):
-            steepest[k] = 0.0
-        steepest[0] = 1.0
-        mean[0] = push
-        slope[0, 0] = by_after * kn
-    else:
-        direction(contacts, p, x1, x1, interval.end, steepest, bend, there)
-        if interval.line:
-            direction(contacts, p, x0, x1, 0.5 * (interval.begin + interval.end), n, spare, there)
-            for k in range(d):
-                mean[k] = push * n[k]
-                for j in range(d):
-                    slope[k, j] = by_after * kn * n[k] * steepest[j] + push * spare[k, j]
-        else:
-            for k in range(d):
-                mean[k] = a * start.normal[p, k] + theta * max(after, 0.0) * steepest[k]
-                for j in range(d):
-                    slope[k, j] = (
-                        by_after * kn * steepest[k] * steepest[j]
-                        + theta * max(after, 0.0) * 2.0 * bend[k, j]
-                    )
-    # friction: the way of the stretch in the tangent plane, from the start of the step to its end
-    # or the weighted point
-    reach = 1.0 if interval.line else theta
-    begin, finish, by_begin, by_finish = (
-        room.vectors[2],
-        room.vectors[3],
-        room.matrices[2],
-        room.matrices[3],
+    a, theta = interval.start_weight, 1.0 - interval.start_weight
+    x0, x1, d, point = start.x[p], end.x[p], len(scratch.space), scratch.point
+    n, bend, work = point.normal, point.normal_derivative, point.work
+    e0, e0_derivative = point.start_stretch, point.start_stretch_derivative
+    e1, e1_derivative = point.end_stretch, point.end_stretch_derivative
+    reach = 1.0 if interval.discrete_gradient else theta
+    advect_with_surface(
+        contacts, p, reach * (interval.end - interval.begin), start.slider[p], point.place
     )
-    carry(contacts, p, reach * (interval.end - interval.begin), start.slider[p], finish)
     for k in range(d):
-        n[k] = steepest[k]
-        begin[k] = x0[k] - start.slider[p, k]
-        finish[k] = x0[k] + reach * (x1[k] - x0[k]) - finish[k]
-    if flat:
-        begin[0], finish[0] = 0.0, 0.0
+        n[k] = point.gradient[k]
+        e0[k] = x0[k] - start.slider[p, k]
+        e1[k] = x0[k] + reach * (x1[k] - x0[k]) - point.place[k]
+    if contacts.kind[p] == PLANE:
+        e0[0], e1[0] = 0.0, 0.0
         for k in range(d):
             for j in range(d):
-                by_begin[k, j] = 0.0
-                by_finish[k, j] = reach if k == j and k > 0 else 0.0
-    else:
-        middle = room.vectors[4]
-        for k in range(d):
-            middle[k] = a * x0[k] + theta * x1[k]
-        direction(
-            contacts, p, middle, middle, a * interval.begin + theta * interval.end, n, bend, there
-        )
-        size = 0.0
-        for k in range(d):
-            size += n[k] ** 2
-        size = np.sqrt(size)
-        for k in range(d):
-            n[k] /= size
+                e0_derivative[k, j] = 0.0
+                e1_derivative[k, j] = reach if k == j and k > 0 else 0.0
+        return
+    middle = point.place
+    for k in range(d):
+        middle[k] = a * x0[k] + theta * x1[k]
+    time = a * interval.begin + theta * interval.end
+    gap_discrete_gradient(contacts, p, middle, middle, time, n, bend, work)
+    size = 0.0
+    for k in range(d):
+        size += n[k] ** 2
+    size = np.sqrt(size)
+    for k in range(d):
+        n[k] /= size
+    for j in range(d):
+        work[j] = 0.0
+        for i in range(d):
+            work[j] += 2.0 * n[i] * bend[i, j]
+    for k in range(d):
         for j in range(d):
-            there[j] = 0.0
-            for i in range(d):
-                there[j] += 2.0 * n[i] * bend[i, j]
-        for k in range(d):  # bend: the derivative of the unit normal by x1
-            for j in range(d):
-                bend[k, j] = theta * (2.0 * bend[k, j] - n[k] * there[j]) / size
-        into_the_plane(n, bend, 0.0, begin, by_begin, there)
-        into_the_plane(n, bend, reach, finish, by_finish, there)
+            bend[k, j] = theta * (2.0 * bend[k, j] - n[k] * work[j]) / size
+    project_on_tangent_plane(n, bend, 0.0, e0, e0_derivative, work)
+    project_on_tangent_plane(n, bend, reach, e1, e1_derivative, work)
+
+
+@part
+def contact_force(
+    contacts: Contacts,
+    interval: Interval,
+    p: int,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> bool:
+    """Mean force of point p over a step to end.x[p], its derivative and its parts, in `scratch`.
+
+    Returns:
+        False if the point does not touch during the step.
+    """
+    a, theta = interval.start_weight, 1.0 - interval.start_weight
+    d = len(scratch.space)
+    before = start.trial_normal_force[p]
+    after = trial_normal_force(contacts, p, end.x[p], interval.end)
+    end.trial_normal_force[p] = after
+    if interval.discrete_gradient:
+        force, force_by_end = blended_normal_force(before, after, scratch.blending[p])
+    else:
+        force = a * positive(before) + theta * positive(after)
+        force_by_end = theta if after > 0.0 else 0.0
+    scratch.mean_normal_force[p] = force
     for k in range(d):
-        steepest[k] *= kn  # the derivative of `after`
-    rub(contacts, interval, p, before, after, push, by_after, room)
+        scratch.mean_force[p, k] = 0.0
+        scratch.mean_friction[p, k] = 0.0
+        scratch.slider_motion[p, k] = 0.0
+        for j in range(d):
+            scratch.force_derivative[p, k, j] = 0.0
+    if not force > 0.0:
+        scratch.mode[p] = OPEN
+        return False
+    _add_normal_force(contacts, interval, p, start, end, force, force_by_end, scratch)
+    _tangential_stretch(contacts, interval, p, start, end, scratch)
+    for k in range(d):  # from the gradient of the penetration to that of `after`
+        scratch.point.gradient[k] *= contacts.normal_stiffness[p]
+    friction_force(contacts, interval, p, before, after, force, force_by_end, scratch)
     for k in range(d):
-        mean[k] += room.rubbing[p, k]
+        scratch.mean_force[p, k] += scratch.mean_friction[p, k]
     return True
 
 
 @part
-def settle(
+def commit_contact_state(
     contacts: Contacts,
     interval: Interval,
     p: int,
     start: ContactState,
     end: ContactState,
-    room: ContactScratch,
+    scratch: ContactScratch,
 ) -> tuple[float, float, float]:
-    """The state of point p at the end of a step whose mean force `over_step` has found.
+    """Write the state of point p at the end of a step, whose mean force `contact_force` has found.
 
     Returns:
-        The energy that friction dissipates, the work that the motion of the surface does on body
-        and springs, and the energy of impacts that the step does not resolve (`lean_to_the_end`),
-        J.
+        The energy dissipated by friction, the work of the moving surface on body and springs, and
+        the energy of impacts that the step does not resolve (`implicit_blending`), J.
     """
-    kt = contacts.tangential_stiffness[p]
-    x0, x1, slider, force, normal = (
-        start.x[p],
-        end.x[p],
-        end.slider[p],
-        end.friction[p],
-        end.normal[p],
-    )
-    d = len(room.space)
-    length = interval.end - interval.begin
-    mean, rubbing, push = room.mean[p], room.rubbing[p], room.push[p]
-    n, stretch, there, carried = room.vectors[0], room.vectors[1], room.vectors[2], room.vectors[3]
-    pressed = max(end.raw[p], 0.0)
+    kt, d = contacts.tangential_stiffness[p], len(scratch.space)
+    x1, slider, force, point = end.x[p], end.slider[p], end.friction[p], scratch.point
+    n, stretch = point.normal, point.slip_stretch
+    pressed = positive(end.trial_normal_force[p])
     size = 1.0
     if contacts.kind[p] == PLANE:
         for k in range(d):
             n[k] = 0.0
         n[0] = 1.0
     else:
-        direction(contacts, p, x1, x1, interval.end, n, room.matrices[0], there)
+        gap_discrete_gradient(
+            contacts, p, x1, x1, interval.end, n, point.normal_derivative, point.work
+        )
         size = 0.0
         for k in range(d):
             size += n[k] ** 2
         size = np.sqrt(size)
     for k in range(d):
-        normal[k] = pressed * n[k]
+        end.normal[p, k] = pressed * n[k]
         n[k] /= size
-    # the slider moves on to the end of the step, and the law is applied there
-    carry(contacts, p, length, start.slider[p], slider)
+    # the slider moves to the end of the step, where the law is applied
+    advect_with_surface(contacts, p, interval.end - interval.begin, start.slider[p], slider)
     for k in range(d):
-        slider[k] += room.slip[p, k]
+        slider[k] += scratch.slider_motion[p, k]
         stretch[k] = x1[k] - slider[k]
-    motion, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
-    slips = motion == SLIP or room.motion[p] == SLIP
+    mode, _ = return_mapping(kt, contacts.friction[p] * pressed, n, stretch, force)
+    slips = mode == SLIP or scratch.mode[p] == SLIP
     end.state[p] = OPEN if pressed == 0.0 else SLIP if slips else STICK
-    # energies
-    carry(contacts, p, length, x0, carried)
-    available, stored, surface = 0.0, 0.0, 0.0
-    for k in range(
-        d
-    ):  # the schemes that balance forces at weighted ends do work by the trapezoidal rule
-        rub = rubbing[k] if interval.line else 0.5 * (start.friction[p, k] + force[k])
-        available += rub * (x1[k] - carried[k]) + 0.5 * start.friction[p, k] ** 2 / kt
-        stored += 0.5 * force[k] ** 2 / kt
-        surface -= rub * (carried[k] - x0[k])
-    if interval.line and contacts.kind[p] != PLANE and stored > available:
-        # the tangent plane has turned: the spring keeps what it was given
-        factor = np.sqrt(max(available, 0.0) / stored)
-        for k in range(d):
-            force[k] *= factor
-        stored = max(available, 0.0)
-    if motion == SLIP or contacts.kind[p] != PLANE:
+    dissipated, surface = _friction_energies(contacts, interval, p, start, end, scratch)
+    if mode == SLIP or contacts.kind[p] != PLANE:
         for k in range(d):
             slider[k] = x1[k] - force[k] / kt
+    change = end.trial_normal_force[p] - start.trial_normal_force[p]
+    normal = scratch.mean_normal_force[p]
     if contacts.times.size > 0 or (contacts.order.size > 0 and contacts.spin[p] != 0.0):
-        surface += push * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
+        surface += normal * change / contacts.normal_stiffness[p]
         for k in range(d):
-            surface -= (mean[k] - rubbing[k]) * (x1[k] - x0[k])
-    lost = 0.0
-    if interval.line:
-        mean_push, _ = mean_normal_force(start.raw[p], end.raw[p])
-        lost = (push - mean_push) * (end.raw[p] - start.raw[p]) / contacts.normal_stiffness[p]
-    return available - stored, surface, lost
+            surface -= (scratch.mean_force[p, k] - scratch.mean_friction[p, k]) * (
+                x1[k] - start.x[p, k]
+            )
+    impact = 0.0
+    if interval.discrete_gradient:
+        mean, _ = mean_normal_force(start.trial_normal_force[p], end.trial_normal_force[p])
+        impact = (normal - mean) * change / contacts.normal_stiffness[p]
+    return dissipated, surface, impact
+
+
+@part
+def _friction_energies(
+    contacts: Contacts,
+    interval: Interval,
+    p: int,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> tuple[float, float]:
+    """Energy that friction dissipates in a step (6), and work of the surface that it moves with.
+
+    On a curved surface the tangent plane turns in the step: the friction at the end is reduced to
+    the energy that its spring was given.
+    """
+    kt, d = contacts.tangential_stiffness[p], len(scratch.space)
+    x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place
+    advect_with_surface(contacts, p, interval.end - interval.begin, x0, advected)
+    available, stored, surface = 0.0, 0.0, 0.0
+    for k in range(d):  # the schemes that weight the ends do work by the trapezoidal rule
+        mean = (
+            scratch.mean_friction[p, k]
+            if interval.discrete_gradient
+            else 0.5 * (start.friction[p, k] + force[k])
+        )
+        available += mean * (x1[k] - advected[k]) + 0.5 * start.friction[p, k] ** 2 / kt
+        stored += 0.5 * force[k] ** 2 / kt
+        surface -= mean * (advected[k] - x0[k])
+    if interval.discrete_gradient and contacts.kind[p] != PLANE and stored > available:
+        factor = np.sqrt(positive(available) / stored)
+        for k in range(d):
+            force[k] *= factor
+        stored = positive(available)
+    return available - stored, surface
 
 
 @part
@@ -300,7 +366,7 @@ def contact_energy(contacts: Contacts, here: ContactState) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
     total = 0.0
     for p in range(here.x.shape[0]):
-        total += 0.5 * max(here.raw[p], 0.0) ** 2 / contacts.normal_stiffness[p]
+        total += 0.5 * positive(here.trial_normal_force[p]) ** 2 / contacts.normal_stiffness[p]
         for k in range(here.x.shape[1]):
             total += 0.5 * here.friction[p, k] ** 2 / contacts.tangential_stiffness[p]
     return total
@@ -313,17 +379,13 @@ def at_rest(
     slider: Array,
     time: float,
     here: ContactState,
-    room: ContactScratch,
+    scratch: ContactScratch,
 ) -> None:
-    """Write the state of points at x (P, d) with sliders (P, d) into `here`: the law at a given
-    displacement.
-
-    A step of no length that ends where it starts.
-    """
+    """Write the state of points at x (P, d) with sliders (P, d): a step of no length."""
     here.x[:] = x
     here.slider[:] = slider
     here.friction[:] = 0.0
     interval = Interval(time, time, 0.0, False)
     for p in range(x.shape[0]):
-        over_step(contacts, interval, p, here, here, room)
-        settle(contacts, interval, p, here, here, room)
+        contact_force(contacts, interval, p, here, here, scratch)
+        commit_contact_state(contacts, interval, p, here, here, scratch)

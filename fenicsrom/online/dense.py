@@ -1,14 +1,16 @@
-"""Small dense matrices, compiled: the reduced model meets millions, each too small for BLAS and
-LAPACK to pay.
+"""Small dense matrices and vectors in compiled code.
+
+The reduced model works on millions of them, each too small for BLAS and LAPACK to be faster.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import compiled, kernel
+from fenicsrom.online.compiled import INLINED, UNCOUNTED, compiled, kernel
 
 
 @compiled
@@ -107,9 +109,7 @@ def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
 
 @kernel
 def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int) -> None:
-    """Solve in place for every column of the first n rows of b, with a and pivots from
-    `lu_factor`.
-    """
+    """Solve in place for every column of the first n rows of b; a and pivots from `lu_factor`."""
     columns = b.shape[1]
     for k in range(n):
         row = pivots[k]
@@ -132,3 +132,92 @@ def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int) -> None:
 def negative_eigenvalues(matrix: Array) -> int:
     """Number of negative eigenvalues of the symmetric part of a matrix (n, n)."""
     return int(np.sum(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)) < 0.0))
+
+
+# Operations on vectors of the time step, which runs plain and compiled. A new array costs compiled
+# code more than the arithmetic on a short vector, so results are written into arrays that exist.
+
+
+def combine(out, *terms):  # type: ignore[no-untyped-def]
+    """Write a x + b y (+ c z) into out (n,), which may be one of the vectors.
+
+    Args:
+        out: (n,).
+        terms: a, x, b, y and optionally c, z.
+    """
+    out[:] = sum(factor * vector for factor, vector in zip(terms[::2], terms[1::2], strict=True))
+
+
+@overload(combine, jit_options=UNCOUNTED)
+def _combine(out, *terms):  # type: ignore[no-untyped-def]
+    def two(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i]
+
+    def three(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y, c, z = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i] + c * z[i]
+
+    return {4: two, 6: three}.get(len(terms))
+
+
+def copy_vector(out, vector):  # type: ignore[no-untyped-def]
+    """Write a vector (n,), or vectors (P, d), into out."""
+    out[:] = vector
+
+
+@overload(copy_vector, jit_options=INLINED)
+def _copy_vector(out, vector):  # type: ignore[no-untyped-def]
+    def one(out, vector):  # type: ignore[no-untyped-def]
+        for i in range(out.size):
+            out[i] = vector[i]
+
+    def several(out, vector):  # type: ignore[no-untyped-def]
+        for p in range(out.shape[0]):
+            for k in range(out.shape[1]):
+                out[p, k] = vector[p, k]
+
+    return one if out.ndim == 1 else several
+
+
+def copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
+    """Write displacements (P d,) into points (P, d)."""
+    points[:] = displacement.reshape(points.shape)
+
+
+@overload(copy_to_points, jit_options=INLINED)
+def _copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
+    def copy_entries(points, displacement):  # type: ignore[no-untyped-def]
+        d = points.shape[1]
+        for p in range(points.shape[0]):
+            for k in range(d):
+                points[p, k] = displacement[p * d + k]
+
+    return copy_entries
+
+
+def subtract_contact(out, y, unit, force):  # type: ignore[no-untyped-def]
+    """Write into out (n,) the response y (n,) minus that to contact forces (P, d).
+
+    Args:
+        out: (n,).
+        y: (n,) response without contact forces.
+        unit: (n, P d) responses to unit contact forces.
+        force: (P, d) contact forces, N.
+    """
+    out[:] = y - np.dot(unit, force.reshape(-1))
+
+
+@overload(subtract_contact, jit_options=INLINED)
+def _subtract_contact(out, y, unit, force):  # type: ignore[no-untyped-def]
+    def subtract_entries(out, y, unit, force):  # type: ignore[no-untyped-def]
+        d = force.shape[1]
+        for i in range(y.size):
+            value = y[i]
+            for j in range(force.size):
+                value -= unit[i, j] * force[j // d, j % d]
+            out[i] = value
+
+    return subtract_entries

@@ -1,15 +1,14 @@
-"""The equilibrium a motion starts in: under the static loads and the preload of the contacts, for
-every model.
+"""The equilibrium in which a motion starts: under the static loads and the preload of the contacts.
 
-Newton in parts of what presses on the body where it is, the contact solved in full in each
-iteration as in a time step, but without friction: the sliders come to rest where the points do. An
-equilibrium may be unstable, as a beam is whose contact presses it beyond its buckling load. Then
-the model is pushed along its softest direction and follows
+Newton's method is applied in parts of the pressure of the contacts. In each iteration the contact
+is solved in full as in a time step, but without friction: the sliders come to rest where the points
+do. An equilibrium may be unstable: the beam whose contact presses it beyond its buckling load has
+one. Then the model is displaced along its softest direction and follows
 
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
-downhill in its energy, tau short enough for the unstable direction to grow, to the buckled
-equilibrium it falls into.
+downhill in its energy, with tau short enough for the unstable direction to grow, to the buckled
+equilibrium.
 """
 
 from __future__ import annotations
@@ -19,58 +18,53 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact_problem import resolve
+from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.dense import negative_eigenvalues
 from fenicsrom.online.load_histories import largest
+from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
-ROUNDING = 1e-13  # a decrement below this part of it that no longer falls is rounding
-CONTACT_ROUNDING = (
-    1e-14  # the same, of the contact forces times the displacements from the undeformed body
-)
+ROUNDING = 1e-13  # part of that work; a smaller decrement that no longer falls is rounding
+CONTACT_ROUNDING = 1e-14  # the same, of contact forces times displacements from the undeformed body
 ITERATIONS = 25
+DIVERGENCE = 1e8  # growth of the decrement at which the iteration is given up
 SMALLEST_PART = 1e-4  # of the contacts' pressure
-PUSH = 1e-3  # along an unstable direction, relative to the deflection under load and preload
+BUCKLING_PUSH = 1e-3  # along an unstable direction, relative to the deflection under the loads
 DOWNHILL_STEPS = 400
-TURNS = 8  # of inverse iteration
+INVERSE_ITERATIONS = 8
 
 
 def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, int]:
     """Equilibrium of a model, nearest to q = 0 if that is stable.
 
     Args:
-        model: a `fenicsrom.online.operations.Model` whose q = 0 is its equilibrium under the static loads.
+        model: a `fenicsrom.online.operations.Model` whose q = 0 is its equilibrium under the static
+            loads.
         contacts: parameters of the P contact points.
         dimension: d, of space.
 
     Returns:
-        q (n,), and in how many directions the equilibrium nearest to q = 0 is unstable: 0 unless
-        the one found is another.
+        q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
+        0 unless another one is returned.
 
     Raises:
         ConvergenceError: none was found.
     """
     problem = _Statics(model, contacts, dimension)
-    q = np.zeros_like(problem.push)
+    q = np.zeros_like(problem.static_force)
     if not problem.touches(q):
         return q, 0
-    reached, part = 0.0, 1.0
-    while reached < 1.0:
-        aim = min(1.0, reached + part)
-        trial = problem.newton(q, aim, 0.0)
-        if trial is not None:
-            q, reached, part = trial, aim, 2.0 * part
-        elif part <= SMALLEST_PART:
-            raise ConvergenceError(
-                f"equilibrium of the preload: no convergence beyond {100.0 * reached:.4g} % of it",
-                None,
-            )
-        else:
-            part *= 0.5
+    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    if reached < 1.0:
+        raise ConvergenceError(
+            f"equilibrium under the preload: no convergence beyond {100.0 * reached:.4g} % of "
+            "the preload",
+            None,
+        )
     unstable = problem.unstable(q)
     return (problem.downhill(q), unstable) if unstable else (q, 0)
 
@@ -80,119 +74,114 @@ class _Statics:
 
     def __init__(self, model: Any, contacts: Contacts, dimension: int):
         count = contacts.preload.size
-        self.model, self.contacts, self.d = (
-            model,
-            contacts._replace(friction=np.zeros(count)),
-            dimension,
-        )
-        self.room, self.start, self.end = (
-            contact_scratch(count, dimension),
-            *(zero_contact_state(count, dimension) for _ in "12"),
-        )
-        self.pressed: Array = np.zeros(
-            count
-        )  # (P,) normal forces of the contacts at q = 0, all of which is added in parts, N
+        self.model, self.d = model, dimension
+        self.contacts = contacts._replace(friction=np.zeros(count))
+        self.scratch = contact_scratch(count, dimension)
+        self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
+        # (P,) normal forces at q = 0, N: the pressure of the contacts that is added in parts
+        self.pressed: Array = np.zeros(count)
         zero = np.zeros_like(model.load(0.0))
-        self.push = model.elastic_at(zero)[0].copy()  # of the static loads
-        self.rest = model.contact_displacement(zero).reshape(-1, dimension).copy()
+        self.static_force = model.elastic_at(zero)[0].copy()
+        self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
-        """Whether a contact presses at q (n,); it is from there that it is pressed on in parts."""
-        self._touch(q, self.contacts)
-        self.pressed = np.maximum(self.start.raw, 0.0)
+        """Whether a contact presses at q (n,), from where its pressure is added in parts."""
+        self._close(q, self.contacts)
+        self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
 
-    def _touch(self, q: Array, contacts: Contacts) -> None:
+    def _close(self, q: Array, contacts: Contacts) -> None:
+        """Write the contact state at q (n,) to `start`."""
         x = self.model.contact_displacement(q).reshape(-1, self.d).copy()
-        at_rest(contacts, x, x.copy(), 0.0, self.start, self.room)
+        at_rest(contacts, x, x.copy(), 0.0, self.start, self.scratch)
 
-    def newton(self, q0: Array, part: float, inertia: float) -> Array | None:
-        """Equilibrium near q0 (n,) with part of the contacts' pressure, or a step downhill, inertia
-        = 1/tau; None without.
+    def _tangent(self, q: Array) -> Any:
+        """The tangent of the model at q (n,)."""
+        zero, one = np.zeros_like(q), np.ones(1)
+        return self.model.elastic_over_step(zero, q, zero, 0.0, one, one)[1]
+
+    def newton(self, q0: Array, part: float, mass_coefficient: float) -> Array | None:
+        """Equilibrium near q0 (n,), or a step downhill from there; None if there is none.
+
+        Args:
+            q0: (n,).
+            part: of the contacts' pressure.
+            mass_coefficient: 1/tau, or 0 for the equilibrium.
         """
-        model, room, d = self.model, self.room, self.d
-        contacts = self.contacts._replace(
-            preload=self.contacts.preload - (1.0 - part) * self.pressed
-        )
+        model, scratch, d = self.model, self.scratch, self.d
+        preload = self.contacts.preload - (1.0 - part) * self.pressed
+        contacts = self.contacts._replace(preload=preload)
         zero, one = np.zeros_like(q0), np.ones(1)
-        dq, first, last = zero.copy(), 0.0, 0.0
-        self._touch(q0, contacts)
+        self._close(q0, contacts)
         self.end.x[:] = self.start.x
         interval = Interval(0.0, 0.0, 0.0, False)
-        for iteration in range(ITERATIONS):
-            elastic, slope = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
-            residual = elastic - self.push + inertia * model.mass_times(dq)
-            y, unit, compliance = model.responses(inertia, 0.0, slope, residual)
+
+        def correct(dq: Array) -> Correction | None:
+            elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
+            residual = elastic - self.static_force + mass_coefficient * model.mass_times(dq)
+            y, unit, delassus = model.solve_effective(mass_coefficient, 0.0, tangent, residual)
             before = self.end.x.copy()
             free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
             if not np.all(np.isfinite(free)):
                 return None
-            if before.size and not resolve(
-                contacts, interval, compliance, free, self.start, self.end, room
+            if before.size and not solve_contact(
+                contacts, interval, delassus, free, self.start, self.end, scratch
             ):
                 return None
-            change = y - unit @ room.mean.reshape(-1)
-            dq += change
-            decrement = abs(
-                model.dot(residual, change) + float(np.sum(room.mean * (self.end.x - before)))
+            change = y - unit @ scratch.mean_force.reshape(-1)
+            contact_work = float(np.sum(scratch.mean_force * (self.end.x - before)))
+            return change, abs(model.dot(residual, change) + contact_work)
+
+        def converged(dq: Array, decrement: float, first: float, last: float) -> bool:
+            mean, x = scratch.mean_force, self.end.x
+            work = abs(model.dot(self.static_force, q0 + dq)) + float(
+                np.sum(np.abs(mean * (x - self.undeformed)))
             )
-            work = abs(model.dot(self.push, q0 + dq)) + float(
-                np.sum(np.abs(room.mean * (self.end.x - self.rest)))
-            )
-            first = first or decrement
             scale = max(first, work)
-            if not np.isfinite(decrement) or decrement > 1e8 * first:
-                return None
-            coming = (
-                decrement * (decrement / last) ** 2
-                if iteration > 0 and decrement < 1e-3 * last
-                else decrement
-            )
-            carried = np.sum(np.abs(room.mean), axis=1) @ np.max(
-                np.abs(self.end.x), axis=1, initial=0.0
-            )
+            # the decrement after the next iteration, where the convergence is quadratic
+            coming = decrement * (decrement / last) ** 2 if decrement < 1e-3 * last else decrement
+            carried = np.sum(np.abs(mean), axis=1) @ np.max(np.abs(x), axis=1, initial=0.0)
             floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
-            if coming <= TOLERANCE**2 * scale or (decrement <= floor and decrement > 0.1 * last):
-                return np.asarray(q0 + dq)
-            last = decrement
-        return None
+            is_rounding = decrement <= floor and decrement > 0.1 * last
+            return bool(coming <= TOLERANCE**2 * scale or is_rounding)
+
+        dq = newton(zero, correct, converged, ITERATIONS, growth=DIVERGENCE)
+        return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
         """Number of negative eigenvalues of the stiffness with the contacts that touch."""
-        zero, one = np.zeros_like(q), np.ones(1)
-        _, slope = self.model.elastic_over_step(zero, q, zero, 0.0, one, one)
-        found: int = self.model.negative_directions(slope)
-        _, _, compliance = self.model.responses(0.0, 0.0, slope, zero)
+        tangent = self._tangent(q)
+        found: int = self.model.negative_directions(tangent)
+        _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, np.zeros_like(q))
         springs = self._springs(q)
-        if springs.shape[1]:  # of K + sum k n n^T: those of K, and of k^-1 + n^T K^-1 n
-            found += negative_eigenvalues(
-                np.eye(springs.shape[1]) + springs.T @ compliance @ springs
-            )
+        if springs.shape[1]:  # those of K + sum k n n^T are those of K and of k^-1 + n^T K^-1 n
+            found += negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
         return found
 
     def _springs(self, q: Array) -> Array:
         """(m, closed) sqrt(k) n of each contact that touches at q."""
-        self._touch(q, self.contacts)
+        self._close(q, self.contacts)
         columns = []
-        for p in np.flatnonzero(self.start.raw > 0.0):
-            column = np.zeros((self.start.raw.size, self.d))
+        for p in np.flatnonzero(self.start.trial_normal_force > 0.0):
+            column = np.zeros((self.start.trial_normal_force.size, self.d))
             column[p] = self.start.normal[p] / np.linalg.norm(self.start.normal[p])
             columns.append(np.sqrt(self.contacts.normal_stiffness[p]) * column.reshape(-1))
         return np.array(columns).T if columns else np.zeros((self.start.x.size, 0))
 
     def _soften(self, q: Array, shape: Array) -> tuple[Array, float]:
-        """The softest direction, M-normalised, by inverse iteration from a shape, and its
-        eigenvalue, 1/s^2.
+        """The softest direction, M-normalised, by inverse iteration from a shape (n,).
+
+        Returns:
+            The direction (n,), and its eigenvalue in 1/s^2.
         """
-        model, zero, one = self.model, np.zeros_like(q), np.ones(1)
+        model, zero = self.model, np.zeros_like(q)
         springs = self._springs(q)
         rate = 0.0
-        for _ in range(TURNS):
+        for _ in range(INVERSE_ITERATIONS):
             shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
             inertia = model.mass_times(shape).copy()
-            _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
-            y, unit, compliance = model.responses(0.0, 0.0, slope, -inertia)
-            inner = np.eye(springs.shape[1]) + springs.T @ compliance @ springs
+            y, unit, delassus = model.solve_effective(0.0, 0.0, self._tangent(q), -inertia)
+            inner = np.eye(springs.shape[1]) + springs.T @ delassus @ springs
             x = model.contact_displacement(y) - model.contact_displacement(zero)
             new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
             rate = 1.0 / model.dot(inertia, new)
@@ -202,20 +191,20 @@ class _Statics:
     def downhill(self, q: Array) -> Array:
         """A stable equilibrium below an unstable one."""
         model = self.model
-        seed, push = self._seed(q)
+        seed, force = self._seed(q)
         shape, rate = self._soften(q, seed)
-        if model.dot(push, shape) < 0.0:  # to the side that the loads push to first
+        if model.dot(force, shape) < 0.0:  # to the side to which the loads push
             shape = -shape
-        inertia = 2.0 * abs(rate)
+        mass_coefficient = 2.0 * abs(rate)
         size = np.sqrt(
             max(model.dot(q, model.mass_times(q)), model.dot(seed, model.mass_times(seed)))
         )
-        here = q + PUSH * size * shape
+        here = q + BUCKLING_PUSH * size * shape
         stable = False
         for _ in range(DOWNHILL_STEPS):
-            trial = self.newton(here, 1.0, inertia)
+            trial = self.newton(here, 1.0, mass_coefficient)
             if trial is None:
-                inertia *= 2.0
+                mass_coefficient *= 2.0
                 continue
             here = trial
             stable = stable or self.unstable(here) == 0
@@ -223,20 +212,22 @@ class _Statics:
                 found = self.newton(here, 1.0, 0.0)
                 if found is not None and self.unstable(found) == 0:
                     return found
-                inertia *= 0.5
+                mass_coefficient *= 0.5
         raise ConvergenceError(
-            "the equilibrium under the preload is unstable, and no other was found downhill of it",
+            "the equilibrium under the preload is unstable, and no stable one was found below it",
             here,
+            kind=ErrorKind.INSTABILITY,
         )
 
     def _seed(self, q: Array) -> tuple[Array, Array]:
-        """A shape with something of every mode that the loads move: the response to all of them at
-        their largest; and these.
+        """The response to all loads at their largest, which has a part in every mode they move.
+
+        Returns:
+            The response (n,), or that to unit contact forces without loads; and the loads (n,), N.
         """
-        model, zero, one = self.model, np.zeros_like(q), np.ones(1)
-        push = model.loads @ largest(model.load_histories)
-        _, slope = model.elastic_over_step(zero, q, zero, 0.0, one, one)
-        y, unit, _ = model.responses(0.0, 0.0, slope, -push)
+        model = self.model
+        force = model.loads @ largest(model.load_histories)
+        y, unit, _ = model.solve_effective(0.0, 0.0, self._tangent(q), -force)
         if model.dot(y, model.mass_times(y)) > 0.0:
-            return np.asarray(y), push
-        return np.asarray(unit.sum(axis=1)), push
+            return np.asarray(y), force
+        return np.asarray(unit.sum(axis=1)), force

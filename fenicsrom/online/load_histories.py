@@ -1,15 +1,17 @@
-"""The time factors of the loads: one statement for every model, plain and compiled.
+"""The time factors of the loads, plain and compiled, for every model.
 
-The factor of a load is the sum of its sines and its table. A sine acts in a window of time and may
-ramp its frequency:
+The factor of a load is the sum of its sines and its table. A sine acts in a window of time, and its
+frequency may ramp:
 
-    s(t) = amplitude sin(phase + theta(t - start))  for start <= t <= end, else 0 theta(x) = omega x
-    without a ramp theta'(x) = omega + slope x   or   omega exp(growth x)                   for x <=
-    ramp, constant after it
+    s(t) = amplitude sin(phase + theta(t - start))    for start <= t <= end, else 0
+    theta(x) = omega x                                without a ramp
+    theta'(x) = omega + slope x                       for x <= ramp, of a linear ramp
+    theta'(x) = omega exp(growth x)                   for x <= ramp, of a logarithmic one
+    theta'(x) = constant                              for x > ramp
 
-A static load is a sine of frequency zero at its crest, several harmonics are several sines, a swept
-sine ramps until it stays at its last frequency, an impact is half a period in its window. A table
-is interpolated linearly and keeps its first and its last value before and after it.
+A static load is a sine of frequency zero at its crest. Several harmonics are several sines. A swept
+sine ramps to its last frequency and stays there. An impact is half a period in its window. A table
+is interpolated linearly and keeps its first and last value outside of its times.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import compiled, kernel
-from fenicsrom.scene import Load
+from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Static, Table
 
 # the columns of a sine
 AMPLITUDE, OMEGA, PHASE, START, END, RAMP, SLOPE, GROWTH = range(8)
@@ -37,9 +39,9 @@ class LoadHistories(NamedTuple):
             of the window (s), length of the ramp (s), slope (rad/s^2), growth (1/s); load after
             load.
         table: (r, 2) times in s, ascending within a load, and factors (in the unit of the load);
-        load after load.
-        spans: (loads, 4) first sine of a load and the one after its last, its first row of the
-            table and the one after its last.
+            load after load.
+        spans: (loads, 4) for each load, its first sine and the one after its last, and its first
+            row of the table and the one after its last.
     """
 
     sines: Array
@@ -48,7 +50,7 @@ class LoadHistories(NamedTuple):
 
 
 def harmonic(amplitude: ArrayLike, omega: ArrayLike, phase: ArrayLike) -> LoadHistories:
-    """One sine a load, amplitude sin(omega t + phase), arrays (loads,): N, rad/s, rad."""
+    """One sine for each load, amplitude sin(omega t + phase); (loads,) N, rad/s, rad."""
     columns = np.broadcast_arrays(*np.atleast_1d(amplitude, omega, phase))
     return _joined([([_sine(*map(float, row))], []) for row in zip(*columns, strict=True)])
 
@@ -69,33 +71,31 @@ def _sine(
     slope: float = 0.0,
     growth: float = 0.0,
 ) -> list[float]:
+    """One row of `LoadHistories.sines`."""
     return [amplitude, omega, phase, start, end, ramp, slope, growth]
 
 
 def _parts(load: Load) -> tuple[list[list[float]], list[tuple[float, float]]]:
     """Sines and rows of the table of a load."""
-    size = load.size
-    if load.table is not None:
-        return [], [(time, size * factor) for time, factor in load.table]
-    if load.pulse is not None:
-        begin, length = load.pulse.start, load.pulse.duration
+    size, history = load.size, load.history
+    if isinstance(history, Table):
+        return [], [(time, size * factor) for time, factor in history.rows]
+    if isinstance(history, Pulse):
+        begin, length = history.pulse.start, history.pulse.duration
         return [_sine(size, math.pi / length, 0.0, start=begin, end=begin + length)], []
-    if load.frequency is None:
+    if isinstance(history, Static):
         return [_sine(size, 0.0, 0.5 * math.pi)], []
-    omega = 2.0 * math.pi * load.frequency
-    if load.harmonics is not None:
-        return [
-            _sine(size * amplitude, order * omega, phase)
-            for order, amplitude, phase in load.harmonics
-        ], []
-    if load.sweep is None:
-        return [_sine(size, omega, load.phase)], []
-    ramp, last = load.sweep.duration, 2.0 * math.pi * load.sweep.to
-    if load.sweep.kind == "linear":
-        return [_sine(size, omega, load.phase, ramp=ramp, slope=(last - omega) / ramp)], []
-    return [
-        _sine(size, omega, load.phase, ramp=ramp, growth=(math.log(last) - math.log(omega)) / ramp)
-    ], []
+    omega = 2.0 * math.pi * history.frequency
+    if isinstance(history, Harmonics):
+        terms = history.harmonics
+        return [_sine(size * factor, order * omega, phase) for order, factor, phase in terms], []
+    if isinstance(history, Harmonic):
+        return [_sine(size, omega, history.phase)], []
+    ramp, last = history.sweep.duration, 2.0 * math.pi * history.sweep.to
+    if history.sweep.kind == "linear":
+        return [_sine(size, omega, history.phase, ramp=ramp, slope=(last - omega) / ramp)], []
+    growth = (math.log(last) - math.log(omega)) / ramp
+    return [_sine(size, omega, history.phase, ramp=ramp, growth=growth)], []
 
 
 def _joined(
@@ -162,9 +162,7 @@ def factors(load_histories: LoadHistories, time: float) -> Array:
 
 
 def largest(load_histories: LoadHistories) -> Array:
-    """A bound (loads,) of the absolute factors for all times, attained by a load of one sine and by
-    a table.
-    """
+    """A bound (loads,) of the absolute factors, attained by a load of one sine and by a table."""
     found = np.zeros(load_histories.spans.shape[0])
     for k, (first, last, low, high) in enumerate(_spans(load_histories)):
         found[k] = np.sum(np.abs(load_histories.sines[first:last, AMPLITUDE]))
@@ -175,7 +173,7 @@ def largest(load_histories: LoadHistories) -> Array:
 def quarter_period(load_histories: LoadHistories) -> float:
     """A quarter of the shortest period, in s, of the sines that do not end; infinite without any.
 
-    An adaptive step at most this long cannot meet a load at its zeros alone.
+    Adaptive steps of at most this length cannot sample a load at its zeros alone.
     """
     sines = load_histories.sines[np.isinf(load_histories.sines[:, END])]
     ends = (sines[:, OMEGA] + sines[:, SLOPE] * sines[:, RAMP]) * np.exp(
@@ -186,11 +184,10 @@ def quarter_period(load_histories: LoadHistories) -> float:
 
 
 def instants(load_histories: LoadHistories, end: float) -> Array:
-    """Times in s after 0, the end last, on which adaptive steps must land so as not to step over
-    what a load does.
+    """Times in s after 0 on which adaptive steps must land, so as not to miss an event of a load.
 
-    They are the quarters of every window and the times at which a table turns: between two of them
-    it is monotonic.
+    They are the quarters of every window, the ends of a table and the times at which its slope
+    changes sign, and `end` as the last one.
     """
     found = [np.array([end])]
     for sine in load_histories.sines[np.isfinite(load_histories.sines[:, END])]:

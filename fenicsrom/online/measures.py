@@ -11,18 +11,39 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
-from fenicsrom.post.report import STATES, _touches
 
-# of the largest displacement: an amplitude below it is rest; steadiness is told no finer either
-RESTS = 1e-6
-# relative change of the amplitudes from period to period below which they are taken as settled
+STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
+# amplitude, relative to the largest displacement, below which a motion counts as at rest
+REST = 1e-6
+# relative change of the amplitudes from period to period below which they have settled
 SETTLED = 1e-3
 
 
-def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
-    """A sentence on the points of each contact that touch nothing during the whole motion, with the
-    gap that is left there.
+def has_contact(motion: Motion) -> bool:
+    """Whether a motion has contact points."""
+    return motion.state.shape[1] > 0
+
+
+def interpolated(motion: Motion, values: Array, times: Array) -> Array:
+    """Values (ns, ...) of a motion at other times (k,), by linear interpolation: (k, columns)."""
+    columns = values.reshape(motion.time.size, -1).T
+    return np.array([np.interp(times, motion.time, column) for column in columns]).T
+
+
+def times_before_end(motion: Motion, phases: Array) -> Array:
+    """The times of some phases before the end of a motion, s.
+
+    Args:
+        motion: the motion.
+        phases: (k,) parts of the last period, 0 at the end of the motion and 1 one period before;
+            parts of the whole motion if it has no period.
     """
+    length = motion.period or motion.time[-1] - motion.time[0]
+    return np.asarray(motion.time[-1] - length * phases)
+
+
+def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
+    """One sentence for each contact with points that never touch, with their smallest gap."""
     sentences = []
     for k in np.unique(points.contact):
         mine = np.flatnonzero(points.contact == k)
@@ -31,7 +52,8 @@ def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
             sentences.append(
-                f"contacts[{k}]: {number} out of reach during the whole run, no nearer than {1e3 * least:.4g} mm"
+                f"contacts[{k}]: {number} out of reach during the whole run, "
+                f"no nearer than {1e3 * least:.4g} mm"
             )
     return sentences
 
@@ -42,19 +64,18 @@ def amplitude(motion: Motion) -> Array:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether a motion ends at rest: what still moves is `RESTS` of the displacement, or less."""
+    """Whether a motion ends at rest: its amplitude is at most `REST` of its displacement."""
     return bool(
-        np.linalg.norm(amplitude(motion))
-        <= RESTS * np.max(np.abs(motion.displacement), initial=0.0)
+        np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
     )
 
 
 def has_settled(motion: Motion) -> bool:
-    """Whether the amplitudes of a harmonic motion repeat: it is steady, or the last four agree to
-    `SETTLED`.
+    """Whether the amplitudes of a periodic motion repeat.
 
-    Axial waves that damping hardly reaches may ring on, too small for the amplitudes, and keep it
-    from being steady.
+    They do if the motion is steady, or if the amplitudes of the last four periods agree to
+    `SETTLED`. Weakly damped axial waves may ring on and keep a motion from being steady, although
+    they are too small to change the amplitudes.
     """
     if motion.steady or at_rest(motion):
         return True
@@ -83,7 +104,10 @@ def is_unsteady(motion: Motion) -> bool:
 def rms(motion: Motion, since: float = 0.0) -> Array:
     """Root mean square of a motion about its mean, of each point and direction, (P d,), m.
 
-    Over the second half of a motion that should repeat, else over all from a time on, s.
+    Args:
+        motion: the motion.
+        since: start of the interval for a motion without period, s; a periodic motion is taken over
+            its second half.
     """
     late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
     time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
@@ -93,8 +117,9 @@ def rms(motion: Motion, since: float = 0.0) -> Array:
 
 
 def difference(motion: Motion, other: Motion) -> float:
-    """Relative difference of two motions: of the amplitudes if both have settled, else of the root
-    mean squares.
+    """Relative difference of two motions.
+
+    It compares amplitudes if both motions have settled, and root mean squares otherwise.
     """
     if has_settled(motion) and has_settled(other):
         a, b = amplitude(motion), amplitude(other)
@@ -105,14 +130,15 @@ def difference(motion: Motion, other: Motion) -> float:
 
 
 def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
-    """Largest normal contact force, N, of all points over the last period, else from a time on, s;
-    0 without contact.
+    """Largest normal contact force of all points, N; 0 without contact.
+
+    Args:
+        motion: the motion.
+        since: start of the interval for a motion without period, s; a periodic motion is taken over
+            its last period.
     """
     part = motion.last_period() if motion.period is not None else motion.time >= since
     return float(motion.force[part, :, 0].max(initial=0.0))
-
-
-# numbers
 
 
 def amplitudes(motion: Motion) -> dict[str, Any]:
@@ -130,37 +156,32 @@ def amplitudes(motion: Motion) -> dict[str, Any]:
 
 
 def contact_fractions(motion: Motion) -> dict[str, float]:
-    """Shares of the last period spent open, in slip and in stick, averaged over the contact points.
+    """Fractions of the last period in each contact state, averaged over the contact points.
 
-    Instants are weighted by the time they stand for (trapezoidal rule), as steps may differ.
+    The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact all of it is
-        open.
+        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact open is 1.
     """
-    if not _touches(motion):
+    if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
-    return {name: float(shares.mean()) for name, shares in _shares(motion).items()}
+    return {name: float(fractions.mean()) for name, fractions in _state_fractions(motion).items()}
 
 
-def _shares(motion: Motion) -> dict[str, np.ndarray]:
-    """Share of the last period that each point spends in each state, by its name: (P,)."""
+def _state_fractions(motion: Motion) -> dict[str, np.ndarray]:
+    """Fraction (P,) of the last period that each point spends in each state, by its name."""
     part = motion.last_period()
     weights = _weights(motion.time[part])
-    return {name: weights @ (motion.state[part] == value) for value, (name, _) in STATES.items()}
+    return {name: weights @ (motion.state[part] == value) for value, name in STATE_NAMES.items()}
 
 
 def peak_total_normal_force(motion: Motion) -> float:
-    """Largest sum of the normal contact forces of all points at one instant, N, over the last
-    period; 0 without contact.
-    """
+    """Largest total normal force of all points over the last period, N; 0 without contact."""
     return float(motion.force[motion.last_period(), :, 0].sum(axis=1).max(initial=0.0))
 
 
 def dissipated_per_period(motion: Motion) -> float:
-    """Energy rubbed away by friction in the last period, J (over the whole motion if it has no
-    period).
-    """
+    """Energy dissipated by friction in the last period, J; in the whole motion without period."""
     if motion.period is None:
         return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
     return float(
@@ -170,8 +191,9 @@ def dissipated_per_period(motion: Motion) -> float:
 
 
 def point_summaries(motion: Motion) -> list[dict[str, Any]]:
-    """What each contact point does over the last period (over the whole motion if it has no
-    period).
+    """Peak force, states and dissipation of each contact point.
+
+    They are taken over the last period, or over the whole motion if it has no period.
 
     Returns:
         For each point `peak_normal_force_N`, `fraction` (as `contact_fractions`) and
@@ -181,11 +203,11 @@ def point_summaries(motion: Motion) -> list[dict[str, Any]]:
     friction_dissipation = (
         motion.point_friction_dissipation[part][-1] - motion.point_friction_dissipation[part][0]
     )
-    peaks, shares = motion.force[part, :, 0].max(axis=0), _shares(motion)
+    peaks, fractions = motion.force[part, :, 0].max(axis=0), _state_fractions(motion)
     return [
         {
             "peak_normal_force_N": float(peaks[p]),
-            "fraction": {name: float(share[p]) for name, share in shares.items()},
+            "fraction": {name: float(share[p]) for name, share in fractions.items()},
             "dissipated_per_period_J": float(friction_dissipation[p]),
         }
         for p in range(motion.force.shape[1])
@@ -246,7 +268,7 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
 
 
 def _weights(time: np.ndarray) -> np.ndarray:
-    """Share of the whole that each instant stands for by the trapezoidal rule, (ns,), sum 1."""
+    """Weights (ns,) of the trapezoidal rule, with sum 1."""
     if len(time) < 2:
         return np.ones(len(time))
     steps = np.diff(time)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import kernel
+from fenicsrom.online.compiled import compile_methods, kernel
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.dense import (
     add_times,
@@ -21,50 +19,63 @@ from fenicsrom.online.dense import (
     times,
     write_times,
 )
-from fenicsrom.online.load_histories import LoadHistories, factors, write_factors
+from fenicsrom.online.load_histories import LoadHistories, write_factors
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 
 
-class Workspace(NamedTuple):
-    """Where a `ReducedModel` of n coordinates and m contact displacements puts its results: valid
-    until its next call.
+class Tangent(NamedTuple):
+    """The derivative of the mean elastic force of a step by dq.
 
-    (A new array costs numba more than the arithmetic on it, in models of this size.)
+    Attributes:
+        matrix: (n, n), N/m.
+        coefficient: sum of w_g s_g, with which the stiffness of a linear model stands in `matrix`.
+    """
+
+    matrix: Array
+    coefficient: float
+
+
+class Workspace(NamedTuple):
+    """The results of a `ReducedModel` of n coordinates and m contact displacements.
+
+    They are valid until its next call. In models of this size a new array costs compiled code more
+    than the arithmetic on it.
 
     Attributes:
         columns: (n, p) the columns of the quadratic coefficients, which are combined faster than
-        their rows.
+            their rows.
         points: (2, n) coordinates.
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
-        slope: (n, n) its derivative.
+        tangent: (n, n) its derivative.
         factor: (n, n) the last effective stiffness factorised.
         pivots: (n,)
-        key: (2,) what the factor held was made of (a linear model keeps its factor).
+        key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
+            keeps it; the first is NaN if the matrix is singular.
         block: (n, 1 + m) right-hand sides and solutions.
-        compliance: (m, m) contact displacement by contact force.
+        delassus: (m, m) contact displacement by contact force.
         contact: (m,) contact displacement.
-        inertia: (n,) M v.
-        gyroscopic: (n,) Gamma v.
+        mass_product: (n,) M v.
+        gyroscopic_product: (n,) Gamma v.
         factors: (loads,) time factors of the loads.
-        load: (n,) load vector.
+        load_vector: (n,) load vector, N.
     """
 
     columns: Array
     points: Array
     products: Array
     force: Array
-    slope: Array
+    tangent: Array
     factor: Array
     pivots: NDArray[np.int64]
     key: Array
     block: Array
-    compliance: Array
+    delassus: Array
     contact: Array
-    inertia: Array
-    gyroscopic: Array
+    mass_product: Array
+    gyroscopic_product: Array
     factors: Array
-    load: Array
+    load_vector: Array
 
 
 class ReducedModel(NamedTuple):
@@ -75,14 +86,14 @@ class ReducedModel(NamedTuple):
         damping: alpha in C = alpha M, 1/s.
         elastic: coefficients of the elastic force.
         loads: (n, loads), unit loads projected on the basis.
-        signals: time factors of the loads.
+        load_histories: time factors of the loads.
         points: the contact points.
         contact_rows: (m, n) B^T R, contact displacements by coordinates; m = 0 without contact.
         contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
         gyroscopic_matrix: (n, n) gyroscopic matrix Gamma, kg/s; (0, 0) of a model without.
-        work: where the results go.
+        work: arrays for the results.
     """
 
     mass: Array
@@ -115,22 +126,19 @@ class ReducedModel(NamedTuple):
 
     @property
     def gauss_points(self) -> int:
-        """Gauss points that integrate the force along a step exactly: 2 for a cubic, 1 for a linear
-        force.
-        """
+        """Gauss points that integrate a force along a step exactly: 2 if cubic, 1 if linear."""
         return 1 if self.linear else 2
 
-    # The operations of `fenicsrom.online.operations.Model`. Compiled code calls the same functions with the
-    # model as first argument.
+    # The operations of `fenicsrom.online.operations.Model`, which compiled code calls too.
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Array]:
-        """Mean elastic force over a step and its derivative by dq: see
-        `fenicsrom.online.scheme.Scheme`.
-        """
-        elastic_mean(self.elastic, self.work, start, q0, dq, start_weight, points, weights)
-        return self.work.force, self.work.slope
+    ) -> tuple[Array, Tangent]:
+        """Mean elastic force over a step and its derivative by dq."""
+        coefficient = elastic_mean(
+            self.elastic, self.work, start, q0, dq, start_weight, points, weights
+        )
+        return self.work.force, Tangent(self.work.tangent, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
@@ -141,33 +149,37 @@ class ReducedModel(NamedTuple):
             self.work.products,
             q,
             self.work.force,
-            self.work.slope,
+            self.work.tangent,
         )
 
-    def responses(
-        self, inertia: float, drag: float, slope: Array, residual: Array
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S = inertia M + drag Gamma + slope; returns y (n,),
-        Z (n, m), G = B^T Z (m, m).
+        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and G = B^T Z (m, m).
 
-        A linear model keeps its factor while S is the same. A singular S gives NaN.
+        S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent. A linear model keeps its
+        factor while the three coefficients are the same. A singular S gives NaN.
         """
-        solve_responses(
+        write_effective_solution(
             self.mass,
             self.gyroscopic_matrix,
             self.contact_rows,
             self.elastic.cubic.shape[0] == 0,
             self.work,
-            inertia,
-            drag,
-            slope,
+            mass_coefficient,
+            gyroscopic_coefficient,
+            tangent,
             residual,
         )
-        return self.work.block[:, 0], self.work.block[:, 1:], self.work.compliance
+        return self.work.block[:, 0], self.work.block[:, 1:], self.work.delassus
 
-    def negative_directions(self, slope: Array) -> int:
+    def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        return negative_eigenvalues(slope)
+        return negative_eigenvalues(tangent.matrix)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
@@ -180,13 +192,13 @@ class ReducedModel(NamedTuple):
 
     def mass_times(self, v: Array) -> Array:
         """M v (n,)."""
-        write_times(self.mass, v, self.work.inertia)
-        return self.work.inertia
+        write_times(self.mass, v, self.work.mass_product)
+        return self.work.mass_product
 
     def gyroscopic_times(self, v: Array) -> Array:
         """Gamma v (n,)."""
-        write_times(self.gyroscopic_matrix, v, self.work.gyroscopic)
-        return self.work.gyroscopic
+        write_times(self.gyroscopic_matrix, v, self.work.gyroscopic_product)
+        return self.work.gyroscopic_product
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors (n,)."""
@@ -195,8 +207,8 @@ class ReducedModel(NamedTuple):
     def load(self, time: float) -> Array:
         """Load vector (n,) at a time, N."""
         write_factors(self.load_histories, time, self.work.factors)
-        write_times(self.loads, self.work.factors, self.work.load)
-        return self.work.load
+        write_times(self.loads, self.work.factors, self.work.load_vector)
+        return self.work.load_vector
 
 
 def reduced_model(
@@ -238,48 +250,53 @@ def reduced_model(
             points=np.zeros((2, n)),
             products=np.zeros((3, 2, coefficients.cubic.shape[0])),
             force=np.zeros(n),
-            slope=np.zeros((n, n)),
+            tangent=np.zeros((n, n)),
             factor=np.zeros((n, n)),
             pivots=np.zeros(n, dtype=np.int64),
-            key=np.zeros(2),
+            key=np.full(3, np.nan),
             block=np.zeros((n, 1 + m)),
-            compliance=np.zeros((m, m)),
+            delassus=np.zeros((m, m)),
             contact=np.zeros(m),
-            inertia=np.zeros(n),
-            gyroscopic=np.zeros(n),
+            mass_product=np.zeros(n),
+            gyroscopic_product=np.zeros(n),
             factors=np.zeros(loads.shape[1]),
-            load=np.zeros(n),
+            load_vector=np.zeros(n),
         ),
     )
 
 
 @kernel
-def solve_responses(
+def write_effective_solution(
     mass: Array,
     gyroscopic_matrix: Array,
     rows: Array,
     linear: bool,
     work: Workspace,
-    inertia: float,
-    drag: float,
-    slope: Array,
+    mass_coefficient: float,
+    gyroscopic_coefficient: float,
+    tangent: Tangent,
     residual: Array,
 ) -> None:
-    """Leave the solutions of `ReducedModel.responses` in the columns of work.block and in
-    work.compliance.
-    """
+    """Write the solutions of `ReducedModel.solve_effective` to work.block and work.delassus."""
     n, m = residual.size, rows.shape[0]
-    factor, key, block, compliance = work.factor, work.key, work.block, work.compliance
-    if not (linear and key[0] == inertia and key[1] == slope[0, 0]):
+    factor, key, block, delassus = work.factor, work.key, work.block, work.delassus
+    is_kept = (
+        linear
+        and key[0] == mass_coefficient
+        and key[1] == gyroscopic_coefficient
+        and key[2] == tangent.coefficient
+    )
+    if not is_kept:
         for i in range(n):
             for j in range(n):
-                factor[i, j] = inertia * mass[i, j] + slope[i, j]
-        if drag != 0.0 and gyroscopic_matrix.shape[0] > 0:
+                factor[i, j] = mass_coefficient * mass[i, j] + tangent.matrix[i, j]
+        if gyroscopic_coefficient != 0.0 and gyroscopic_matrix.shape[0] > 0:
             for i in range(n):
                 for j in range(n):
-                    factor[i, j] += drag * gyroscopic_matrix[i, j]
-        key[0] = inertia if lu_factor(factor, work.pivots, n) else np.nan
-        key[1] = slope[0, 0]
+                    factor[i, j] += gyroscopic_coefficient * gyroscopic_matrix[i, j]
+        key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
+        key[1] = gyroscopic_coefficient
+        key[2] = tangent.coefficient
     for i in range(n):
         block[i, 0] = -residual[i]
         for j in range(m):
@@ -293,134 +310,20 @@ def solve_responses(
             value = 0.0
             for k in range(n):
                 value += rows[i, k] * block[k, 1 + j]
-            compliance[i, j] = value
+            delassus[i, j] = value
 
 
-class DenseModel:
-    """A model of n coordinates with dense matrices and an elastic force given as a function.
-
-    It serves the intrusive projection of the full elastic force (the paper's method, and the oracle
-    of the polynomial) and the 1D beam; it is a `fenicsrom.online.operations.Model`.
-    """
-
-    def __init__(
-        self,
-        mass: Array,
-        damping: float,
-        elastic: Callable[[Array], tuple[Array, Array]],
-        energy: Callable[[Array], float],
-        loads: Array,
-        load_histories: LoadHistories,
-        points: ContactPoints,
-        contact_rows: Array,
-        contact_offset: Array,
-        probe: Array,
-        probe_offset: Array,
-        gyroscopic_matrix: Array | None = None,
-        *,
-        linear: bool,
-        gauss_points: int,
-    ):
-        """Keep the matrices.
-
-        Args:
-            mass: (n, n), kg.
-            damping: alpha in C = alpha M, 1/s.
-            elastic: q -> force (n,) and tangent (n, n).
-            energy: q -> elastic energy, J.
-            loads: (n, loads) unit loads.
-            signals: their time factors.
-            points: the contact points.
-            contact_rows: (m, n) B^T.
-            contact_offset: (m,) contact displacement at q = 0.
-            probe: (d, n) rows of the probe's displacement.
-            probe_offset: (d,) its displacement at q = 0.
-            gyroscopic_matrix: (n, n) gyroscopic matrix, where there is one.
-            linear: the tangent is constant.
-            gauss_points: points that integrate the force along a step exactly, or to rounding.
-        """
-        self.mass, self.damping, self.loads, self.load_histories = (
-            mass,
-            damping,
-            loads,
-            load_histories,
-        )
-        self.linear, self.gauss_points, self.points = linear, gauss_points, points
-        self.gyroscopic = gyroscopic_matrix is not None and gyroscopic_matrix.size > 0
-        self._gyroscopic_matrix = (
-            gyroscopic_matrix
-            if gyroscopic_matrix is not None and gyroscopic_matrix.size
-            else np.zeros_like(mass)
-        )
-        self._elastic, self._energy = elastic, energy
-        self._rows, self._offset = contact_rows, contact_offset
-        self._probe, self._probe_offset = probe, probe_offset
-        self._factor: tuple[Array, NDArray[np.int32]] | None = None
-        self._key: tuple[float, float] | None = None
-
-    def elastic_over_step(
-        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
-    ) -> tuple[Array, Array]:
-        """Mean force over a step and its derivative by dq."""
-        mean, slope = start_weight * start, np.zeros_like(self.mass)
-        for point, weight in zip(points, weights, strict=True):
-            force, tangent = self._elastic(q0 + point * dq)
-            mean = mean + weight * force
-            slope += weight * point * tangent
-        return mean, slope
-
-    def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force (n,) and energy."""
-        return self._elastic(q)[0], self._energy(q)
-
-    def responses(
-        self, inertia: float, drag: float, slope: Array, residual: Array
-    ) -> tuple[Array, Array, Array]:
-        """Solve (inertia M + drag Gamma + slope) [y, Z] = [-residual, B]; NaN if the matrix is
-        singular.
-        """
-        key = (inertia, float(slope[-1, -1]))
-        if not (self.linear and key == self._key):
-            effective = inertia * self.mass + slope
-            if self.gyroscopic:
-                effective += drag * self._gyroscopic_matrix
-            self._factor = (
-                scipy.linalg.lu_factor(effective, check_finite=False)
-                if np.all(np.isfinite(effective))
-                else None
-            )
-            self._key = key
-        block = np.concatenate([-residual[:, None], self._rows.T], axis=1)
-        if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
-            block[:] = np.nan
-        else:
-            block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
-        return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
-
-    def negative_directions(self, slope: Array) -> int:
-        """Number of negative eigenvalues of a stiffness."""
-        return negative_eigenvalues(slope)
-
-    def contact_displacement(self, q: Array) -> Array:
-        """Contact displacement (m,)."""
-        return self._offset + self._rows @ q
-
-    def probe_displacement(self, q: Array) -> Array:
-        """Displacement (d,) of the probe."""
-        return self._probe_offset + self._probe @ q
-
-    def mass_times(self, v: Array) -> Array:
-        """M v."""
-        return self.mass @ v
-
-    def gyroscopic_times(self, v: Array) -> Array:
-        """Gamma v."""
-        return self._gyroscopic_matrix @ v
-
-    def dot(self, a: Array, b: Array) -> float:
-        """Inner product."""
-        return float(a @ b)
-
-    def load(self, time: float) -> Array:
-        """Load vector at a time."""
-        return self.loads @ factors(self.load_histories, time)
+compile_methods(
+    ReducedModel,
+    (
+        "elastic_over_step",
+        "elastic_at",
+        "solve_effective",
+        "contact_displacement",
+        "probe_displacement",
+        "mass_times",
+        "gyroscopic_times",
+        "dot",
+        "load",
+    ),
+)

@@ -8,7 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.history import last_period
 from fenicsrom.online.state import Checkpoint
+
+
+class Interrupted(KeyboardInterrupt):
+    """A time integration was asked to stop.
+
+    Attributes:
+        partial: the `Motion` up to there.
+    """
+
+    def __init__(self, partial: Motion):
+        """Store the motion up to there."""
+        super().__init__(f"time integration stopped on request at t = {partial.time[-1]:.6g} s")
+        self.partial = partial
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +38,7 @@ class Motion:
             current position and the tangents there (the frame of the point turned the shortest
             way), N.
         mean_force: (ns, P, d) mean contact force over the step that ended there, in the frames of
-        the points, N.
+            the points, N.
         gap: (ns, P) distance from the surface, negative inside it, m.
         state: (ns, P) -1 open, 0 slip, 1 stick.
         kinetic: (ns,) kinetic energy, J.
@@ -44,11 +58,11 @@ class Motion:
         coordinates: (k, n) coordinates q of the last period, where they were asked for.
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
-        which does without).
+            which does not use them).
         coordinate_time: (k,) their times, s.
-        end: where it ended, to go on from.
-        buckled: number of directions in which the equilibrium that lies nearest was unstable: it
-            started in another.
+        end: where it ended, to continue from.
+        buckled: number of directions in which the nearest equilibrium was unstable; the motion then
+            started in another one.
     """
 
     time: Array
@@ -80,8 +94,9 @@ class Motion:
 
     @property
     def imbalance(self) -> Array:
-        """(ns,) the energy ledger: energy + dissipated - work - initial, J; 0 but for the scheme's
-        own error.
+        """(ns,) the energy ledger: energy + dissipated - work - initial, J.
+
+        It is zero except for the error of the scheme.
         """
         energy = self.kinetic + self.elastic + self.contact_energy
         spent = self.damping_dissipation + self.friction_dissipation - self.work
@@ -94,10 +109,5 @@ class Motion:
         return float(np.max(np.abs(self.imbalance)) / scale) if scale > 0.0 else 0.0
 
     def last_period(self) -> slice:
-        """The steps of the last period, both its ends included; all steps where there is no
-        period.
-        """
-        if self.period is None:
-            return slice(0, self.time.size)
-        start = np.searchsorted(self.time, self.time[-1] - self.period * (1.0 + 1e-9))
-        return slice(int(start), self.time.size)
+        """The steps of the last period, both ends included; all steps without a period."""
+        return last_period(self.time, self.period)

@@ -1,5 +1,4 @@
-"""The reduced model: mass, loads and the exact polynomial of the elastic force in the coordinates q
-of a basis.
+"""The exact polynomial of the elastic force in the coordinates q of a basis.
 
 The elastic energy of St Venant-Kirchhoff material is a quartic polynomial of the displacement. With
 u = u0 + sum q_i phi_i,
@@ -36,8 +35,9 @@ if TYPE_CHECKING:
 
 
 class ElasticPolynomial(NamedTuple):
-    """Coefficients of the elastic force in n coordinates; p = n (n + 1) / 2 pairs i <= j, empty for
-    a linear model.
+    """Coefficients of the elastic force in n coordinates, with p = n (n + 1) / 2 pairs i <= j.
+
+    The quadratic and cubic coefficients of a linear model are empty.
 
     Attributes:
         force: (n,) f0, the force at q = 0.
@@ -54,9 +54,7 @@ class ElasticPolynomial(NamedTuple):
 
 
 def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices i <= j of the n (n + 1) / 2 pairs, in the order used throughout: 00, 01, .., 11, 12,
-    ..
-    """
+    """Indices i <= j of the n (n + 1) / 2 pairs, in the order 00, 01, .., 11, 12, .. ."""
     i, j = np.triu_indices(n)
     return i.astype(np.int64), j.astype(np.int64)
 
@@ -175,9 +173,13 @@ def elastic_mean(
     start_weight: float,
     points: Array,
     weights: Array,
-) -> None:
-    """Leave the results of `ReducedModel.elastic_over_step` in work.force and work.slope."""
-    n, count, mean, slope = q0.size, points.size, work.force, work.slope
+) -> float:
+    """Write the results of `ReducedModel.elastic_over_step` to work.force and work.tangent.
+
+    Returns:
+        sum of w_g s_g: the coefficient of the stiffness in the tangent.
+    """
+    n, count, mean, tangent = q0.size, points.size, work.force, work.tangent
     q = work.points[:count]
     total, moved = 0.0, 0.0
     for g in range(count):
@@ -189,35 +191,34 @@ def elastic_mean(
         value = start_weight * start[i] + total * elastic.force[i]
         for j in range(n):
             value += elastic.stiffness[i, j] * (total * q0[j] + moved * dq[j])
-            slope[i, j] = moved * elastic.stiffness[i, j]
+            tangent[i, j] = moved * elastic.stiffness[i, j]
         mean[i] = value
     if elastic.cubic.shape[0] == 0:
-        return
+        return moved
     s, a, b = work.products[0, :count], work.products[1, :count], work.products[2, :count]
     elastic_products(work.columns, elastic.cubic, q, s, a, b)
     for g in range(count):
-        weight, moved = weights[g], weights[g] * points[g]
+        weight, lever = weights[g], weights[g] * points[g]
         row = 0
         for i in range(n):
             value = (0.5 * a[g, row] + b[g, row] * (2.0 / 3.0)) * q[g, i]
-            slope[i, i] += moved * (a[g, row] + 2.0 * b[g, row])
+            tangent[i, i] += lever * (a[g, row] + 2.0 * b[g, row])
             row += 1
             for j in range(i + 1, n):
-                both = moved * (a[g, row] + b[g, row])
+                both = lever * (a[g, row] + b[g, row])
                 mixed = 0.5 * a[g, row] + b[g, row] * (1.0 / 3.0)
-                slope[i, j] += both
-                slope[j, i] += both
+                tangent[i, j] += both
+                tangent[j, i] += both
                 value += mixed * q[g, j]
                 mean[j] += weight * mixed * q[g, i]
                 row += 1
             mean[i] += weight * value
+    return moved
 
 
 @compiled
 def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
-    """Force f (n,) and tangent T (n, n) at q, written into the arrays given; returns the energy,
-    zero at q = 0, in J.
-    """
+    """Write force f (n,) and tangent T (n, n) at q; returns the energy, zero at q = 0, in J."""
     points, products = np.empty((1, q.size)), np.empty((3, 1, elastic.cubic.shape[0]))
     return elastic_force_with(
         elastic, np.ascontiguousarray(elastic.quadratic.T), points, products, q, force, tangent
@@ -234,9 +235,7 @@ def elastic_force_with(
     force: Array,
     tangent: Array,
 ) -> float:
-    """`elastic_force` with the columns (n, p) of A, and room for the coordinates (1, n) and the
-    products (3, 1, p).
-    """
+    """`elastic_force` with the columns (n, p) of A, and scratch arrays (1, n) and (3, 1, p)."""
     n = q.size
     for i in range(n):
         value = 0.0

@@ -10,17 +10,17 @@ from fenicsrom.arrays import Array
 
 
 class Scheme(NamedTuple):
-    """The weights of a one-step scheme (module docstring).
+    """The weights of a one-step scheme, as in `fenicsrom.online.march`.
 
     Attributes:
         alpha_m: weight am of the old acceleration.
         alpha_f: weight af of the old velocity, load and friction.
         beta: Newmark's beta.
         gamma: Newmark's gamma.
-        line: elastic and normal contact force are means along the step.
+        discrete_gradient: elastic and contact forces are means along the step.
         start_weight: weight of the elastic force at the start of the step.
-        points: (g,) where along the step the elastic force is taken.
-        weights: (g,) with what weights.
+        points: (g,) points in [0, 1] along the step at which the elastic force is evaluated.
+        weights: (g,) their weights.
         damping: alpha of the model, 1/s.
         linear: the model's force is linear: one iteration solves the step.
         gyroscopic: the model has gyroscopic forces.
@@ -30,7 +30,7 @@ class Scheme(NamedTuple):
     alpha_f: float
     beta: float
     gamma: float
-    line: bool
+    discrete_gradient: bool
     start_weight: float
     points: Array
     weights: Array
@@ -44,8 +44,8 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
 
     Args:
         name: "average-acceleration", "generalised-alpha" or "discrete-gradient".
-        model: gives the damping, whether it is linear, and the Gauss points that integrate its
-        force exactly.
+        model: gives the damping, whether it is linear, and the number of Gauss points that
+            integrate its force exactly.
         spectral_radius: of generalised-alpha at infinite frequency, in [0, 1].
     """
     model_is = float(model.damping), bool(model.linear), bool(model.gyroscopic)
@@ -61,7 +61,7 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
         points, weights = np.polynomial.legendre.leggauss(model.gauss_points)
         return Scheme(0.5, 0.5, 0.25, 0.5, True, 0.0, 0.5 + 0.5 * points, 0.5 * weights, *model_is)
     raise ValueError(
-        f"scheme {name!r}: allowed are average-acceleration, generalised-alpha and discrete-gradient"
+        f"scheme {name!r}: must be average-acceleration, generalised-alpha or discrete-gradient"
     )
 
 
@@ -70,9 +70,9 @@ class Control(NamedTuple):
 
     Attributes:
         grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
-        tolerance: adaptive: the local error of a step is at most `STEP_SHARE` of it, relative to
-            the size of the motion;
-            0: fixed step.
+        tolerance: of adaptive steps: the local error of a step is at most
+            `fenicsrom.online.loop.STEP_SHARE` of it, relative to the size of the motion; 0 for a
+            fixed step.
         size: smallest size of motion to measure errors against, in the mass norm.
     """
 

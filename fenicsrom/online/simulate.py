@@ -23,17 +23,23 @@ def simulate(
     start: Motion | None = None,
     **options: Any,
 ) -> Motion:
-    """Integrate a model of a scene (reduced, full or beam) as its [time] table says.
+    """Integrate a model (reduced, full or beam) under its scene.
+
+    The contacts and the [time] table are those of the scene. The load histories and the damping are
+    those of the model: to change them, take `fenicsrom.online.archive.StoredModel.simulate`, which
+    puts those of the scene into the model first.
 
     Args:
         model: the model.
-        scene: the scene.
-        start: a motion at whose end to start again from t = 0; else from rest in the equilibrium.
+        scene: the scene the model belongs to.
+        start: a motion at whose end to start again from t = 0; from rest in the equilibrium
+            without it.
         options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
             `fenicsrom.online.march.integrate`.
 
     Raises:
-        ConvergenceError, AccuracyError: see there.
+        ConvergenceError: the smallest step did not converge.
+        AccuracyError: the energy balance is off.
     """
     return integrate(
         model,

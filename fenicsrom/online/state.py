@@ -15,24 +15,25 @@ from fenicsrom.online.contact_state import (
     zero_contact_state,
 )
 
-# the scalars of a state
+SCALARS = 14
 (
     TIME,
     STEP,
-    LAST,
+    LAST_STEP,
     WORK,
-    DAMPED,
-    RUBBED,
+    DAMPING_DISSIPATION,
+    FRICTION_DISSIPATION,
     KINETIC,
     ELASTIC,
     CONTACT,
-    SCALE,
+    ENERGY_SCALE,
     SIZE,
     STEPS,
     REJECTED,
     ITERATIONS,
-) = range(14)
-SCALARS = 14
+) = range(SCALARS)
+LEDGER = slice(WORK, CONTACT + 1)
+"""The six energies of a row of the record, in the order of `State.scalars`."""
 
 
 class Trial(NamedTuple):
@@ -40,67 +41,80 @@ class Trial(NamedTuple):
 
     Attributes:
         dq: (n,) the step.
-        change: (n,) its last change in the iteration; then the new velocity.
+        change: (n,) its last change in the iteration; after acceptance, the new velocity.
         residual: (n,) of the equations of motion.
-        rest: (n,) M times this is the part of the inertia and damping forces that does not depend
-        on dq.
-        push: (n,) mean load.
-        total: (n,) a sum to be handed on.
-        touch: the contact points at the end of the step.
-        before: (P, d) their displacement before the iteration.
-        free: (P, d) their displacement without contact forces.
-        room: for the contact problem; holds the mean contact force over the step.
+        inertia_offset: (n,) M times this is the part of the inertia and damping forces that does
+            not depend on dq.
+        external_force: (n,) mean load, N.
+        vector: (n,) an argument of the model's operations.
+        contact: the contact points at the end of the step.
+        displacement_before: (P, d) their displacement before the iteration, m.
+        free_displacement: (P, d) their displacement without contact forces, m.
+        scratch: of the contact problem; holds the mean contact force over the step.
     """
 
     dq: Array
     change: Array
     residual: Array
-    rest: Array
-    push: Array
-    total: Array
-    touch: ContactState
-    before: Array
-    free: Array
-    room: ContactScratch
+    inertia_offset: Array
+    external_force: Array
+    vector: Array
+    contact: ContactState
+    displacement_before: Array
+    free_displacement: Array
+    scratch: ContactScratch
 
 
 class State(NamedTuple):
-    """The last accepted state; only acceptance of a step writes to it (but for `trial`).
+    """The last accepted state; only the acceptance of a step writes to it (except for `trial`).
 
     Attributes:
         q: (n,) displacement coordinates.
         v: (n,) velocity.
         a: (n,) acceleration of the scheme.
-        rate: (n,) mean velocity dq/h over the last step.
-        growth: (n,) how that changed from the step before, per time: together they extrapolate to
-            the next step, and the distance of the solution from that extrapolation estimates the
-            error.
-        start: (n,) elastic force at q, where the scheme asks for it.
-        load: (n,) load vector at the time.
-        touch: the contact points.
-        friction_dissipation: (P,) energy that each has dissipated by friction, J.
-        scalars: time, next step, last step, work of the loads and of moving surfaces, energies
-            dissipated by damping and friction, kinetic, elastic and contact energy, energy and
-            displacement scales of the run, counts of steps, rejected steps and iterations.
-        trial: the step that is being tried: no part of the state, but room that is needed at every
-            step.
+        mean_velocity: (n,) dq/h of the last step.
+        mean_acceleration: (n,) rate at which the mean velocity changed from the step before. Both
+            extrapolate to the next step; the distance of the solution from that extrapolation
+            estimates the error.
+        elastic_force: (n,) at q, N.
+        load_vector: (n,) load vector at the time, N.
+        contact: the contact points.
+        friction_dissipation: (P,) energy dissipated by friction at each point, J.
+        scalars: (SCALARS,) time, next step, last step, work of the loads and of moving surfaces,
+            energies dissipated by damping and friction, kinetic, elastic and contact energy,
+            energy and displacement scales of the run, counts of steps, rejected steps and
+            iterations.
+        trial: scratch of the next step, no part of the state.
     """
 
     q: Array
     v: Array
     a: Array
-    rate: Array
-    growth: Array
-    start: Array
-    load: Array
-    touch: ContactState
+    mean_velocity: Array
+    mean_acceleration: Array
+    elastic_force: Array
+    load_vector: Array
+    contact: ContactState
     friction_dissipation: Array
     scalars: Array
     trial: Trial
 
 
 class Record(NamedTuple):
-    """Room for what is kept of each accepted step: (rows, ..)."""
+    """Arrays (rows, ..) of what is kept of each accepted step.
+
+    Attributes:
+        time: (rows,) s.
+        displacement: (rows, P, d) of the contact points, m.
+        probe: (rows, d) displacement of the probe without contact points, m.
+        force: (rows, P, d) contact forces [N, T], N.
+        mean_force: (rows, P, d) mean contact force of the step, N.
+        gap: (rows, P) m.
+        friction_dissipation: (rows, P) J.
+        state: (rows, P) OPEN, SLIP or STICK.
+        energies: (rows, 6) the entries `LEDGER` of the scalars, J.
+        coordinates: (rows, 3 n) q, v and a, or (rows, 0).
+    """
 
     time: Array
     displacement: Array
@@ -115,14 +129,13 @@ class Record(NamedTuple):
 
 
 class Checkpoint(NamedTuple):
-    """Where a run stands between two periods (or, without a period, two steps): all that follows
-    depends on, bit for bit.
+    """All that the rest of a run depends on, bit for bit, between two periods (or steps).
 
     Attributes:
         state: the state.
-        last: the rows of the last period, by which the next is judged steady; without a period the
-        last ones, at most 4096.
-        size: of the motion, that errors are measured against (`Control.size`).
+        last: rows of the last period, with which the next is compared to find a steady state;
+            without a period the last rows, at most 4096.
+        size: smallest size of motion to measure errors against (`Control.size`).
         spans: periods run.
         buckled: as in `Motion`.
     """
@@ -136,48 +149,44 @@ class Checkpoint(NamedTuple):
 
 def no_state(n: int, points: int, dimension: int) -> State:
     """A state of zeros, of n coordinates and P contact points."""
-
-    def zeros() -> Array:
-        return np.zeros(n)
-
     trial = Trial(
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zero_contact_state(points, dimension),
-        np.zeros((points, dimension)),
-        np.zeros((points, dimension)),
-        contact_scratch(points, dimension),
+        dq=np.zeros(n),
+        change=np.zeros(n),
+        residual=np.zeros(n),
+        inertia_offset=np.zeros(n),
+        external_force=np.zeros(n),
+        vector=np.zeros(n),
+        contact=zero_contact_state(points, dimension),
+        displacement_before=np.zeros((points, dimension)),
+        free_displacement=np.zeros((points, dimension)),
+        scratch=contact_scratch(points, dimension),
     )
     return State(
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zeros(),
-        zero_contact_state(points, dimension),
-        np.zeros(points),
-        np.zeros(SCALARS),
-        trial,
+        q=np.zeros(n),
+        v=np.zeros(n),
+        a=np.zeros(n),
+        mean_velocity=np.zeros(n),
+        mean_acceleration=np.zeros(n),
+        elastic_force=np.zeros(n),
+        load_vector=np.zeros(n),
+        contact=zero_contact_state(points, dimension),
+        friction_dissipation=np.zeros(points),
+        scalars=np.zeros(SCALARS),
+        trial=trial,
     )
 
 
 def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
-    """Room for so many rows, of P contact points and, where they are kept, coordinates (width,)."""
+    """A record of zeros, of P contact points and coordinates (width,)."""
     return Record(
-        np.zeros(rows),
-        np.zeros((rows, points, dimension)),
-        np.zeros((rows, dimension)),
-        np.zeros((rows, points, dimension)),
-        np.zeros((rows, points, dimension)),
-        np.zeros((rows, points)),
-        np.zeros((rows, points)),
-        np.zeros((rows, points), dtype=np.int8),
-        np.zeros((rows, 6)),
-        np.zeros((rows, width)),
+        time=np.zeros(rows),
+        displacement=np.zeros((rows, points, dimension)),
+        probe=np.zeros((rows, dimension)),
+        force=np.zeros((rows, points, dimension)),
+        mean_force=np.zeros((rows, points, dimension)),
+        gap=np.zeros((rows, points)),
+        friction_dissipation=np.zeros((rows, points)),
+        state=np.zeros((rows, points), dtype=np.int8),
+        energies=np.zeros((rows, 6)),
+        coordinates=np.zeros((rows, width)),
     )

@@ -1,34 +1,36 @@
-"""One time step: Newton's method, acceptance, and the energy ledger."""
+"""One time step: Newton's method, acceptance, and the energy ledger.
+
+The functions that take a model are plain Python, for any `fenicsrom.online.operations.Model`, and
+are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. They write to
+arrays only through functions that are not inlined by numba itself: numba's removal of dead code
+follows aliases of arrays only partly through fields of named tuples, and drops what it takes for
+dead.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
 
-from fenicsrom.online.contact_problem import resolve
+from fenicsrom.online.compiled import part
+from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval
-from fenicsrom.online.contact_step import contact_energy, lean_to_the_end, settle
-from fenicsrom.online.operations import (
-    answer,
-    combine,
-    contact_displacement,
-    dot,
-    elastic_at,
-    elastic_over_step,
-    gyroscopic_times,
-    keep,
-    mass_times,
-    put,
-    responses,
+from fenicsrom.online.contact_step import (
+    commit_contact_state,
+    contact_energy,
+    implicit_blending,
 )
+from fenicsrom.online.dense import combine, copy_to_points, copy_vector, subtract_contact
 from fenicsrom.online.state import (
     CONTACT,
-    DAMPED,
+    DAMPING_DISSIPATION,
     ELASTIC,
+    ENERGY_SCALE,
+    FRICTION_DISSIPATION,
     KINETIC,
-    LAST,
-    RUBBED,
-    SCALE,
+    LAST_STEP,
     SIZE,
     STEPS,
     TIME,
@@ -36,113 +38,174 @@ from fenicsrom.online.state import (
 )
 
 NEWTON_TOLERANCE = 1e-14
-NEWTON_ROUNDING = (
-    1e-13  # a decrement below this part of the energy that no longer falls is rounding
-)
-CONTACT_ROUNDING = (
-    1e-14  # the same, of the contact forces times the displacements from the undeformed body
-)
+NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that no longer falls is rounding
+CONTACT_ROUNDING = 1e-14  # the same, of contact forces times displacements from the undeformed body
 NEWTON_ITERATIONS = 15
+DIVERGENCE = 1e8  # growth of the decrement at which the iteration is given up
+
+
+class StepCoefficients(NamedTuple):
+    """How the mean velocity and the forces of a step depend on dq, v0 and a0.
+
+    Attributes:
+        mass: coefficient of M dq in the forces of inertia and damping.
+        inertia_v: of M v0 in them.
+        inertia_a: of M a0 in them.
+        gyroscopic: coefficient of dq in the mean velocity, and so of Gamma dq.
+        velocity_v: of v0 in the mean velocity.
+        velocity_a: of a0 in it.
+    """
+
+    mass: float
+    inertia_v: float
+    inertia_a: float
+    gyroscopic: float
+    velocity_v: float
+    velocity_a: float
+
+
+@register_jitable(inline="always")
+def mass_coefficient(scheme, h):  # type: ignore[no-untyped-def]
+    """Coefficient of M dq in the balance of a step of size h."""
+    damping = scheme.damping * (1.0 - scheme.alpha_f) * scheme.gamma / (scheme.beta * h)
+    return (1.0 - scheme.alpha_m) / (scheme.beta * h * h) + damping
+
+
+@register_jitable(inline="always")
+def step_coefficients(scheme, h):  # type: ignore[no-untyped-def]
+    """The `StepCoefficients` of a step of size h."""
+    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
+    velocity_v = (1.0 - af) * (1.0 - gamma / beta) + af
+    velocity_a = (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
+    return StepCoefficients(
+        mass_coefficient(scheme, h),
+        -(1.0 - am) / (beta * h) + scheme.damping * velocity_v,
+        am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * velocity_a,
+        (1.0 - af) * gamma / (beta * h),
+        velocity_v,
+        velocity_a,
+    )
 
 
 @register_jitable(inline="always")
 def extrapolate(out, state, h):  # type: ignore[no-untyped-def]
-    """Write dq of a step of size h as the steps before foretell it: the velocities of the scheme
-    may ring, dq/h does not.
+    """Write dq of a step of size h, extrapolated from the previous steps.
+
+    The velocities of the scheme may oscillate from step to step; dq/h does not.
     """
-    combine(out, h, state.rate, 0.5 * h * (h + state.scalars[LAST]), state.growth)
+    last = state.scalars[LAST_STEP]
+    combine(out, h, state.mean_velocity, 0.5 * h * (h + last), state.mean_acceleration)
 
 
 @register_jitable(inline="always")
-def inertia_of(scheme, h):  # type: ignore[no-untyped-def]
-    """Factor of M dq in the balance of a step of size h."""
-    kept = scheme.damping * (1.0 - scheme.alpha_f) * scheme.gamma / (scheme.beta * h)
-    return (1.0 - scheme.alpha_m) / (scheme.beta * h * h) + kept
+def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore[no-untyped-def]
+    """Write the residual of the equations of motion without contact to the trial."""
+    trial = state.trial
+    combine(trial.vector, 1.0, trial.inertia_offset, coefficients.mass, trial.dq)
+    inertia = model.mass_times(trial.vector)
+    combine(trial.residual, 1.0, inertia, 1.0, elastic, -1.0, trial.external_force)
+    if scheme.gyroscopic:
+        combine(
+            trial.vector,
+            coefficients.gyroscopic,
+            trial.dq,
+            coefficients.velocity_v,
+            state.v,
+            coefficients.velocity_a,
+            state.a,
+        )
+        combine(trial.residual, 1.0, trial.residual, 1.0, model.gyroscopic_times(trial.vector))
+
+
+@part
+def contact_decrement(decrement, trial):  # type: ignore[no-untyped-def]
+    """Newton's decrement with the work of the contact forces in the iteration added.
+
+    Returns:
+        Its absolute value, and the sum of the contact forces times the displacements, J.
+    """
+    points, d = trial.free_displacement.shape
+    x, mean, carried = trial.contact.x, trial.scratch.mean_force, 0.0
+    for p in range(points):
+        size, far = 0.0, 0.0
+        for k in range(d):
+            decrement += mean[p, k] * (x[p, k] - trial.displacement_before[p, k])
+            size += abs(mean[p, k])
+            far = max(far, abs(x[p, k]))
+        carried += size * far
+    return abs(decrement), carried
+
+
+@register_jitable(inline="always")
+def has_converged(decrement, last, iteration, scale, carried):  # type: ignore[no-untyped-def]
+    """Whether the next decrement will be small, or this one is rounding.
+
+    Newton's method converges quadratically, which predicts the next decrement. A small decrement
+    that no longer falls is rounding.
+    """
+    coming = (
+        decrement * (decrement / last) ** 2
+        if iteration > 1 and decrement < 1e-3 * last
+        else decrement
+    )
+    rounding = (
+        decrement <= max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
+        and decrement > 0.1 * last
+    )
+    return coming <= NEWTON_TOLERANCE**2 * scale or rounding
 
 
 @register_jitable(inline="always")
 def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
-    """Solve one step of size h from `state`, writing only to its trial; returns (converged,
-    iterations).
+    """Solve one step of size h from `state`, writing only to its trial.
+
+    Returns:
+        Whether it converged, and the number of iterations.
     """
-    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    trial, room = state.trial, state.trial.room
-    points, d = trial.free.shape
-    dq, residual, change, total, x = (
-        trial.dq,
-        trial.residual,
-        trial.change,
-        trial.total,
-        trial.touch.x,
-    )
-    q0, v0, a0 = state.q, state.v, state.a
-    interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.line)
-    # the mean velocity over the step is drag dq + drag_v v0 + drag_a a0, the mean acceleration
-    # likewise: M times `rest` is what does not depend on dq in the forces of inertia and damping,
-    # and `inertia` the factor of M dq in them
-    drag = (1.0 - af) * gamma / (beta * h)
-    drag_v = (1.0 - af) * (1.0 - gamma / beta) + af
-    drag_a = (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
-    from_v = -(1.0 - am) / (beta * h) + scheme.damping * drag_v
-    from_a = am - (1.0 - am) * (0.5 / beta - 1.0) + scheme.damping * drag_a
-    combine(trial.rest, from_v, v0, from_a, a0)
-    inertia = inertia_of(scheme, h)
-    combine(trial.push, 1.0 - af, load_ahead, af, state.load)
-    extrapolate(dq, state, h)
-    combine(total, 1.0, q0, 1.0, dq)
-    put(x, contact_displacement(model, total))
+    trial, scratch, q0 = state.trial, state.trial.scratch, state.q
+    points, x, af = trial.contact.x.shape[0], trial.contact.x, scheme.alpha_f
+    interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
+    coefficients = step_coefficients(scheme, h)
+    combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
+    combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
+    extrapolate(trial.dq, state, h)
+    combine(trial.vector, 1.0, q0, 1.0, trial.dq)
+    copy_to_points(x, model.contact_displacement(trial.vector))
     first, last = 0.0, 0.0
     for iteration in range(1, NEWTON_ITERATIONS + 1):
-        elastic, slope = elastic_over_step(
-            model, state.start, q0, dq, scheme.start_weight, scheme.points, scheme.weights
+        elastic, tangent = model.elastic_over_step(
+            state.elastic_force, q0, trial.dq, scheme.start_weight, scheme.points, scheme.weights
         )
-        combine(total, 1.0, trial.rest, inertia, dq)
-        combine(residual, 1.0, mass_times(model, total), 1.0, elastic, -1.0, trial.push)
-        if scheme.gyroscopic:
-            combine(total, drag, dq, drag_v, v0, drag_a, a0)
-            combine(residual, 1.0, residual, 1.0, gyroscopic_times(model, total))
-        y, unit, compliance = responses(model, inertia, drag, slope, residual)
-        for p in range(points):
-            for k in range(d):
-                trial.before[p, k] = x[p, k]
-        combine(total, 1.0, q0, 1.0, dq, 1.0, y)
-        put(trial.free, contact_displacement(model, total))
+        write_residual(model, scheme, state, coefficients, elastic)
+        y, unit, delassus = model.solve_effective(
+            coefficients.mass, coefficients.gyroscopic, tangent, trial.residual
+        )
+        copy_vector(trial.displacement_before, x)
+        combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
+        copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
         if iteration == 1:
-            lean_to_the_end(contacts, interval, compliance, state.touch, room)
-        if points > 0 and not resolve(
-            contacts, interval, compliance, trial.free, state.touch, trial.touch, room
+            implicit_blending(contacts, interval, delassus, state.contact, scratch)
+        if points > 0 and not solve_contact(
+            contacts,
+            interval,
+            delassus,
+            trial.free_displacement,
+            state.contact,
+            trial.contact,
+            scratch,
         ):
             return False, iteration
-        answer(change, y, unit, room.mean)
-        combine(dq, 1.0, dq, 1.0, change)
-        decrement, carried = dot(model, residual, change), 0.0
-        for p in range(points):
-            size, far = 0.0, 0.0
-            for k in range(d):
-                decrement += room.mean[p, k] * (x[p, k] - trial.before[p, k])
-                size += abs(room.mean[p, k])
-                far = max(far, abs(x[p, k]))
-            carried += size * far
-        decrement = abs(decrement)
+        subtract_contact(trial.change, y, unit, scratch.mean_force)
+        combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
+        decrement, carried = contact_decrement(model.dot(trial.residual, trial.change), trial)
         if not np.isfinite(decrement):
             return False, iteration
         if iteration == 1:
             first = decrement
-        scale = max(state.scalars[SCALE], first)
-        # what the next decrement will be, Newton's convergence being quadratic; a small one that no
-        # longer falls is rounding
-        coming = (
-            decrement * (decrement / last) ** 2
-            if iteration > 1 and decrement < 1e-3 * last
-            else decrement
-        )
-        rounding = (
-            decrement <= max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
-            and decrement > 0.1 * last
-        )
-        if scheme.linear or coming <= NEWTON_TOLERANCE**2 * scale or rounding:
+        scale = max(state.scalars[ENERGY_SCALE], first)
+        if scheme.linear or has_converged(decrement, last, iteration, scale, carried):
             return True, iteration
-        if decrement > 1e8 * first:
+        if decrement > DIVERGENCE * first:
             return False, iteration
         last = decrement
     return False, NEWTON_ITERATIONS
@@ -150,12 +213,13 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
 
 @register_jitable(inline="always")
 def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
-    """Write a converged step into the state, with its entries in the energy ledger (trapezoidal
-    along the step).
+    """Write a converged step into the state, with its entries in the energy ledger.
+
+    Work and damping are integrated along the step by the trapezoidal rule.
     """
     beta, gamma = scheme.beta, scheme.gamma
     s, trial = state.scalars, state.trial
-    dq, v1, total = trial.dq, trial.change, trial.total
+    dq, v1 = trial.dq, trial.change
     combine(
         v1,
         1.0 - gamma / beta,
@@ -165,51 +229,56 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
         gamma / (beta * h),
         dq,
     )
-    s[WORK] += 0.5 * (dot(model, state.load, dq) + dot(model, load_ahead, dq))
-    combine(total, 1.0, state.v, 1.0, v1)
-    s[DAMPED] += 0.5 * scheme.damping * dot(model, mass_times(model, total), dq)
-    interval = Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.line)
-    for p in range(trial.free.shape[0]):
-        dissipated, surface, lost = settle(
-            contacts, interval, p, state.touch, trial.touch, trial.room
-        )
-        s[RUBBED] += dissipated
-        state.friction_dissipation[p] += dissipated
-        s[WORK] += surface
-        s[DAMPED] += lost
-    change = 2.0 / (h + s[LAST])
-    combine(state.growth, change / h, dq, -change, state.rate)
-    combine(state.rate, 1.0 / h, dq, 0.0, state.rate)
+    s[WORK] += 0.5 * (model.dot(state.load_vector, dq) + model.dot(load_ahead, dq))
+    combine(trial.vector, 1.0, state.v, 1.0, v1)
+    s[DAMPING_DISSIPATION] += 0.5 * scheme.damping * model.dot(model.mass_times(trial.vector), dq)
+    interval = Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.discrete_gradient)
+    accept_contact(contacts, interval, state)
+    change = 2.0 / (h + s[LAST_STEP])
+    combine(state.mean_acceleration, change / h, dq, -change, state.mean_velocity)
+    combine(state.mean_velocity, 1.0 / h, dq, 0.0, state.mean_velocity)
     combine(state.q, 1.0, state.q, 1.0, dq)
-    if not scheme.line:  # it cancels from the discrete gradient, where it would only carry rounding
+    if not scheme.discrete_gradient:  # there it has no effect, and would only gather rounding
         combine(
             state.a, 1.0 / (beta * h * h), dq, -1.0 / (beta * h), state.v, 1.0 - 0.5 / beta, state.a
         )
-    keep(state.v, v1)
-    keep(state.load, load_ahead)
-    for p in range(trial.free.shape[0]):
-        state.touch.raw[p] = trial.touch.raw[p]
-        state.touch.state[p] = trial.touch.state[p]
-        for k in range(trial.free.shape[1]):
-            state.touch.x[p, k] = trial.touch.x[p, k]
-            state.touch.normal[p, k] = trial.touch.normal[p, k]
-            state.touch.friction[p, k] = trial.touch.friction[p, k]
-            state.touch.slider[p, k] = trial.touch.slider[p, k]
+    copy_vector(state.v, v1)
+    copy_vector(state.load_vector, load_ahead)
     s[TIME] += h
-    s[LAST] = h
+    s[LAST_STEP] = h
     s[STEPS] += 1.0
-    measure(model, contacts, scheme, state)
+    measure(model, contacts, state)
+
+
+@part
+def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
+    """Write the contact points at the end of a step into the state, and their energies."""
+    s, trial, contact, end = state.scalars, state.trial, state.contact, state.trial.contact
+    points, d = trial.free_displacement.shape
+    for p in range(points):
+        dissipated, surface, impact = commit_contact_state(
+            contacts, interval, p, contact, end, trial.scratch
+        )
+        s[FRICTION_DISSIPATION] += dissipated
+        state.friction_dissipation[p] += dissipated
+        s[WORK] += surface
+        s[DAMPING_DISSIPATION] += impact
+        contact.trial_normal_force[p] = end.trial_normal_force[p]
+        contact.state[p] = end.state[p]
+        for k in range(d):
+            contact.x[p, k] = end.x[p, k]
+            contact.normal[p, k] = end.normal[p, k]
+            contact.friction[p, k] = end.friction[p, k]
+            contact.slider[p, k] = end.slider[p, k]
 
 
 @register_jitable(inline="always")
-def measure(model, contacts, scheme, state):  # type: ignore[no-untyped-def]
-    """Energies of the state, the scales of the run, and the elastic force the next step starts
-    from.
-    """
+def measure(model, contacts, state):  # type: ignore[no-untyped-def]
+    """Write the energies of the state, the scales of the run, and the elastic force."""
     s = state.scalars
-    s[KINETIC] = 0.5 * dot(model, state.v, mass_times(model, state.v))
-    elastic, s[ELASTIC] = elastic_at(model, state.q)
-    keep(state.start, elastic)
-    s[CONTACT] = contact_energy(contacts, state.touch)
-    s[SCALE] = max(s[SCALE], s[KINETIC] + abs(s[ELASTIC]))
-    s[SIZE] = max(s[SIZE], np.sqrt(dot(model, state.q, mass_times(model, state.q))))
+    s[KINETIC] = 0.5 * model.dot(state.v, model.mass_times(state.v))
+    elastic, s[ELASTIC] = model.elastic_at(state.q)
+    copy_vector(state.elastic_force, elastic)
+    s[CONTACT] = contact_energy(contacts, state.contact)
+    s[ENERGY_SCALE] = max(s[ENERGY_SCALE], s[KINETIC] + abs(s[ELASTIC]))
+    s[SIZE] = max(s[SIZE], np.sqrt(model.dot(state.q, model.mass_times(state.q))))

@@ -8,8 +8,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.compiled import kernel, part
+
+PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance depends on
+
+
+class Contacts(NamedTuple):
+    """The parameters of P contact points in d dimensions and of the surface before each.
+
+    With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
+
+        delta = side (|z| - radius) + approach(t)
+                + sum_k height_k cos(order_k (phi - spin t) - phase_k)
+
+    where phi is the angle of z. For a plane |z| is z itself. Only cylinders have waves.
+
+    Attributes:
+        preload: (P,) N0, normal force at penetration zero, N.
+        normal_stiffness: (P,) k_n, N/m.
+        tangential_stiffness: (P,) k_t, N/m.
+        friction: (P,) mu.
+        kind: (P,) PLANE, CYLINDER or SPHERE.
+        axes: (P, d, d) orthonormal rows.
+        centre: (P, d) a point of the plane or of the axis of the cylinder, or the centre of the
+            sphere, m.
+        radius: (P,) of the surface; of a plane, its distance from `centre` along the normal, m.
+        side: (P,) 1 if the body is on the side of `centre`, else -1.
+        spin: (P,) rate at which the surface turns about its axis, rad/s.
+        times: (k,) s.
+        approach: (P, k) distance that the surface has moved towards the body at these times, linear
+            between them, m.
+        order: (h,) orders of the waves.
+        height: (P, h) their heights, m.
+        phase: (P, h) their phases, rad.
+    """
+
+    preload: Array
+    normal_stiffness: Array
+    tangential_stiffness: Array
+    friction: Array
+    kind: NDArray[np.int64]
+    axes: Array
+    centre: Array
+    radius: Array
+    side: Array
+    spin: Array
+    times: Array
+    approach: Array
+    order: Array
+    height: Array
+    phase: Array
 
 
 def frame(normal: Array) -> Array:
@@ -28,18 +77,26 @@ def frame(normal: Array) -> Array:
 
 
 def surface_normal(contact: Any, position: Array, where: str) -> Array:
-    """Unit normal (d,) into the surface of a scene's contact at a position (d,) of the undeformed
-    body.
+    """Unit normal (d,) into the surface of a scene's contact at a position of the undeformed body.
+
+    Args:
+        contact: a contact of the scene.
+        position: (d,) m.
+        where: the file and the key of the contact, for the message.
 
     Raises:
-        SceneError: the position is on the axis or at the centre of the surface; `where` names it.
+        SceneError: the position is on the axis or at the centre of the surface.
     """
     if contact.surface is None:
         return np.array(contact.normal)
     z = axes_of(contact.surface, position.size) @ (position - np.array(contact.surface.point))
     size = float(np.linalg.norm(z))
     if size == 0.0:
-        raise SceneError(f"{where}.surface.point: must not lie at the contact point itself")
+        raise SceneError(
+            f"{where}.surface.point: must not lie at the contact point itself",
+            kind=ErrorKind.RANGE,
+            key=where.rsplit(": ", 1)[-1] + ".surface.point",
+        )
     return np.asarray(
         (1.0 if contact.surface.inside else -1.0)
         / size
@@ -49,9 +106,7 @@ def surface_normal(contact: Any, position: Array, where: str) -> Array:
 
 
 def axes_of(surface: Any, d: int) -> Array:
-    """Orthonormal rows (2 or 3, d) of the directions in which the distance from the axis or centre
-    is measured.
-    """
+    """Orthonormal rows (2 or 3, d) across the axis of a surface, or all axes without one."""
     return frame(np.array(surface.axis))[1:] if surface.axis is not None else np.eye(d)
 
 
@@ -65,12 +120,9 @@ def spin_of(scene: Any, surface: Any) -> float:
     )
 
 
-# ---------------------------------------------------------------------- the surface
-
-
 @part
 def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
-    """How far point p at x (d,) is in its surface, negative before it, m."""
+    """Depth of point p at x (d,) in its surface, negative outside of it, m."""
     closed = 0.0
     times = contacts.times
     last = times.size - 1
@@ -84,8 +136,8 @@ def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
             closed += share * (contacts.approach[p, k + 1] - contacts.approach[p, k])
     if contacts.kind[p] == PLANE:
         return x[0] - contacts.radius[p] + closed
-    # |z| - radius = (|z|^2 - radius^2)/(|z| + radius), taken apart so that a small x is not lost in
-    # a large radius
+    # |z| - radius = (|z|^2 - radius^2)/(|z| + radius); |z|^2 is split so that a small x is not
+    # lost in a large radius
     square, added, first, second = 0.0, 0.0, 0.0, 0.0
     for r in range(contacts.kind[p]):
         there, moved = 0.0, 0.0
@@ -110,39 +162,39 @@ def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
 
 
 @kernel
-def direction(
+def gap_discrete_gradient(
     contacts: Contacts,
     p: int,
     x0: Array,
     x1: Array,
     time: float,
     n: Array,
-    slope: Array,
-    there: Array,
+    derivative: Array,
+    work: Array,
 ) -> None:
-    """The discrete gradient of the penetration between two points, and its derivative by the
-    second.
+    """The discrete gradient of the penetration between two points, and its derivative by x1.
 
-    n . (x1 - x0) is delta(x1) - delta(x0) exactly for planes, cylinders and spheres, as |z1| - |z0|
-    = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for waves. Between a
-    point and itself it is the gradient, and `slope` half the second derivative.
+    n . (x1 - x0) is delta(x1) - delta(x0): exactly for planes, cylinders and spheres, because
+    |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for
+    waves. Between a point and itself it is the gradient, and the derivative is half the second
+    derivative of the penetration.
 
     Args:
         contacts: the parameters.
-        p: the point.
+        p: the contact point.
         x0: (d,) m.
         x1: (d,) m.
         time: s.
         n: (d,) out.
-        slope: (d, d) out, 1/m.
-        there: (d,) room.
+        derivative: (d, d) out, 1/m.
+        work: (d,) scratch.
     """
     d = n.size
     for k in range(d):
         n[k] = 0.0
-        there[k] = 0.0
+        work[k] = 0.0
         for j in range(d):
-            slope[k, j] = 0.0
+            derivative[k, j] = 0.0
     if contacts.kind[p] == PLANE:
         n[0] = 1.0
         return
@@ -157,7 +209,7 @@ def direction(
         square1 += z1 * z1
         for k in range(d):
             n[k] += axes[r, k] * (z0 + z1)
-            there[k] += axes[r, k] * z1
+            work[k] += axes[r, k] * z1
         if r == 0:
             first = 0.5 * (z0 + z1)
         elif r == 1:
@@ -169,10 +221,27 @@ def direction(
     for k in range(d):
         for j in range(d):
             for r in range(contacts.kind[p]):
-                slope[k, j] += side * axes[r, k] * axes[r, j] / total
-            slope[k, j] -= n[k] * there[j] / (end * total)
-    if contacts.order.size == 0 or contacts.kind[p] != CYLINDER:
-        return
+                derivative[k, j] += side * axes[r, k] * axes[r, j] / total
+            derivative[k, j] -= n[k] * work[j] / (end * total)
+    if contacts.order.size > 0 and contacts.kind[p] == CYLINDER:
+        _add_waves(contacts, p, first, second, time, n, derivative)
+
+
+@part
+def _add_waves(
+    contacts: Contacts,
+    p: int,
+    first: float,
+    second: float,
+    time: float,
+    n: Array,
+    derivative: Array,
+) -> None:
+    """Add the gradient of the waves of a cylinder to n (d,), and half its derivative.
+
+    `first` and `second` are the coordinates of the point across the axis, m.
+    """
+    axes, d = contacts.axes[p], n.size
     square = first * first + second * second
     angle = np.arctan2(second, first) - contacts.spin[p] * time
     once, twice = 0.0, 0.0  # the derivatives of the waves by the angle
@@ -187,14 +256,14 @@ def direction(
         for j in range(d):
             outward_j = (first * axes[0, j] + second * axes[1, j]) / square
             turned_j = (first * axes[1, j] - second * axes[0, j]) / square
-            slope[k, j] += 0.5 * (
+            derivative[k, j] += 0.5 * (
                 twice * turned * turned_j - once * (outward * turned_j + turned * outward_j)
             )
 
 
 @part
-def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
-    """Where a point (d,) of the surface is carried by its turning, out (d,), in a time."""
+def advect_with_surface(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
+    """Write to out (d,) where a point (d,) of a turning surface moves in a time."""
     d = point.size
     for k in range(d):
         out[k] = point[k]
@@ -212,69 +281,24 @@ def carry(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> 
 
 
 def unit_normals(contacts: Contacts, x: Array, time: Array) -> Array:
-    """The unit normals (ns, P, d) of the surfaces at displacements x (ns, P, d) and times (ns,), in
-    the frames of the points.
+    """The unit normals (ns, P, d) of the surfaces, in the frames of the points.
+
+    Args:
+        contacts: the parameters.
+        x: (ns, P, d) displacements of the points, m.
+        time: (ns,) s.
     """
     found = np.zeros_like(x)
     found[:, :, 0] = 1.0
     d = x.shape[2]
-    slope, spare = np.empty((d, d)), np.empty(d)
+    derivative, work = np.empty((d, d)), np.empty(d)
     for p in np.flatnonzero(contacts.kind != PLANE):
         for row in range(x.shape[0]):
-            direction(contacts, p, x[row, p], x[row, p], time[row], found[row, p], slope, spare)
+            here = x[row, p]
+            gap_discrete_gradient(
+                contacts, p, here, here, time[row], found[row, p], derivative, work
+            )
     return np.asarray(found / np.linalg.norm(found, axis=2, keepdims=True))
-
-
-PLANE, CYLINDER, SPHERE = (
-    1,
-    2,
-    3,
-)  # the number of coordinates that the distance from the surface depends on
-
-
-class Contacts(NamedTuple):
-    """The parameters of P contact points in d dimensions and of the surface before each.
-
-    With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
-
-        delta = side (|z| - radius) + approach(t) + sum_k height_k cos(order_k (phi - spin t) -
-        phase_k)
-
-    where phi is the angle of z; for a plane |z| is z itself, and the waves are those of cylinders.
-
-    Attributes:
-        preload: (P,) N0, normal force at penetration zero, N.
-        normal_stiffness: (P,) k_n, N/m.
-        tangential_stiffness: (P,) k_t, N/m.
-        friction: (P,) mu.
-        kind: (P,) PLANE, CYLINDER or SPHERE.
-        axes: (P, d, d) orthonormal rows.
-        centre: (P, d) a point of the plane's, the axis of the cylinder or the centre of the sphere,
-        m.
-        radius: (P,) of the surface, of a plane its distance from `centre` along the normal, m.
-        side: (P,) 1 if the body is on the side of `centre`, -1 if it is on the other.
-        spin: (P,) rate at which the surface turns about its axis, rad/s.
-        times: (k,) and
-        approach: (P, k) how far the surface has come towards the body by then, linear between them,
-        m.
-        order: (h,), height: (P, h) in m and phase: (P, h) in rad of the waves.
-    """
-
-    preload: Array
-    normal_stiffness: Array
-    tangential_stiffness: Array
-    friction: Array
-    kind: NDArray[np.int64]
-    axes: Array
-    centre: Array
-    radius: Array
-    side: Array
-    spin: Array
-    times: Array
-    approach: Array
-    order: Array
-    height: Array
-    phase: Array
 
 
 def planes(

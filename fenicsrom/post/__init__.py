@@ -1,1 +1,5 @@
-"""What people look at: pictures, tables, reports, files for ParaView."""
+"""Output for people: figures, tables, reports and files for ParaView.
+
+Each file format has one writer: text, CSV, JSON, PNG and `.npz` in `writers`, HTML in `html_page`,
+VTK in `vtk`. `sentences` composes the text for the user.
+"""

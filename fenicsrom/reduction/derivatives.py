@@ -1,37 +1,41 @@
-"""Static modal derivatives theta_ij = -K^-1 (K'[X_j] X_i): how mode i changes along mode j, without
-inertia (eqs. 14-17).
+"""Static modal derivatives: how a component mode changes along another mode, without inertia.
+
+    θ_ij = −K⁻¹ (K′[X_j] X_i)    (1)
+
+K′[x] is the derivative of the tangent stiffness along x, at the equilibrium. Source: Mashayekhi and
+Zucca (2024), eqs. (14) to (17); for the method see Weeger, Wever and Simeon, Int. J. Numer. Methods
+Eng. 108, 2016, and Wu, Tiso, Tatsis, Chatzi and van Keulen, Multibody Syst. Dyn. 45, 2019.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError
+from fenicsrom.reduction.protocols import Inverse
 
-SYMMETRY_TOLERANCE = (
-    1e-8  # of K'[X_j] X_i against K'[X_i] X_j; 1e-10 is what exact differentiation gives
-)
+SYMMETRY_TOLERANCE = 1e-8
+"""Largest relative difference of K′[X_j] X_i and K′[X_i] X_j; exact derivatives reach 1e-10."""
 
 
 def all_pairs(labels: Sequence[str]) -> list[str]:
-    """The labels of all derivatives of some vectors, each pair once: 1V1V, 1V2V, 1V1S, .."""
+    """The labels of all derivatives of some modes, each pair once: 1V1V, 1V2V, 1V1S, ..."""
     return [first + second for k, first in enumerate(labels) for second in labels[k:]]
 
 
 def split(label: str) -> tuple[str, str]:
-    """The two modes of a derivative label: 1V2S -> 1V, 2S.
+    """Split the label of a derivative into its two modes: 1V2S gives 1V and 2S.
 
     Raises:
-        ValueError: it is no such label.
+        ValueError: it is not the label of a derivative.
     """
     match = re.fullmatch(r"(\d+[VS])(\d+[VS])", label)
     if match is None:
-        raise ValueError(f"{label!r} is no label of a modal derivative, such as 1V1V or 1V2S")
+        raise ValueError(f"{label!r} is not the label of a modal derivative, such as 1V1V or 1V2S")
     return match.group(1), match.group(2)
 
 
@@ -40,39 +44,38 @@ def modal_derivatives(
     labels: Sequence[str],
     wanted: Sequence[str],
     derivative: Callable[[Array, Array], Array],
-    inverse: Any,
+    inverse: Inverse,
     total: Callable[[float], float] = float,
 ) -> Array:
-    """Solve for the derivatives that are wanted, each once, all right-hand sides together.
+    """Compute modal derivatives by (1), with one block solve.
 
     Args:
-        vectors: (local, k) X.
-        labels: of the columns of X.
-        wanted: labels of derivatives.
-        derivative: K'[x] y for two vectors (local,).
-        inverse: applies K^-1, or the inverse with the contact displacements held, to (local, k).
+        vectors: (local, k) component modes X.
+        labels: (k,) labels of the modes.
+        wanted: (w,) labels of the derivatives.
+        derivative: gives K′[x] y (local,) for two vectors (local,).
+        inverse: K⁻¹, or the inverse with the contact displacements held at zero.
         total: sums a number over all ranks.
 
     Returns:
-        (local, wanted) derivatives; their unit is that of X_i X_j per metre.
+        (local, w) derivatives, in the unit of X_i X_j per metre.
 
     Raises:
-        AccuracyError: K'[X_j] X_i and K'[X_i] X_j differ by more than `SYMMETRY_TOLERANCE`.
+        AccuracyError: K′[X_j] X_i and K′[X_i] X_j differ by more than `SYMMETRY_TOLERANCE`.
     """
     column = {label: k for k, label in enumerate(labels)}
     rhs = np.zeros((vectors.shape[0], len(wanted)))
     for k, label in enumerate(wanted):
         i, j = (column[part] for part in split(label))
         rhs[:, k] = derivative(vectors[:, j], vectors[:, i])
-        if i != j:
-            other = derivative(vectors[:, i], vectors[:, j])
-            error, size = (
-                total(float(np.sum((other - rhs[:, k]) ** 2))),
-                total(float(np.sum(other**2))),
+        if i == j:
+            continue
+        other = derivative(vectors[:, i], vectors[:, j])
+        error = total(float(np.sum((other - rhs[:, k]) ** 2)))
+        size = total(float(np.sum(other**2)))
+        if error > SYMMETRY_TOLERANCE**2 * size:
+            raise AccuracyError(
+                f"modal derivative {label} is not symmetric: relative difference "
+                f"{np.sqrt(error / size):.1e}, more than {SYMMETRY_TOLERANCE:.0e}"
             )
-            if error > SYMMETRY_TOLERANCE**2 * size:
-                raise AccuracyError(
-                    f"modal derivative {label} is not symmetric: relative difference {np.sqrt(error / size):.1e}, "
-                    f"more than {SYMMETRY_TOLERANCE:.0e}"
-                )
     return -inverse.solve(rhs) if len(wanted) else rhs

@@ -1,63 +1,77 @@
-"""Component modes about the equilibrium: normal modes, attachment, residual-flexibility and
-constraint modes.
+"""Component modes about the equilibrium: normal modes and static modes.
 
-One factorisation of K serves everything. With the contact displacements x_c = B^T u held, the
-inverse of the stiffness is
+One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
+the inverse of the stiffness is
 
-    K_held^-1 = K^-1 - G (B^T G)^-1 G^T = P K^-1 P^T,    G = K^-1 B (attachment modes),    P = I -
-    R_m B^T,    R_m = G (B^T G)^-1
+    K_held⁻¹ = K⁻¹ − G (Bᵀ G)⁻¹ Gᵀ = P K⁻¹ Pᵀ,    (1)
+    G = K⁻¹ B,    P = I − R_m Bᵀ,    R_m = G (Bᵀ G)⁻¹,    (2)
 
-A slender body yields 1e8 times more to forces that bend it than to those that only strain the place
-where they act, and so many digits cancel in the difference and in G times (B^T G)^-1. Hence R_m is
-a second solve, K^-1 [B (B^T G)^-1] for forces that are in balance, scaled so that B^T R_m = I, and
-the inverse the symmetric product: what is left of an error in R_m enters it squared.
+where the columns of G are the attachment modes. A slender body is about 1e8 times more flexible in
+bending than under forces that only strain the material near their points, so the difference in (1)
+and the product in (2) lose digits by cancellation. Therefore R_m is computed by a second solve,
+K⁻¹ [B (Bᵀ G)⁻¹], whose forces are in balance, and is then scaled so that Bᵀ R_m = I. The inverse is
+the symmetric product in (1), so that an error in R_m enters it squared.
 
-The static modes are those of the method: residual flexibility Psi^r = G - sum phi_p (phi_p^T B) /
-omega_p^2 (Rubin, eq. 9 corrected), constraint modes Psi^c = G (B^T G)^-1 (Craig-Bampton, eq. 11
-corrected).
+The static modes depend on the method:
+
+    Rubin:          Ψʳ = G − Σ_p φ_p (φ_pᵀ B) / ω_p²    (residual flexibility),    (3)
+    Craig-Bampton:  Ψᶜ = G (Bᵀ G)⁻¹                     (constraint modes).    (4)
+
+Sources: Rubin, AIAA J. 13, 1975, and Craig and Bampton, AIAA J. 6, 1968. Equations (3) and (4) are
+eqs. (9) and (11) of Mashayekhi and Zucca (2024), corrected: the projection on B is missing in their
+eq. (9), and a minus sign in their eq. (11).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction.protocols import Inverse, Structure
+from fenicsrom.scene import Basis
 
-if TYPE_CHECKING:
-    from fenicsrom.fem.linalg import Inverse
-    from fenicsrom.fem.solid import Solid
-    from fenicsrom.reduction.beam import BeamStructure
-
-if TYPE_CHECKING:
-    Structure = Solid | BeamStructure
-
-# relative distance of frequencies below which modes are turned to face the load (tetrahedra split
-# pairs)
 PAIR_TOLERANCE = 5e-3
-FACING_TOLERANCE = 1e-6  # participation, relative to the largest of all modes, that counts as none
+"""Relative distance of two frequencies below which their modes form a group.
+
+An exact pair of a symmetric section is split by a mesh of tetrahedra.
+"""
+
+FACING_TOLERANCE = 1e-6
+"""Work of a mode on a direction, relative to the largest of all modes, that counts as zero."""
+
+INDEPENDENCE = 1e-12
+"""Smallest eigenvalue of the contact flexibility, relative to the largest, that is not zero."""
+
+LARGEST_CONDITION = 1e12
+"""Condition number of the scaled contact flexibility above which contact coordinates depend."""
+
+IMMOBILE = 1e-14
+"""Flexibility of a contact coordinate, relative to the largest, below which it cannot move."""
+
+EXTRA_MODES = 2
+"""Modes computed beyond those asked for, so that the last group of close modes is complete."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComponentModes:
-    """The vectors X = [Phi, Psi] of a method, (local, k) each.
+    """The component modes X = [Φ, Ψ] of a method.
 
     Attributes:
         method: "rubin" or "craig-bampton".
         omega: (v,) angular frequencies of the normal modes, rad/s.
-        normal: (local, v) Phi, mass-normalised.
-        static: (local, m) Psi, the static modes of the method.
-        masters: (local, m) R_m = G (B^T G)^-1: unit displacement of one contact coordinate, the
-        others held.
-        rows: (m, local) B^T.
-        inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
-        labels: 1V, 2V, ..; 1S, 2S, ..: of the columns of X.
-        flexibility_condition: condition number of B^T Psi^r scaled to unit diagonal, as Rubin's
-            method inverts it; 1 without contact. It grows with the number of modes; the basis does
-            not use this inverse.
+        normal: (local, v) normal modes Φ, mass-normalised.
+        static: (local, m) static modes Ψ of the method.
+        masters: (local, m) R_m of (2): unit displacement of one contact coordinate with the others
+            held.
+        rows: (m, local) Bᵀ of the master directions.
+        inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
+        labels: labels of the columns of X: 1V, 2V, ..., then 1S, 2S, ...
+        flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
+            of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
+            of modes; the basis does not use this inverse.
     """
 
     method: str
@@ -72,46 +86,46 @@ class ComponentModes:
 
     @property
     def frequencies_hz(self) -> Array:
-        """(v,) natural frequencies, Hz."""
-        return self.omega / (2.0 * np.pi)
+        """(v,) natural frequencies in Hz."""
+        return np.asarray(self.omega / (2.0 * np.pi))
 
     @property
     def vectors(self) -> Array:
-        """(local, v + m) X = [Phi, Psi]."""
+        """(local, v + m) component modes X = [Φ, Ψ]."""
         return np.concatenate([self.normal, self.static], axis=1)
 
 
 class ConstrainedInverse:
-    """K^-1 with the contact displacements held at zero."""
+    """K_held⁻¹ of (1): the inverse stiffness with the contact displacements held at zero."""
 
-    def __init__(self, inverse: Inverse, rows: Array, masters: Array, solid: Structure):
-        """Keep B^T (m, local) and R_m (local, m)."""
-        self._inverse, self._rows, self._masters, self._solid = inverse, rows, masters, solid
+    def __init__(self, inverse: Inverse, rows: Array, masters: Array, structure: Structure):
+        """Store K⁻¹, Bᵀ (m, local) and R_m (local, m)."""
+        self._inverse, self._rows, self._masters = inverse, rows, masters
+        self._inner = structure.inner
 
     def solve(self, block: Array) -> Array:
-        """K_held^-1 times the columns of a block (local, k)."""
-        free = self._inverse.solve(block - self._rows.T @ self._solid.inner(self._masters, block))
-        return np.asarray(free - self._masters @ self._solid.inner(self._rows.T, free))
+        """K_held⁻¹ times the columns of a block (local, k)."""
+        free = self._inverse.solve(block - self._rows.T @ self._inner(self._masters, block))
+        return np.asarray(free - self._masters @ self._inner(self._rows.T, free))
 
 
 @dataclass(frozen=True, eq=False)
 class SolvedModes:
-    """What a method solves for, from which the component modes with any smaller number of normal
-    modes follow.
+    """All solves of a method; the component modes with fewer normal modes need no other solve.
 
     Attributes:
         method: "rubin" or "craig-bampton".
-        squares: (v,) omega^2 of the normal modes, ascending, rad^2/s^2.
-        normal: (local, v) normal modes, mass-normalised, turned to face the loads.
-        rows: (m, local) B^T of the master directions.
-        attachment: (local, m) G = K^-1 B.
-        flexibility: (m, m) B^T G.
-        masters: (local, m) R_m = G (B^T G)^-1.
-        inverse: K^-1 (Rubin) or K_held^-1 (Craig-Bampton).
+        omega_squared: (v,) ω² of the normal modes, ascending, rad²/s².
+        normal: (local, v) normal modes, mass-normalised, aligned with the loads.
+        rows: (m, local) Bᵀ of the master directions.
+        attachment: (local, m) G = K⁻¹ B.
+        flexibility: (m, m) Bᵀ G.
+        masters: (local, m) R_m of (2).
+        inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
     """
 
     method: str
-    squares: Array
+    omega_squared: Array
     normal: Array
     rows: Array
     attachment: Array
@@ -120,51 +134,58 @@ class SolvedModes:
     inverse: Inverse
 
 
-def component_modes(solid: Structure, method: str, count: int) -> ComponentModes:
+def component_modes(structure: Structure, options: Basis) -> ComponentModes:
     """Compute the normal and static modes of a method.
 
     Args:
-        solid: the body; its `factor` does every solve.
-        method: "rubin" (free interface) or "craig-bampton" (contact displacements held).
-        count: number of normal modes.
+        structure: the structure; its `factor` does every solve.
+        options: `method`, `modes` (number of normal modes) and `masters`.
+
+    Returns:
+        The component modes.
 
     Raises:
-        SceneError: more modes than unknowns; a contact direction that the supports forbid, or
-        depends on others.
-        ConvergenceError: the eigensolver did not find them all.
+        SceneError: there are fewer free unknowns than modes; the supports forbid a contact
+            direction; or contact directions depend on one another.
+        ConvergenceError: the eigensolver did not find all modes.
         AccuracyError: a mode failed its residual check.
     """
-    return first_modes(solid, solve_modes(solid, method, count), count)
+    return first_modes(structure, solve_modes(structure, options), options.modes)
 
 
-def solve_modes(solid: Structure, method: str, count: int) -> SolvedModes:
-    """The solves of `component_modes`, for this number of normal modes or any smaller one; errors
-    as there.
+def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
+    """Do the solves of `component_modes`, for `options.modes` normal modes or fewer.
+
+    Raises:
+        SceneError, ConvergenceError, AccuracyError: as `component_modes`.
     """
-    b, attachment = master_directions(solid)
+    method, count = options.method, options.modes
+    b, attachment = master_directions(structure, options.masters or "all")
     m = b.shape[0]
-    free = solid.free - (m if method == "craig-bampton" else 0)
-    extra = min(
-        2, max(free - count, 0)
-    )  # so that a pair at the end of the list is whole when it is turned
+    free = structure.free - (m if method == "craig-bampton" else 0)
     if count > free:
         raise SceneError(
-            f"{solid.scene.source}: basis.modes = {count}: must be at most {free}, the number of free unknowns"
+            f"{structure.source}: basis.modes = {count}: must be at most {free}, the number of "
+            "free unknowns",
+            kind=ErrorKind.RANGE,
+            key="basis.modes",
+            source=structure.source,
         )
-    flexibility = solid.inner(b.T, attachment)
-    masters = unit_displacements(solid, b, flexibility)
-    inverse: Inverse = solid.factor
+    extra = min(EXTRA_MODES, max(free - count, 0))
+    flexibility = structure.inner(b.T, attachment)
+    masters = unit_displacements(structure, b, flexibility)
+    inverse: Inverse = structure.factor
     if method == "craig-bampton" and m:
-        inverse = ConstrainedInverse(solid.factor, b, masters, solid)
-    squares, normal = solid.eigenmodes(inverse, count + extra if count else 0)
-    if np.any(squares <= 0.0):
-        solid.warnings.append(
-            f"the equilibrium is unstable: {int(np.sum(squares <= 0))} modes have omega^2 < 0"
+        inverse = ConstrainedInverse(structure.factor, b, masters, structure)
+    omega_squared, normal = structure.eigenmodes(inverse, count + extra if count else 0)
+    if np.any(omega_squared <= 0.0):
+        structure.warnings.append(
+            f"the equilibrium is unstable: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
         )
     return SolvedModes(
         method,
-        squares,
-        face_loads(solid, squares, normal),
+        omega_squared,
+        align_modes(structure, omega_squared, normal),
         b,
         attachment,
         flexibility,
@@ -173,98 +194,116 @@ def solve_modes(solid: Structure, method: str, count: int) -> SolvedModes:
     )
 
 
-def first_modes(solid: Structure, solved: SolvedModes, count: int) -> ComponentModes:
-    """The component modes of a method with its first `count` normal modes."""
+def first_modes(structure: Structure, solved: SolvedModes, count: int) -> ComponentModes:
+    """Give the component modes with the first `count` normal modes."""
     b, method = solved.rows, solved.method
-    normal, squares = solved.normal[:, :count], solved.squares[:count]
-    # 1/omega^2, but for modes of a split pair that were turned: their flexibility is not quite
-    # diagonal
-    inertia = solid.mass_times(normal)
-    flexibility = solid.inner(inertia, solved.inverse.solve(inertia)) if count else np.zeros((0, 0))
-    residual = solved.attachment - normal @ (flexibility @ solid.inner(normal, b.T))
-    condition = (
-        scaled_condition(solid.inner(b.T, residual))
-        if method == "rubin"
-        else scaled_condition(solved.flexibility)
-    )
-    static = residual if method == "rubin" else solved.masters
-    labels = tuple([f"{k + 1}V" for k in range(count)] + [f"{k + 1}S" for k in range(b.shape[0])])
+    normal, omega_squared = solved.normal[:, :count], solved.omega_squared[:count]
+    # the modal flexibility is 1/omega^2, but not quite diagonal for rotated modes of a split pair
+    inertia = structure.mass_times(normal)
+    flexibility: Array = np.zeros((0, 0))
+    if count:
+        flexibility = structure.inner(inertia, solved.inverse.solve(inertia))
+    residual = solved.attachment - normal @ (flexibility @ structure.inner(normal, b.T))
+    rubin = method == "rubin"
+    contact_flexibility = structure.inner(b.T, residual) if rubin else solved.flexibility
+    normal_labels = [f"{k + 1}V" for k in range(count)]
+    static_labels = [f"{k + 1}S" for k in range(b.shape[0])]
     return ComponentModes(
         method,
-        np.sqrt(np.maximum(squares, 0.0)),
+        np.sqrt(np.maximum(omega_squared, 0.0)),
         normal,
-        static,
+        residual if rubin else solved.masters,
         solved.masters,
         b,
         solved.inverse,
-        labels,
-        condition,
+        (*normal_labels, *static_labels),
+        scaled_condition(contact_flexibility),
     )
 
 
-def unit_displacements(solid: Structure, rows: Array, flexibility: Array) -> Array:
-    """R_m (local, m) of contact coordinates B^T (m, local) whose flexibility B^T K^-1 B (m, m) is
-    known.
-    """
-    if rows.shape[0] == 0:
-        return np.zeros((solid.local, 0))
-    near = solid.factor.solve(rows.T @ np.linalg.inv(flexibility))
-    return np.asarray(near @ np.linalg.inv(solid.inner(rows.T, near)))
+def unit_displacements(structure: Structure, rows: Array, flexibility: Array) -> Array:
+    """Compute R_m of (2) for contact coordinates.
 
-
-def master_directions(solid: Structure) -> tuple[Array, Array]:
-    """The directions W of the contact forces that are masters, as the scene's `basis.masters` asks.
-
-    Interface modes are the eigenvectors of B^T K^-1 B with the largest eigenvalues: of all sets of
-    so many combinations of contact forces theirs are the static responses that come nearest, in the
-    energy, to those under any contact force.
+    Args:
+        structure: the structure.
+        rows: (m, local) Bᵀ.
+        flexibility: (m, m) Bᵀ K⁻¹ B.
 
     Returns:
-        (m, local) W^T B^T, and the attachment modes (local, m) K^-1 B W.
+        (local, m) R_m.
+    """
+    if rows.shape[0] == 0:
+        return np.zeros((structure.local, 0))
+    near = structure.factor.solve(rows.T @ np.linalg.inv(flexibility))
+    return np.asarray(near @ np.linalg.inv(structure.inner(rows.T, near)))
+
+
+def master_directions(structure: Structure, masters: str | int) -> tuple[Array, Array]:
+    """Give the master directions W of the contact forces and their attachment modes.
+
+    Interface modes are the eigenvectors of Bᵀ K⁻¹ B with the largest eigenvalues. Among all sets of
+    the same number of force combinations, their static responses are closest, in the energy norm,
+    to the responses under all contact forces.
+
+    Args:
+        structure: the structure.
+        masters: "all" directions, "normal" directions, or a number of interface modes.
+
+    Returns:
+        Wᵀ Bᵀ (m, local), and the attachment modes K⁻¹ B W (local, m).
 
     Raises:
-        SceneError: a contact direction that the supports forbid, or, where each is a master, that
-            depends on others.
+        SceneError: the supports forbid a contact direction; or, without interface modes, contact
+            directions depend on one another.
     """
-    rows, d, masters = (
-        solid.contact_rows,
-        solid.scene.geometry.dimension,
-        solid.scene.basis.masters or "all",
-    )
+    rows = structure.contact_rows
     if rows.shape[0] == 0:
-        return rows, np.zeros((solid.local, 0))
+        return rows, np.zeros((structure.local, 0))
     if masters == "normal":
-        rows = rows[::d]
-    attachment = solid.factor.solve(rows.T.copy())
-    flexibility = solid.inner(rows.T, attachment)
-    check_flexibility(solid, flexibility, isinstance(masters, str))
+        rows = rows[:: structure.dimension]
+    attachment = structure.factor.solve(rows.T.copy())
+    flexibility = structure.inner(rows.T, attachment)
+    check_flexibility(structure, flexibility, isinstance(masters, str))
     if isinstance(masters, str):
         return rows, attachment
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    independent = int(np.sum(values > 1e-12 * values[-1]))
+    independent = int(np.sum(values > INDEPENDENCE * values[-1]))
     chosen = vectors[:, ::-1][:, : min(masters, independent)]
-    chosen *= np.where(
-        chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])] < 0.0, -1.0, 1.0
-    )
+    largest = chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])]
+    chosen *= np.where(largest < 0.0, -1.0, 1.0)
     return chosen.T @ rows, attachment @ chosen
 
 
-def check_flexibility(solid: Structure, flexibility: Array, independent: bool) -> None:
-    """Refuse contact coordinates that cannot move, or, of `independent` ones, not each alone: B^T G
-    positive definite.
+def check_flexibility(structure: Structure, flexibility: Array, independent: bool) -> None:
+    """Check that the contact coordinates can move.
+
+    Args:
+        structure: the structure.
+        flexibility: (m, m) Bᵀ K⁻¹ B of the contact coordinates.
+        independent: each coordinate must also move independently of the others.
+
+    Raises:
+        SceneError: a coordinate cannot move, or coordinates depend on one another.
     """
-    points = len(solid.points.contact)
-    d = flexibility.shape[0] // points
+    contact = structure.points.contact
+    d = flexibility.shape[0] // len(contact)
     diagonal = np.diag(flexibility)
-    for k in np.flatnonzero(~(diagonal > 1e-14 * np.max(diagonal))):
+    for k in np.flatnonzero(~(diagonal > IMMOBILE * np.max(diagonal))):
+        key = f"contacts[{contact[k // d]}]"
         raise SceneError(
-            f"{solid.scene.source}: contacts[{solid.points.contact[k // d]}]: the supports forbid its motion along direction "
-            f"{k % d + 1} of [normal, tangents]; move the contact away from the supports"
+            f"{structure.source}: {key}: the supports forbid a motion of the contact point along "
+            f"direction {k % d + 1} of [normal, tangents]; move the contact away from the supports",
+            kind=ErrorKind.PLACE,
+            key=key,
+            source=structure.source,
         )
-    if independent and scaled_condition(flexibility) > 1e12:
+    if independent and scaled_condition(flexibility) > LARGEST_CONDITION:
         raise SceneError(
-            f"{solid.scene.source}: contacts: two contact coordinates always move together; remove one of them, or set "
-            "basis.masters to a number of interface modes"
+            f"{structure.source}: contacts: two contact coordinates always move together; remove "
+            "one of them, or set basis.masters to a number of interface modes",
+            kind=ErrorKind.CONFLICT,
+            key="contacts",
+            source=structure.source,
         )
 
 
@@ -276,45 +315,62 @@ def scaled_condition(matrix: Array) -> float:
     return float(np.linalg.cond(matrix / np.outer(scale, scale)))
 
 
-def face_loads(solid: Structure, squares: Array, modes: Array) -> Array:
-    """Turn groups of modes of one frequency to face the loads, then the contact directions, and fix
-    all signs.
+def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
+    """Split frequencies into groups of close neighbours.
 
-    A symmetric section has pairs of modes that an eigensolver returns at an arbitrary angle. In
-    each group of frequencies closer than `PAIR_TOLERANCE` the first mode takes all that the first
-    load does, the second all that the next direction does, and so on; every mode does positive work
-    with the first direction that moves it.
+    Args:
+        omega: (k,) frequencies, neighbours next to each other.
+        tolerance: largest distance of two neighbours in a group, relative to the second one.
+
+    Returns:
+        The groups, in order; they cover all k frequencies.
+    """
+    groups, start = [], 0
+    for k in range(1, omega.size + 1):
+        if k == omega.size or not abs(omega[k] - omega[k - 1]) <= tolerance * omega[k]:
+            groups.append(slice(start, k))
+            start = k
+    return groups if omega.size else []
+
+
+def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Array:
+    """Align modes of equal frequency with the loads and contacts, and fix the sign of each mode.
+
+    A symmetric section has pairs of modes that an eigensolver returns at an arbitrary angle. The
+    directions are the loads, then the contact coordinates, the probe and the translations. In each
+    group of frequencies closer than `PAIR_TOLERANCE`, the first mode does all the work on the first
+    direction, the second mode all the remaining work on the next direction, and so on. Every mode
+    does positive work on the first direction on which it does work.
+
+    Args:
+        structure: the structure.
+        omega_squared: (k,) ω², ascending.
+        modes: (local, k) mass-normalised modes.
+
+    Returns:
+        (local, k) rotated modes.
     """
     if modes.shape[1] == 0:
         return modes
     directions = np.concatenate(
-        [solid.load_vectors, solid.contact_rows.T, solid.probe_rows.T], axis=1
+        [structure.load_vectors, structure.contact_rows.T, structure.probe_rows.T], axis=1
     )
-    work = np.concatenate(
-        [solid.inner(modes, directions), solid.mass_inner(modes, solid.translations())], axis=1
-    )
+    moved = structure.mass_inner(modes, structure.translations())
+    work = np.concatenate([structure.inner(modes, directions), moved], axis=1)
     largest = np.max(np.abs(work), axis=0)
-    seen = np.abs(work) > FACING_TOLERANCE * largest
-    turned = modes.copy()
-    omega = np.sqrt(np.abs(squares))
-    start = 0
-    while start < omega.size:
-        end = start + 1
-        while end < omega.size and omega[end] - omega[end - 1] <= PAIR_TOLERANCE * omega[end]:
-            end += 1
-        group = slice(start, end)
-        if end - start > 1:
-            useful = np.flatnonzero(np.any(seen[group], axis=0))
-            q, _ = np.linalg.qr(
-                np.concatenate([work[group][:, useful], np.eye(end - start)], axis=1),
-                mode="complete",
-            )
-            turned[:, group] = modes[:, group] @ q
+    works = np.abs(work) > FACING_TOLERANCE * largest
+    aligned = modes.copy()
+    for group in close_frequency_groups(np.sqrt(np.abs(omega_squared)), PAIR_TOLERANCE):
+        size = group.stop - group.start
+        if size > 1:
+            useful = np.flatnonzero(np.any(works[group], axis=0))
+            columns = np.concatenate([work[group][:, useful], np.eye(size)], axis=1)
+            q, _ = np.linalg.qr(columns, mode="complete")
+            aligned[:, group] = modes[:, group] @ q
             work[group] = q.T @ work[group]
-            seen[group] = np.abs(work[group]) > FACING_TOLERANCE * largest
-        start = end
-    for k in range(turned.shape[1]):
-        first = np.flatnonzero(seen[k])
+            works[group] = np.abs(work[group]) > FACING_TOLERANCE * largest
+    for k in range(aligned.shape[1]):
+        first = np.flatnonzero(works[k])
         if first.size and work[k, first[0]] < 0.0:
-            turned[:, k] *= -1.0
-    return turned
+            aligned[:, k] *= -1.0
+    return aligned

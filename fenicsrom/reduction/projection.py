@@ -1,4 +1,8 @@
-"""Projection of the solid on a basis: the reduced model."""
+"""Projection of a structure on a basis: the reduced model.
+
+The displacement is u = u₀ + R q. Every matrix of the structure is projected by Galerkin's method,
+for example the mass Rᵀ M R; the elastic force is Rᵀ f(u₀ + R q).
+"""
 
 from __future__ import annotations
 
@@ -7,83 +11,90 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.model import DenseModel, ReducedModel, reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
+from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.model import ReducedModel, reduced_model
+from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.protocols import Structure
 
 
-def project(solid: Any, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:
-    """Project the solid on a basis, with the exact polynomial of its elastic force about the
-    equilibrium.
+def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:
+    """Project a structure on a basis, with the exact polynomial of its internal force.
 
     Args:
-        solid: a `fenicsrom.fem.solid.Solid`.
+        structure: the structure.
         basis: the basis.
         nonlinear: False gives the linear model of the tangent at the equilibrium.
+
+    Returns:
+        The reduced model; its elastic force needs no mesh.
+
+    Raises:
+        SceneError: the internal force of the structure is not a polynomial.
     """
-    r, n = basis.vectors, basis.size
+    r = basis.vectors
     if nonlinear:
-        products = strain_products(solid.tabulate(r), solid.first_lame, solid.shear_modulus, n)
-        elastic = elastic_polynomial(solid.comm.allreduce(products), n)
-        if solid.rotation is not None:  # its potential is quadratic
-            centrifugal = solid.inner(r, solid.rotation.force(solid.equilibrium)[:, None])[:, 0]
-            softening = solid.rotation.square * solid.inner(r, solid.rotation.mass_times(r))
-            elastic = elastic._replace(
-                force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
-            )
+        elastic = structure.elastic_polynomial(r)
     else:
-        force = solid.inner(r, solid.rest_force[:, None])[:, 0]
+        force = structure.inner(r, structure.rest_force[:, None])[:, 0]
         elastic = ElasticPolynomial(
-            force, solid.inner(r, solid.stiffness_times(r)), np.zeros((0, 0)), np.zeros((0, 0))
+            force,
+            structure.inner(r, structure.stiffness_times(r)),
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
         )
-    return reduced_model(elastic=elastic, **_projections(solid, r))
+    return reduced_model(elastic=elastic, **_projected_terms(structure, r))
 
 
-def project_intrusively(solid: Any, basis: ReducedBasis) -> DenseModel:
-    """The same model with the full elastic force assembled on the mesh and projected at every
-    evaluation (the paper's way).
+def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel:
+    """Project a structure on a basis, with the full internal force evaluated at every call.
+
+    Mashayekhi and Zucca (2024) evaluate the elastic force in this way. The result equals that of
+    `project` to round-off, and is much slower.
     """
-    r, u0 = basis.vectors, solid.equilibrium
-    rest = solid.energy(u0)
+    r, u0 = basis.vectors, structure.equilibrium
+    rest = structure.energy(u0)
 
     def elastic(q: Array) -> tuple[Array, Array]:
         u = u0 + r @ q
-        return solid.inner(r, solid.internal_force(u)), solid.inner(r, solid.tangent_times(u, r))
+        force = structure.inner(r, structure.internal_force(u))
+        return force, structure.inner(r, structure.tangent_times(u, r))
 
     def energy(q: Array) -> float:
-        return float(solid.energy(u0 + r @ q) - rest)
+        return float(structure.energy(u0 + r @ q) - rest)
 
-    parts = _projections(solid, r)
     return DenseModel(
         elastic=elastic,
         energy=energy,
         linear=False,
-        gauss_points=solid.gauss_points,
-        **parts,
+        gauss_points=structure.gauss_points,
+        **_projected_terms(structure, r),
     )
 
 
-def projected_gyroscopic(solid: Any, r: Array) -> Array:
-    """R^T G R (n, n) of vectors R (local, n), skew, N s/m; (0, 0) where the scene leaves the
-    Coriolis force out.
+def projected_gyroscopic(structure: Structure, r: Array) -> Array:
+    """Project the gyroscopic matrix on vectors R (local, n).
+
+    Returns:
+        Rᵀ G R (n, n), skew, N s/m; (0, 0) where no Coriolis force acts.
     """
-    if solid.gyroscopic is None:
+    if structure.gyroscopic is None:
         return np.zeros((0, 0))
-    return np.asarray(solid.inner(r, solid.gyroscopic_times(r)))
+    return np.asarray(structure.inner(r, structure.gyroscopic_times(r)))
 
 
-def _projections(solid: Any, r: Array) -> dict[str, Any]:
-    """Everything but the elastic force."""
-    u0 = solid.equilibrium
+def _projected_terms(structure: Structure, r: Array) -> dict[str, Any]:
+    """All arguments of a reduced model but its elastic force, by their names."""
+    u0, total = structure.equilibrium, structure.comm.allreduce
     return {
-        "mass": solid.inner(r, solid.mass_times(r)),
-        "damping": solid.scene.material.mass_damping,
-        "loads": solid.inner(r, solid.load_vectors),
-        "load_histories": solid.load_histories,
-        "points": solid.points,
-        "contact_rows": solid.comm.allreduce(solid.contact_rows @ r),
-        "contact_offset": solid.comm.allreduce(solid.contact_rows @ u0),
-        "probe": solid.comm.allreduce(solid.probe_rows @ r),
-        "probe_offset": solid.comm.allreduce(solid.probe_rows @ u0),
-        "gyroscopic_matrix": projected_gyroscopic(solid, r),
+        "mass": structure.inner(r, structure.mass_times(r)),
+        "damping": structure.mass_damping,
+        "loads": structure.inner(r, structure.load_vectors),
+        "load_histories": structure.load_histories,
+        "points": structure.points,
+        "contact_rows": total(structure.contact_rows @ r),
+        "contact_offset": total(structure.contact_rows @ u0),
+        "probe": total(structure.probe_rows @ r),
+        "probe_offset": total(structure.probe_rows @ u0),
+        "gyroscopic_matrix": projected_gyroscopic(structure, r),
     }

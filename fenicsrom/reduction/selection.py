@@ -1,15 +1,16 @@
-"""Which modes and derivatives a scene needs: all, MMI, MMI-NLS (the paper, sec. 2.2).
+"""Selection of the modes and derivatives that a scene needs: "mmi" and "mmi-nls".
 
-A geometrically linear transient with friction gives deflections U_t over one period; nonlinear
-statics under the force that would deflect the linear structure as far (eq. 18), at several levels,
-give U_st. The snapshots are expressed in the modes, U = Y Q by least squares in the mass norm,
-every column of Y scaled to unit largest displacement (else the choice would depend on how modes are
-scaled). Modes with small rows of Q are left out; a derivative is weighed by
+The snapshots U are expressed in the component modes, U = Y Q, by least squares in the mass norm.
+Every column of Y is scaled to a largest displacement of one; otherwise the selection would depend
+on the scaling of the modes. A normal mode with a small row of Q is left out. A derivative has the
+weight
 
-    MMI:      W_ij = max_k |eta_i^k|  max_k |eta_j^k|     over U_t             (eq. 19)
-    MMI-NLS:  W_ij = sum_k |eta_i^k eta_j^k|              over [U_st, U_t]     (eq. 20)
+    MMI:      W_ij = max_k |η_i^k|  max_k |η_j^k|     over U_t,    (1)
+    MMI-NLS:  W_ij = Σ_k |η_i^k η_j^k|                over [U_st, U_t],    (2)
 
-and kept where W_ij, relative to the largest, exceeds the threshold.
+and is kept if W_ij, relative to the largest weight, exceeds the threshold. Source: Mashayekhi and
+Zucca (2024), sec. 2.2; (1) and (2) are eqs. (19) and (20). `fenicsrom.reduction.snapshots` computes
+U_t and U_st.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
 
-STATIC_LEVELS = 10
+RANK_TOLERANCE = 1e-12
+"""Smallest eigenvalue of the scaled Gram matrix of the modes that least squares keeps, relative."""
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """What was kept, and the numbers behind it.
+    """The modes and derivatives that are kept, and the numbers behind the decision.
 
     Attributes:
-        modes: labels of the normal and static modes kept.
-        derivatives: labels of the derivatives kept.
-        participation: label of every mode -> largest |Q| in its row, relative to the largest of
-        all.
-        weights: label of every derivative weighed -> its W relative to the largest.
+        modes: labels of the normal and static modes that are kept.
+        derivatives: labels of the derivatives that are kept.
+        modal_coordinates: largest |Q| of each mode by its label, relative to that of all modes.
+        weights: weight W of each candidate derivative by its label, relative to the largest.
     """
 
     modes: tuple[str, ...]
@@ -46,43 +47,47 @@ class Selection:
 def modal_coordinates(
     vectors: Array, snapshots: Array, inner: Callable[[Array, Array], Array], scale: Array
 ) -> Array:
-    """Coordinates Q (k, snapshots) of the snapshots in the scaled vectors, by least squares in the
-    mass norm.
+    """Express snapshots in the scaled modes, by least squares in the mass norm.
 
     Args:
-        vectors: (local, k) Y.
-        snapshots: (local, s) U.
-        inner: mass inner products of two blocks over all ranks.
-        scale: (k,) largest displacement of each column of Y.
+        vectors: (local, k) modes Y.
+        snapshots: (local, s) snapshots U, m.
+        inner: gives the mass inner products of two blocks over all ranks.
+        scale: (k,) largest displacement of each mode.
+
+    Returns:
+        Coordinates Q (k, s).
     """
     scaled = vectors / scale
     gram, rhs = inner(scaled, scaled), inner(scaled, snapshots)
-    # scaled to unit diagonal, so that the cut of the pseudo-inverse means the same for every column
+    # unit diagonal: the cut of the pseudo-inverse then has one meaning for all columns
     size = np.sqrt(np.diag(gram))
     values, axes = np.linalg.eigh(gram / np.outer(size, size))
-    kept = values > 1e-12 * values[-1]
+    kept = values > RANK_TOLERANCE * values[-1]
     axes = axes[:, kept]
     return np.asarray((axes / values[kept]) @ (axes.T @ (rhs / size[:, None])) / size[:, None])
 
 
 def select(coordinates: Array, labels: Sequence[str], method: str, threshold: float) -> Selection:
-    """Choose modes and derivatives from the coordinates of the snapshots.
+    """Select modes and derivatives by the coordinates of the snapshots.
+
+    Static modes are always kept, because the contact displacements are coordinates of the reduced
+    model.
 
     Args:
-        coordinates: (k, snapshots) Q of the scaled modes.
-        labels: (k,) of the modes: normal modes (V) and static modes (S).
-        method: "mmi" or "mmi-nls": how derivatives are weighed.
-        threshold: smallest relative weight kept, and smallest relative participation of a normal
-            mode kept.
+        coordinates: (k, s) coordinates Q of the scaled modes.
+        labels: (k,) labels of the normal modes (V) and static modes (S).
+        method: "mmi" or "mmi-nls".
+        threshold: a normal mode is kept if its relative coordinate reaches it, a derivative if its
+            relative weight exceeds it.
 
     Returns:
-        The selection; static modes are always kept: the contact displacements are coordinates of
-        the model.
+        The selection.
     """
     eta = np.abs(coordinates)
     largest = eta.max(axis=1)
-    share = dict(zip(labels, (largest / largest.max()).tolist(), strict=True))
-    modes = tuple(label for label in labels if label.endswith("S") or share[label] >= threshold)
+    relative = dict(zip(labels, (largest / largest.max()).tolist(), strict=True))
+    modes = tuple(label for label in labels if label.endswith("S") or relative[label] >= threshold)
     w = np.outer(largest, largest) if method == "mmi" else eta @ eta.T
     position = {label: k for k, label in enumerate(labels)}
     weights = {}
@@ -92,4 +97,4 @@ def select(coordinates: Array, labels: Sequence[str], method: str, threshold: fl
     top = max(weights.values())
     weights = {label: weight / top for label, weight in weights.items()}
     kept = tuple(label for label in all_pairs(modes) if weights[label] > threshold)
-    return Selection(modes, kept, share, weights)
+    return Selection(modes, kept, relative, weights)

@@ -1,10 +1,13 @@
-"""Deflections by which modes and derivatives are chosen."""
+"""Deflections of the structure (snapshots) that select modes and derivatives.
+
+Two sets of snapshots (Mashayekhi and Zucca 2024, sec. 2.2): U_t of a geometrically linear transient
+with friction, and U_st of nonlinear statics under the force of eq. (18).
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,42 +16,57 @@ from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.projection import project
-from fenicsrom.reduction.selection import STATIC_LEVELS
+from fenicsrom.reduction.protocols import Structure
+from fenicsrom.scene import Scene
 
-if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+SNAPSHOTS = 200
+"""Largest number of snapshots of the linear transient."""
 
-SNAPSHOTS = 200  # of the linear transient, at most
-SNAPSHOT_STEADINESS = (
-    1e-3  # change over a period at which the linear transient is steady enough to choose modes by
-)
+STATIC_LEVELS = 10
+"""Number of load levels of the nonlinear statics."""
+
+SNAPSHOT_STEADINESS = 1e-3
+"""Change over a period below which the linear transient is steady enough to select modes."""
 
 
 class Snapshots:
-    """The deflections by which modes and derivatives are chosen, each kind found when it is first
-    asked for.
-    """
+    """The snapshots of a structure; each set is computed when it is first read."""
 
-    def __init__(self, solid: Structure, modes: ComponentModes):
-        """Keep the body and its component modes."""
-        self._solid, self._modes = solid, modes
+    def __init__(self, structure: Structure, scene: Scene, modes: ComponentModes):
+        """Store what the snapshots are computed from.
+
+        Args:
+            structure: the structure.
+            scene: its contacts and time integration define the linear transient.
+            modes: component modes of the structure.
+        """
+        self._structure, self._scene, self._modes = structure, scene, modes
 
     @cached_property
     def linear(self) -> Array:
-        """(local, s) of the geometrically linear transient."""
-        return linear_snapshots(self._solid, self._modes)
+        """U_t (local, s): snapshots of the linear transient, m."""
+        return linear_snapshots(self._structure, self._scene, self._modes)
 
     @cached_property
     def static(self) -> Array:
-        """(local, levels) of the nonlinear statics."""
-        return static_snapshots(self._solid, self.linear)
+        """U_st (local, `STATIC_LEVELS`): snapshots of the nonlinear statics, m."""
+        return static_snapshots(self._structure, self.linear)
 
 
-def linear_snapshots(solid: Structure, modes: ComponentModes) -> Array:
-    """Deflections (local, s) over the last period of a geometrically linear transient with
-    friction.
+def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) -> Array:
+    """Compute a geometrically linear transient with friction in the component modes.
+
+    Args:
+        structure: the structure.
+        scene: its contacts and time integration.
+        modes: component modes of the structure.
+
+    Returns:
+        Deflections (local, s) over the last period, from the equilibrium, m.
+
+    Raises:
+        ConvergenceError: a time step did not converge.
     """
-    scene = solid.scene
     labels = [label for label in modes.labels if label.endswith("V")]
     basis = build_basis(
         modes.method,
@@ -56,34 +74,40 @@ def linear_snapshots(solid: Structure, modes: ComponentModes) -> Array:
         modes.rows,
         modes.normal,
         labels,
-        solid.mass_inner,
-        solid.comm.allreduce,
+        structure.mass_inner,
+        structure.comm.allreduce,
     )
-    coarse = scene.time.steady_tolerance
-    time = replace(
-        scene.time,
-        steady_tolerance=max(coarse, SNAPSHOT_STEADINESS) if coarse is not None else None,
-    )
-    motion = simulate(
-        project(solid, basis, nonlinear=False), replace(scene, time=time), keep_coordinates=True
-    )
+    time, tolerance = scene.time, scene.time.steady_tolerance
+    if tolerance is not None:
+        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS))
+    model = project(structure, basis, nonlinear=False)
+    motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None
     step = -(-motion.coordinates.shape[0] // SNAPSHOTS)
     return basis.vectors @ motion.coordinates[::step].T
 
 
-def static_snapshots(solid: Structure, linear: Array) -> Array:
-    """Nonlinear static deflections (local, `STATIC_LEVELS`) from the equilibrium.
+def static_snapshots(structure: Structure, linear: Array) -> Array:
+    """Compute nonlinear static deflections.
 
-    The force is the one that would hold the linear structure in its largest deflection of the
-    transient, f = K u (eq. 18 at the phase of the largest deflection), in equal levels up to all of
-    it.
+    The force f = K u (eq. 18) holds the linear structure in its largest deflection u of the linear
+    transient. It acts at equal levels, in addition to the static loads.
+
+    Args:
+        structure: the structure.
+        linear: (local, s) snapshots of the linear transient, m.
+
+    Returns:
+        Deflections (local, `STATIC_LEVELS`) from the equilibrium, m.
+
+    Raises:
+        ConvergenceError: the statics did not converge.
     """
-    sizes = np.array([solid.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
-    force = solid.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
-    rest = solid.rest_force
-    u, found = solid.equilibrium, []
+    sizes = np.array([structure.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
+    force = structure.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
+    rest = structure.rest_force
+    u, found = structure.equilibrium, []
     for level in range(1, STATIC_LEVELS + 1):
-        u = solid.static(rest + level / STATIC_LEVELS * force, u)
-        found.append(u - solid.equilibrium)
+        u = structure.static(rest + level / STATIC_LEVELS * force, u)
+        found.append(u - structure.equilibrium)
     return np.array(found).T

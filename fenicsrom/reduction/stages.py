@@ -1,4 +1,9 @@
-"""From a structure to its reduced model, stage by stage."""
+"""The stages from a structure to its reduced model.
+
+    structure → modes → selection → derivatives → basis → reduced model
+
+Each stage is one function; `Reduction` runs the stages in order, each when it is first needed.
+"""
 
 from __future__ import annotations
 
@@ -6,47 +11,55 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes
 from fenicsrom.reduction.projection import project, project_intrusively
+from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection, modal_coordinates, select
 from fenicsrom.reduction.snapshots import Snapshots
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.modes import Structure
+from fenicsrom.scene import Basis, Scene
 
 
 @dataclass(frozen=True, eq=False)
 class Derivatives:
-    """Modal derivatives by label: vectors (local, k)."""
+    """Modal derivatives.
+
+    Attributes:
+        labels: (k,) labels, such as 1V2S.
+        vectors: (local, k).
+    """
 
     labels: tuple[str, ...]
     vectors: Array
 
 
 def choose(
-    solid: Structure, modes: ComponentModes, snapshots: Snapshots | None = None
+    structure: Structure, scene: Scene, modes: ComponentModes, snapshots: Snapshots | None = None
 ) -> Selection:
-    """Choose the modes and derivatives the scene's [basis] asks for.
+    """Select the modes and derivatives that the scene's [basis] asks for.
 
     Args:
-        solid: the body.
-        modes: its component modes.
-        snapshots: of these modes, where some are known already.
+        structure: the structure.
+        scene: its [basis]; the rest defines the snapshots.
+        modes: component modes of the structure.
+        snapshots: snapshots of these modes, if the caller has them.
+
+    Returns:
+        The selection.
 
     Raises:
         ConvergenceError: the linear transient or the nonlinear statics did not converge.
     """
-    scene = solid.scene
     wanted = scene.basis.derivatives
     if (
-        not scene.geometrically_nonlinear
+        not structure.geometrically_nonlinear
         or wanted == "none"
         or (wanted in ("mmi", "mmi-nls") and scene.static_only)
     ):
@@ -55,35 +68,49 @@ def choose(
         return Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
     if not isinstance(wanted, str):
         return Selection(modes.labels, wanted, {}, {})
-    snapshots = snapshots or Snapshots(solid, modes)
+    snapshots = snapshots or Snapshots(structure, scene, modes)
     deflections = snapshots.linear
     if wanted == "mmi-nls":
         deflections = np.concatenate([snapshots.static, deflections], axis=1)
     coordinates = modal_coordinates(
-        modes.vectors, deflections, solid.mass_inner, solid.largest(modes.vectors)
+        modes.vectors, deflections, structure.mass_inner, structure.largest(modes.vectors)
     )
     return select(coordinates, modes.labels, wanted, scene.basis.threshold)
 
 
-def differentiate(solid: Structure, modes: ComponentModes, labels: tuple[str, ...]) -> Derivatives:
-    """Solve for the modal derivatives of these labels.
+def differentiate(
+    structure: Structure, options: Basis, modes: ComponentModes, labels: tuple[str, ...]
+) -> Derivatives:
+    """Compute modal derivatives.
+
+    Args:
+        structure: the structure.
+        options: how the tangent is differentiated.
+        modes: component modes of the structure.
+        labels: (k,) labels of the derivatives.
+
+    Returns:
+        The derivatives.
 
     Raises:
         AccuracyError: a derivative is not symmetric.
     """
-    exact = solid.scene.basis.differentiation == "exact"
-    derivative = solid.tangent_derivative if exact else solid.tangent_difference
-    total = solid.comm.allreduce
-    return Derivatives(
-        labels,
-        modal_derivatives(modes.vectors, modes.labels, labels, derivative, modes.inverse, total),
+    exact = options.differentiation == "exact"
+    derivative = structure.tangent_derivative if exact else structure.tangent_difference
+    vectors = modal_derivatives(
+        modes.vectors, modes.labels, labels, derivative, modes.inverse, structure.comm.allreduce
     )
+    return Derivatives(labels, vectors)
 
 
 def enrich(
-    solid: Structure, modes: ComponentModes, selection: Selection, derivatives: Derivatives
+    structure: Structure, modes: ComponentModes, selection: Selection, derivatives: Derivatives
 ) -> ReducedBasis:
-    """The basis of the selected modes and derivatives."""
+    """Build the basis of the selected modes and of the derivatives.
+
+    Raises:
+        AccuracyError: the basis lost its orthogonality.
+    """
     kept = [
         k
         for k, label in enumerate(modes.labels)
@@ -97,77 +124,91 @@ def enrich(
         modes.rows,
         vectors,
         labels,
-        solid.mass_inner,
-        solid.comm.allreduce,
+        structure.mass_inner,
+        structure.comm.allreduce,
     )
 
 
-def reduce(solid: Structure, basis: ReducedBasis) -> Any:
-    """The reduced model the scene's `basis.elastic_force` asks for: polynomial, or projection of
-    the full force.
+def reduce(structure: Structure, options: Basis, basis: ReducedBasis) -> ReducedModel | DenseModel:
+    """Build the reduced model.
+
+    Args:
+        structure: the structure.
+        options: `elastic_force` selects the polynomial or the projection of the full force.
+        basis: the basis.
+
+    Returns:
+        The reduced model; linear if the structure is geometrically linear.
+
+    Raises:
+        SceneError: the polynomial is asked for, and the structure has none.
     """
-    scene = solid.scene
-    if scene.geometrically_nonlinear and scene.basis.elastic_force == "projection":
-        return project_intrusively(solid, basis)
-    return project(solid, basis, scene.geometrically_nonlinear)
+    if structure.geometrically_nonlinear and options.elastic_force == "projection":
+        return project_intrusively(structure, basis)
+    return project(structure, basis, structure.geometrically_nonlinear)
 
 
 Timer = Callable[[str], AbstractContextManager[None]]
 
 
 class Reduction:
-    """From a body to its reduced model, stage by stage: each is gone through, and timed, when it is
-    first asked for.
+    """The stages from a structure to its reduced model; each runs when it is first read.
 
-    This is the one statement of what the stages need of one another: `run`, `fenicsrom modes` and
-    `fenicsrom compare` ask for as much as they want.
+    The properties state which stage needs which other stage, once for the whole program.
     """
 
     def __init__(
         self,
-        body: Structure,
+        structure: Structure,
+        scene: Scene,
         timed: Timer,
         modes: ComponentModes | None = None,
         snapshots: Snapshots | None = None,
     ):
-        """Start from a body and the scene it has, with its modes (and snapshots of these) where
-        they are known already.
+        """Store what the stages start from.
+
+        Args:
+            structure: the structure.
+            scene: the scene; its [basis] holds the options of the stages.
+            timed: gives a context that times a stage of this name.
+            modes: component modes of the structure, if the caller has them.
+            snapshots: snapshots of these modes, if the caller has them.
         """
-        self._body, self._timed, self._snapshots = body, timed, snapshots
+        self._structure, self._scene, self._timed = structure, scene, timed
+        self._snapshots = snapshots
         if modes is not None:
             self.modes = modes
 
     @cached_property
     def modes(self) -> ComponentModes:
         """The component modes."""
-        wanted = self._body.scene.basis
         with self._timed("modes"):
-            return component_modes(self._body, wanted.method, wanted.modes)
+            return component_modes(self._structure, self._scene.basis)
 
     @cached_property
     def selection(self) -> Selection:
-        """The modes and derivatives that are kept."""
+        """The selected modes and derivatives."""
         modes = self.modes
         with self._timed("selection"):
-            return choose(self._body, modes, self._snapshots)
+            return choose(self._structure, self._scene, modes, self._snapshots)
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """These derivatives."""
+        """The modal derivatives of the selection."""
         modes, selection = self.modes, self.selection
         with self._timed("derivatives"):
-            return differentiate(self._body, modes, selection.derivatives)
+            return differentiate(self._structure, self._scene.basis, modes, selection.derivatives)
 
     @cached_property
     def basis(self) -> ReducedBasis:
-        """The basis of both."""
+        """The basis of the selected modes and derivatives."""
         modes, selection, derivatives = self.modes, self.selection, self.derivatives
         with self._timed("basis"):
-            return enrich(self._body, modes, selection, derivatives)
+            return enrich(self._structure, modes, selection, derivatives)
 
     @cached_property
-    def model(self) -> Any:
-        """The reduced model on it."""
+    def model(self) -> ReducedModel | DenseModel:
+        """The reduced model."""
         basis = self.basis
         with self._timed("reduction"):
-            return reduce(self._body, basis)
+            return reduce(self._structure, self._scene.basis, basis)

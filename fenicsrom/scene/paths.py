@@ -1,4 +1,4 @@
-"""Where the program's own files lie."""
+"""The folders of the program's own files."""
 
 from __future__ import annotations
 
@@ -6,14 +6,15 @@ from pathlib import Path
 
 
 def shared_meshes() -> Path:
-    """Give the folder of the program's own geometry: inside the installed package, or beside it in
-    a checkout.
+    """Give the folder of the program's own meshes.
+
+    It is inside the installed package, or beside the package in a checkout.
     """
     return _shared("meshes")
 
 
 def shared_demos() -> Path:
-    """Give the folder of the demos, in the same places."""
+    """Give the folder of the demos, found in the same way."""
     return _shared("demos")
 
 

@@ -1,8 +1,8 @@
-"""Error against run time: errors and fronts by hand, the indicator, the cache, and bases against
-the full model."""
+"""Error against run time: agreement, indicator, cache, and bases against the full model."""
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support import STOCKY, beam_scene, make_solid
 
-from fenicsrom.assess import compare
+from fenicsrom.assess import agreement, compare, full_cache, residual
 from fenicsrom.assess.compare import Combination, Comparison, Outcome
 from fenicsrom.errors import SceneError
 from fenicsrom.online.motion import Motion
@@ -66,13 +66,13 @@ def motion(
     )
 
 
-def test_errors_of_motions_known_by_hand():
+def test_errors_of_known_motions_match_hand_calculation():
     reference = motion()
     assert all(
         error == pytest.approx(0.0, abs=1e-9)
-        for error in compare.motion_errors(reference, reference).values()
+        for error in agreement.motion_errors(reference, reference).values()
     )
-    found = compare.motion_errors(
+    found = agreement.motion_errors(
         motion(across=1.02, along=0.07, force=11.0, friction_dissipation=1.5, switch=0.75),
         reference,
     )
@@ -81,37 +81,37 @@ def test_errors_of_motions_known_by_hand():
     assert found["peak_normal_force"] == pytest.approx(10.0)
     assert found["dissipated_per_period"] == pytest.approx(25.0)
     assert found["state"] == pytest.approx(25.0, abs=0.6)
-    assert compare.wrong_state(reference, motion(switch=0.75)) == pytest.approx(
+    assert agreement.wrong_state(reference, motion(switch=0.75)) == pytest.approx(
         25.0, abs=0.6
     )  # either way
     whole = np.sqrt((0.02**2 + 0.03**2) / (1.0 + 0.1**2))
     assert found["history"] == pytest.approx(100 * whole, rel=1e-3)
 
 
-def test_a_shift_of_phase_is_an_error_of_the_history_and_not_of_the_amplitude():
-    found = compare.motion_errors(motion(along=0.0, phase=0.01, steps=170), motion(along=0.0))
+def test_phase_shift_is_an_error_of_the_history_only():
+    found = agreement.motion_errors(motion(along=0.0, phase=0.01, steps=170), motion(along=0.0))
     assert found["amplitude_tangential"] < 0.01
     assert found["history"] == pytest.approx(100 * 2 * np.sin(0.005), rel=1e-2)
     assert found["amplitude_normal"] is None  # the reference does not move that way
 
 
-def test_break_even_counts_whole_runs():
-    assert compare.break_even(offline=10.0, online=1.0, full=3.0) == 5
-    assert compare.break_even(offline=10.1, online=1.0, full=3.0) == 6
-    assert compare.break_even(offline=0.5, online=1.0, full=3.0) == 1
-    assert compare.break_even(offline=0.5, online=3.0, full=3.0) is None
+def test_break_even_is_the_least_whole_number_of_runs():
+    assert agreement.break_even(offline=10.0, online=1.0, full=3.0) == 5
+    assert agreement.break_even(offline=10.1, online=1.0, full=3.0) == 6
+    assert agreement.break_even(offline=0.5, online=1.0, full=3.0) == 1
+    assert agreement.break_even(offline=0.5, online=3.0, full=3.0) is None
 
 
-def test_pareto_front_of_five_points():
+def test_pareto_front_of_five_points_has_three():
     costs, errors = [1.0, 2.0, 2.0, 3.0, 4.0], [5.0, 3.0, 2.0, 2.5, 1.0]
-    assert compare.pareto_front(costs, errors) == [0, 2, 4]
+    assert agreement.pareto_front(costs, errors) == [0, 2, 4]
 
 
-def test_rank_correlation_with_ties():
-    assert compare.rank_correlation([1, 2, 3, 4], [10, 20, 30, 4000]) == pytest.approx(1.0)
-    assert compare.rank_correlation([1, 2, 3, 4], [4, 3, 2, 1]) == pytest.approx(-1.0)
-    assert compare.rank_correlation([1, 2, 2, 4], [1, 3, 2, 4]) == pytest.approx(0.9486833)
-    assert compare.rank_correlation([1, 1, 1], [1, 2, 3]) is None
+def test_rank_correlation_shares_ranks_of_ties():
+    assert agreement.rank_correlation([1, 2, 3, 4], [10, 20, 30, 4000]) == pytest.approx(1.0)
+    assert agreement.rank_correlation([1, 2, 3, 4], [4, 3, 2, 1]) == pytest.approx(-1.0)
+    assert agreement.rank_correlation([1, 2, 2, 4], [1, 3, 2, 4]) == pytest.approx(0.9486833)
+    assert agreement.rank_correlation([1, 1, 1], [1, 2, 3]) is None
 
 
 # ------------------------------------------------------------------ combinations
@@ -129,7 +129,7 @@ def test_combinations_are_the_product_of_the_lists():
     assert {c.derivatives for c in linear} == {"none"} and len(linear) == 4
 
 
-def test_a_combination_becomes_a_scene():
+def test_combination_sets_basis_and_scheme_of_the_scene():
     scene = beam_scene(overrides=('time.scheme="generalised-alpha"', "time.spectral_radius=0.5"))
     wanted = Combination("craig-bampton", 2, ("1V1V",), "projection", "discrete-gradient")
     found = compare.with_combination(scene, wanted)
@@ -155,12 +155,12 @@ def test_a_combination_becomes_a_scene():
         ('compare.derivatives=["1V1V"]', "none"),
     ],
 )
-def test_a_wrong_table_is_refused(override, sentence):
+def test_wrong_compare_table_is_refused(override, sentence):
     with pytest.raises(SceneError, match=sentence):
         beam_scene(overrides=(override,))
 
 
-def test_the_table_survives_the_round_trip():
+def test_compare_table_survives_the_round_trip():
     scene = beam_scene(
         overrides=('compare.derivatives=[["1V1V","1V1S"],"mmi"]', "compare.full=false")
     )
@@ -183,7 +183,7 @@ QUICK = (
     "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
 )
 @pytest.mark.parametrize("kind", ["solid", "beam"])
-def test_no_residual_is_left_by_the_identity(scheme, kind):
+def test_identity_basis_has_no_residual(scheme, kind):
     pytest.importorskip("dolfinx")
     from fenicsrom.fem.full import full_model
     from fenicsrom.reduction.beam import beam_structure
@@ -203,15 +203,15 @@ def test_no_residual_is_left_by_the_identity(scheme, kind):
     assert {-1, 0} <= set(
         found.state.ravel().tolist()
     )  # the contact takes part, and is lost and found within steps
-    indicator, plain = compare.indicators(body, np.eye(body.local), found, scene)
+    indicator, plain = residual.indicators(body, np.eye(body.local), found, scene)
     assert indicator < 1e-8 and plain < 1e-6
     # and it is no zero that anything would give: a hundredth less motion leaves a residual
     less = replace(found, coordinates=0.99 * found.coordinates, velocity=0.99 * found.velocity)
-    assert compare.indicators(body, np.eye(body.local), less, scene)[0] > 1e-3
+    assert residual.indicators(body, np.eye(body.local), less, scene)[0] > 1e-3
 
 
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
-def test_going_on_from_a_motion_is_the_longer_run(scheme):
+def test_run_started_from_a_motion_continues_it(scheme):
     pytest.importorskip("dolfinx")
     from fenicsrom.fem.full import full_model
     from fenicsrom.reduction.beam import beam_structure
@@ -230,7 +230,7 @@ def test_going_on_from_a_motion_is_the_longer_run(scheme):
     model = full_model(beam_structure(scene))
     first = simulate(model, scene, keep_coordinates=True)
     second = simulate(model, scene, start=first)
-    longer = simulate(model, replace(scene, time=replace(scene.time, periods=4)))
+    longer = simulate(model, replace(scene, time=scene.time.changed(periods=4)))
     assert (
         np.unique(longer.state).size > 1 and abs(first.force[-1, 0, 1]) > 1.0
     )  # the spring of the slider is drawn
@@ -248,7 +248,7 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache" / "fenicsrom"
 
 
-def test_the_full_model_runs_once(cache, monkeypatch):
+def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
     pytest.importorskip("dolfinx")
     scene = beam_scene(overrides=QUICK)
     solid = make_solid(scene)
@@ -258,11 +258,11 @@ def test_the_full_model_runs_once(cache, monkeypatch):
         runs.append(1)
         return simulate(*args, **kwargs)
 
-    monkeypatch.setattr(compare, "simulate", counted)
-    first, note = compare.full_motion(solid, scene, str)
-    second, again = compare.full_motion(solid, scene, str)
+    monkeypatch.setattr(full_cache, "simulate", counted)
+    first, note = full_cache.full_motion(solid, scene, str)
+    second, again = full_cache.full_motion(solid, scene, str)
     assert len(runs) == 1 and not note["cached"] and again["cached"]
-    assert again["machine"] == compare.machine()
+    assert again["machine"] == full_cache.machine()
     assert np.array_equal(first.displacement, second.displacement) and second.state.dtype == np.int8
     assert (first.seconds, first.steps, first.period) == (
         second.seconds,
@@ -270,46 +270,69 @@ def test_the_full_model_runs_once(cache, monkeypatch):
         second.period,
     )
     (entry,) = cache.iterdir()
-    assert compare.read_cached(entry, "another key") is None
+    assert full_cache.read_cached(entry, "another key") is None
     # a damaged file is no file
     content = bytearray(entry.read_bytes())
     for damage in (content[: len(content) // 2], b"", b"PK\3\4 no archive"):
         entry.write_bytes(damage)
-        assert not compare.full_motion(solid, scene, str)[1]["cached"]
-        assert compare.full_motion(solid, scene, str)[1]["cached"]
+        assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
+        assert full_cache.full_motion(solid, scene, str)[1]["cached"]
     middle = len(content) // 2
     content[middle : middle + 64] = bytes(64)
     entry.write_bytes(content)
-    assert not compare.full_motion(solid, scene, str)[1]["cached"]
+    assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
 
 
-def test_the_key_knows_what_matters(tmp_path):
+def test_key_changes_with_scene_and_mesh_only_where_they_matter(tmp_path):
     scene = beam_scene()
-    key = compare.cache_key(scene)
+    key = full_cache.cache_key(scene)
     same = replace(scene, title="another", source="elsewhere", basis=replace(scene.basis, modes=7))
-    assert compare.cache_key(same) == key
+    assert full_cache.cache_key(same) == key
     copy = tmp_path / "copy.geo"
     copy.write_bytes(scene.geometry.mesh.read_bytes())
     moved = replace(scene, geometry=replace(scene.geometry, mesh=copy))
-    assert compare.cache_key(moved) == key
+    assert full_cache.cache_key(moved) == key
     copy.write_text(copy.read_text() + "\n// changed")
-    assert compare.cache_key(moved) != key
+    assert full_cache.cache_key(moved) != key
     for override in (
         "loads.0.force=1.0",
         "time.steps_per_period=201",
         "contacts.0.friction=0.4",
         "geometry.degree=1",
     ):
-        assert compare.cache_key(beam_scene(overrides=(override,))) != key
+        assert full_cache.cache_key(beam_scene(overrides=(override,))) != key
 
 
-def test_a_cache_that_cannot_be_written_is_no_obstacle(tmp_path, monkeypatch):
+def test_key_changes_with_every_module_of_the_package(tmp_path):
+    copy = tmp_path / "package"
+    shutil.copytree(full_cache.PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
+    digest = full_cache.package_digest(copy)
+    assert digest == full_cache.package_digest(full_cache.PACKAGE)
+    modules = sorted(copy.rglob("*.py"))
+    assert {"fem", "online", "reduction", "scene"} <= {path.parent.name for path in modules}
+    for module in modules:
+        content = module.read_bytes()
+        module.write_bytes(content + b"\n# edited\n")
+        assert full_cache.package_digest(copy) != digest, module
+        module.write_bytes(content)
+    modules[-1].rename(modules[-1].with_name("renamed.py"))
+    assert full_cache.package_digest(copy) != digest
+
+
+def test_key_contains_the_package(monkeypatch):
+    scene = beam_scene()
+    key = full_cache.cache_key(scene)
+    monkeypatch.setattr(full_cache, "package_digest", lambda folder: "another")
+    assert full_cache.cache_key(scene) != key
+
+
+def test_unwritable_cache_is_reported_and_ignored(tmp_path, monkeypatch):
     pytest.importorskip("dolfinx")
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     scene = beam_scene(overrides=QUICK)
     said = []
-    found, _ = compare.full_motion(make_solid(scene), scene, said.append)
+    found, _ = full_cache.full_motion(make_solid(scene), scene, said.append)
     assert found.steps > 0 and any("not kept" in line for line in said)
 
 
@@ -330,12 +353,12 @@ def handmade(**changes):
             (0.1, 0.2, 0.3, 0.2, 0.2),
         )
         outcome.motion = motion(across=1.0 + 0.1 / (1 + 9 * k))
-        outcome.errors = compare.motion_errors(outcome.motion, motion())
+        outcome.errors = agreement.motion_errors(outcome.motion, motion())
         outcome.indicator, outcome.residual = 0.1 / (1 + k), 0.2
     outcomes[2].failure = "time integration stopped"
     full_run = {
         "date": "2026-01-01T00:00:00+00:00",
-        "machine": compare.machine(),
+        "machine": full_cache.machine(),
         "ranks": 1,
         "cached": False,
     }
@@ -345,7 +368,7 @@ def handmade(**changes):
     )
 
 
-def test_files_of_a_comparison(tmp_path):
+def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
     from fenicsrom.post.compare_report import terminal, write_comparison
 
     found = handmade()
@@ -370,11 +393,11 @@ def test_files_of_a_comparison(tmp_path):
     assert summary["full"]["seconds"] == 4.2 and summary["compilation_seconds"] == 3.0
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 3 and "http" not in page
-    assert "Pareto" in page and compare.machine()["processor"] in page
+    assert "Pareto" in page and full_cache.machine()["processor"] in page
     assert "time integration stopped" in terminal(found)
 
 
-def test_without_a_full_run_there_are_no_errors_to_draw(tmp_path):
+def test_comparison_without_full_model_has_no_pictures(tmp_path):
     from fenicsrom.post.compare_report import write_comparison
 
     found = handmade(full=None, full_run={})
@@ -384,7 +407,7 @@ def test_without_a_full_run_there_are_no_errors_to_draw(tmp_path):
     assert json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["full"] is None
 
 
-def test_a_tiny_comparison_from_mesh_to_outcomes(cache):
+def test_tiny_comparison_ranks_the_richer_basis_first(cache):
     pytest.importorskip("dolfinx")
     from mpi4py import MPI
 
@@ -425,7 +448,7 @@ def test_a_tiny_comparison_from_mesh_to_outcomes(cache):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["slip_liftoff_2d", "high_load_2d"])
-def test_nine_coordinates_are_enough(name, cache):
+def test_nine_coordinates_match_the_full_model(name, cache):
     from mpi4py import MPI
 
     scene = read_scene(

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from support import scene_of
 
 from fenicsrom.fem.full import full_model
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.solid import build_solid
 from fenicsrom.online.measures import amplitudes, contact_fractions, errors_percent
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction import beam, stages
@@ -39,11 +39,11 @@ def demo(name, *overrides):
 
 
 def body(scene):
-    return Solid(build_mesh(scene.geometry, MPI.COMM_SELF), scene)
+    return build_solid(scene, MPI.COMM_SELF)
 
 
-def reduced(solid):
-    found = stages.Reduction(solid, lambda stage: contextlib.nullcontext())
+def reduced(solid, scene):
+    found = stages.Reduction(solid, scene, lambda stage: contextlib.nullcontext())
     return found.model, found.basis
 
 
@@ -111,16 +111,16 @@ def test_reduced_models_against_the_full_one(name, load):
         if limits[load] is None:
             continue
         wanted = f'"{derivatives}"' if isinstance(derivatives, str) else str(derivatives)
-        solid.scene = demo(
+        scene = demo(
             name,
             *PAPER,
             f'basis.method="{method}"',
             f"basis.modes={modes}",
             f"basis.derivatives={wanted}",
         )
-        model, basis = reduced(solid)
+        model, basis = reduced(solid, scene)
         assert basis.size <= size
-        error = errors_percent(simulate(model, solid.scene), reference)
+        error = errors_percent(simulate(model, scene), reference)
         assert error["amplitude_tangential"] < limits[load], (method, basis.labels)
 
 
@@ -129,10 +129,10 @@ def test_derivatives_are_needed():
     """Craig-Bampton with 14 modes and no derivatives locks: 87 % of the amplitude is lost."""
     _, solid, reference = full("slip_liftoff_2d")
     wanted = ['basis.method="craig-bampton"', "basis.modes=14", 'basis.derivatives="none"']
-    solid.scene = demo("slip_liftoff_2d", *PAPER, *wanted)
-    model, basis = reduced(solid)
+    scene = demo("slip_liftoff_2d", *PAPER, *wanted)
+    model, basis = reduced(solid, scene)
     assert basis.size == 16
-    assert errors_percent(simulate(model, solid.scene), reference)[
+    assert errors_percent(simulate(model, scene), reference)[
         "amplitude_tangential"
     ] == pytest.approx(87.0, abs=1.0)
 
@@ -140,7 +140,7 @@ def test_derivatives_are_needed():
 def test_three_dimensions_reduced():
     """157.07 mm is the full 3D model's; the reduced model is within 0.3 % of it."""
     scene = demo("slip_liftoff_3d", *PAPER)
-    model, basis = reduced(body(scene))
+    model, basis = reduced(body(scene), scene)
     across, along = across_and_along(simulate(model, scene))
     assert basis.size <= 14
     assert across == pytest.approx(157.07, rel=3e-3)
@@ -151,7 +151,7 @@ def test_adaptive_steps_on_the_paper_s_case():
     """Contact opens and closes, and what is too fast for the steps rings: the step control goes
     on."""
     scene = demo("slip_liftoff_2d", "time.tolerance=1e-4", "time.periods=25")
-    model, _ = reduced(body(scene))
+    model, _ = reduced(body(scene), scene)
     across, along = across_and_along(simulate(model, scene))
     assert across == pytest.approx(157.60, rel=2e-3)
     assert along == pytest.approx(2.843, rel=5e-3)
@@ -166,8 +166,8 @@ def test_a_basis_for_an_oblique_wall(method):
         'basis.derivatives="all"',
         "contacts.0.normal=[1.0, 0.2]",
     ]
-    solid = body(demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10"))
-    _, basis = reduced(solid)
+    scene = demo("slip_liftoff_2d", *wanted, "geometry.parameters.elements_along=10")
+    _, basis = reduced(body(scene), scene)
     assert basis.size + len(basis.dropped) == 2 + 5 + 28
 
 

@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from support import STOCKY, beam_scene, dense, free_unknowns, make_solid, needs_mpirun, on_ranks
+from support import (
+    STOCKY,
+    beam_scene,
+    dense,
+    free_unknowns,
+    make_solid,
+    needs_mpirun,
+    on_ranks,
+    scene_of,
+)
 
 pytest.importorskip("dolfinx")
 
@@ -21,7 +30,7 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import StoredModel, changed_key, load_model, rescene, save_model
+from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.equilibrium import _Statics
 from fenicsrom.online.measures import (
@@ -31,14 +40,15 @@ from fenicsrom.online.measures import (
     peak_total_normal_force,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import simulate
-from fenicsrom.plan import plan
-from fenicsrom.post.results import stored_model
+from fenicsrom.post.record import Study
+from fenicsrom.post.summary import stored_model
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.scene import Scene, read_scene
-from fenicsrom.study import Stopwatch, Study, run
+from fenicsrom.scene import Basis, Scene, read_scene
+from fenicsrom.study import Stopwatch, plan, run
 
 Array = NDArray[np.float64]
 
@@ -61,7 +71,7 @@ def blade(*overrides: str) -> Scene:
 
 def reduced(solid: Any) -> tuple[Any, ReducedBasis]:
     """The reduced model of a solid as its scene asks for it, and its basis."""
-    found = Reduction(solid, lambda stage: contextlib.nullcontext())
+    found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
     return found.model, found.basis
 
 
@@ -91,7 +101,7 @@ def test_reduced_blade_against_the_full_one() -> None:
     assert solid.free > 2000
     model, basis = reduced(solid)
     assert basis.masters == 10 and basis.size < 30
-    motion, full = simulate(model, solid.scene), simulate(FullModel(solid), solid.scene)
+    motion, full = simulate(model, scene_of(solid)), simulate(FullModel(solid), scene_of(solid))
     part = full.last_period()
     touching = np.any(full.force[part, :, 0] > 0.0, axis=1)
     assert 0.3 < touching.mean() < 0.9 and np.sum(np.any(full.force[part, :, 0] > 0.0, axis=0)) > 3
@@ -116,7 +126,10 @@ def test_reduced_blade_with_coriolis_force_against_the_full_one() -> None:
             )
         )
         model, _ = reduced(solid)
-        motions[coriolis] = simulate(model, solid.scene), simulate(FullModel(solid), solid.scene)
+        motions[coriolis] = (
+            simulate(model, scene_of(solid)),
+            simulate(FullModel(solid), scene_of(solid)),
+        )
     motion, full = motions["true"]
     assert_close(motion, full)
     for one in (motion, full):
@@ -145,7 +158,7 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
         q: (ns, local) displacements from the equilibrium.
         v: (ns, local) velocities.
     """
-    scene, h = solid.scene, np.diff(motion.time)[0]
+    scene, h = scene_of(solid), np.diff(motion.time)[0]
     rotation, density = scene.rotation, scene.material.density
     u, w, test = fem.Function(solid.space), fem.Function(solid.space), ufl.TestFunction(solid.space)
     axis, point = ufl.as_vector(rotation.axis), ufl.as_vector(rotation.point)
@@ -165,11 +178,11 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
         for function, values in ((u, displacement), (w, velocity)):
             if values is not None:
                 solid._set(function, values)
-        return np.asarray(solid._assembled(form))
+        return np.asarray(solid.assembled(form))
 
     def internal(displacement: Array) -> Array:
         solid._set(solid._u, displacement)
-        return np.asarray(solid._assembled(solid._force_form))
+        return np.asarray(solid.assembled(solid._force_form))
 
     clamped = np.setdiff1d(np.arange(solid.local), free_unknowns(solid))
     loads = solid.load_vector(scene.loads[0], "loads[0]") * scene.loads[0].size
@@ -204,7 +217,7 @@ def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum(
     off by a fifth of the contact forces on this mesh.)
     """
     solid = make_solid(blade(*SHORT, "rotation.coriolis=true", "basis.modes=6"))
-    full = simulate(FullModel(solid), solid.scene, keep_coordinates=True)
+    full = simulate(FullModel(solid), scene_of(solid), keep_coordinates=True)
     assert full.coordinates is not None and full.velocity is not None
     rate, force, reaction = balance(solid, full, full.coordinates, full.velocity)
     pressed = full.force[:, :, 0].sum(axis=1).max()
@@ -212,7 +225,7 @@ def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum(
     assert np.abs(rate - force - reaction).max() < 1e-8 * np.abs(reaction).max()
 
     model, basis = reduced(solid)
-    motion = simulate(model, solid.scene, keep_coordinates=True)
+    motion = simulate(model, scene_of(solid), keep_coordinates=True)
     q, v = (coordinates @ basis.vectors.T for coordinates in (motion.coordinates, motion.velocity))
     ours, acting, _ = balance(solid, motion, q, v)
     error = np.linalg.norm(ours - acting - reaction, axis=1)
@@ -251,7 +264,7 @@ def test_two_contacts_of_half_the_stiffness_on_one_place_are_one() -> None:
         solid = make_solid(beam_scene(3, options, contacts=contacts, loads=[load]))
         model, basis = reduced(solid)
         assert basis.masters == 3
-        motions.append(simulate(model, solid.scene))
+        motions.append(simulate(model, scene_of(solid)))
     one, two = motions
     assert {-1, 0} <= set(one.state[:, 0]), "it does not lift off and slip"
     size = np.abs(one.displacement).max()
@@ -286,7 +299,7 @@ def test_many_nodes_of_a_slender_body_are_masters(method: str) -> None:
         basis.masters == 27
         and np.abs(solid.contact_rows @ basis.vectors - np.eye(27, basis.size)).max() < 1e-12
     )
-    found = component_modes(solid, method, 3)
+    found = component_modes(solid, Basis(method=method, modes=3))
     keep = free_unknowns(solid)
     k, m, b = dense(solid.stiffness, keep), dense(solid.mass, keep), solid.contact_rows[:, keep]
     held = np.setdiff1d(np.arange(keep.size), np.argmax(b, axis=1))
@@ -345,9 +358,9 @@ import sys
 import numpy as np
 from fenicsrom.reduction.stages import Reduction
 from test_blade import TINY, blade
-from support import make_solid
+from support import make_solid, scene_of
 solid = make_solid(blade(*TINY, "basis.derivatives=['1V1V', '1V1S']"))
-found = Reduction(solid, lambda stage: contextlib.nullcontext())
+found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
 model, basis = found.model, found.basis
 if solid.comm.rank == 0:
     np.savez(sys.argv[1], ranks=solid.comm.size, position=solid.points.position, share=solid.points.share,
@@ -412,7 +425,7 @@ def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: i
         )
     )
     model, _ = reduced(solid)
-    motion = simulate(model, solid.scene)
+    motion = simulate(model, scene_of(solid))
     rows = solid.contact_rows[:1]
     yielding = (rows @ solid.factor.solve(rows.T.copy())).item()
     expected = (come - gap) / (1.0 / stiffness + yielding)
@@ -459,7 +472,7 @@ def test_plan_of_a_rub() -> None:
     need."""
 
     def stages(scene: Scene) -> dict[str, tuple[bool, str]]:
-        return {stage.name: (stage.runs, stage.why) for stage in plan(scene)}
+        return {stage.name: (stage.needed, stage.reason) for stage in plan(scene)}
 
     found = stages(blade())
     assert found["static modes"] == (True, "interface modes, at most 10")
@@ -493,10 +506,9 @@ def test_plan_of_a_rub() -> None:
 def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, Path]:
     """A small blade, its reduced model, and that in a file."""
     solid = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']"))
-    found = Reduction(solid, Stopwatch(lambda line: None))
+    found = Reduction(solid, scene_of(solid), Stopwatch(lambda line: None))
     study = Study(
-        solid.scene,
-        [],
+        scene_of(solid),
         solid,
         found.modes,
         found.selection,
@@ -515,7 +527,7 @@ def test_equilibrium_is_sought_in_parts_of_what_presses(
     """The blade grows into its casing at speed: from nothing, where it would touch without
     pressing, to all of it."""
     solid, made, _ = stored
-    problem = _Statics(made.model, contacts_of(solid.scene, made.model.points), 3)
+    problem = _Statics(made.model, contacts_of(scene_of(solid), made.model.points), 3)
     q = np.zeros(made.model.size)
     assert problem.touches(q) and problem.pressed.sum() > 100.0
     found = []
@@ -532,7 +544,7 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
     solid, made, path = stored
     read = load_model(path)
     before = simulate(read.model, read.scene)
-    np.testing.assert_array_equal(before.force, simulate(made.model, solid.scene).force)
+    np.testing.assert_array_equal(before.force, simulate(made.model, scene_of(solid)).force)
     assert before.force[:, :, 0].max() > 50.0
     changes = [
         "contacts.0.gap=1.0e-3",
@@ -541,12 +553,13 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
         "contacts.0.surface.spin=-200.0",
         "contacts.0.surface.waves=[[3, 1e-4, 0.5]]",
     ]
-    model, scene = rescene(read, changes)
+    changed = read.with_overrides(changes)
+    model, scene = changed.model, changed.scene
     after = simulate(model, scene)
     fresh = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']", *changes))
     np.testing.assert_allclose(
         after.force,
-        simulate(reduced(fresh)[0], fresh.scene).force,
+        simulate(reduced(fresh)[0], scene_of(fresh)).force,
         rtol=0,
         atol=1e-6 * after.force.max(),
     )

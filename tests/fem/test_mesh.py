@@ -20,8 +20,9 @@ from mpi4py import MPI
 from support import needs_mpirun, on_ranks
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem import mesh as mesh_module
-from fenicsrom.fem.mesh import Mesh, build_mesh, unclamped_pieces
+from fenicsrom.fem import gmsh_model
+from fenicsrom.fem.mesh import Mesh, build_mesh
+from fenicsrom.fem.supports import unclamped_pieces
 from fenicsrom.scene import Geometry, Region
 from fenicsrom.scene.paths import shared_meshes
 
@@ -608,13 +609,13 @@ def test_unclamped_pieces(tmp_path: Path) -> None:
 def test_gmsh_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     import gmsh
 
-    seen, check = [], mesh_module._check_cells
+    seen, check = [], gmsh_model.check_cells
 
     def spy(*arguments: Any) -> Any:
         seen.append(signal.getsignal(signal.SIGINT))
         return check(*arguments)
 
-    monkeypatch.setattr(mesh_module, "_check_cells", spy)
+    monkeypatch.setattr(gmsh_model, "check_cells", spy)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     beam(2)
     assert seen == [signal.default_int_handler]
@@ -632,7 +633,8 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh import build_mesh, unclamped_pieces
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.supports import unclamped_pieces
 from fenicsrom.scene import Geometry
 beam, pieces = Path(sys.argv[1]), Path(sys.argv[2])
 comm = MPI.COMM_WORLD

@@ -29,18 +29,19 @@ from support import (
     needs_mpirun,
     on_ranks,
     random_field,
+    scene_of,
 )
 
 from fenicsrom.assess import campbell as diagram
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
-from fenicsrom.plan import plan
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
-from fenicsrom.scene import Place, parse_scene, scene_table
+from fenicsrom.scene import Basis, Place, parse_scene, scene_table
+from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
         random_field(spun, 0.02),
         np.array([random_field(spun, 0.02, seed) for seed in (1, 2, 3)]),
     )
-    assert np.abs(spun.rotation.force(u)).max() > 0.0
+    assert np.abs(spun.rotation.centrifugal_force(u)).max() > 0.0
     assert_tangent(
         lambda s: spun.energy(u + s @ directions),
         lambda s: directions @ spun.internal_force(u + s @ directions),
@@ -159,7 +160,7 @@ def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
     x = solid.space.tabulate_dof_coordinates()[: solid.local // dimension, 0]
     u, v = (np.outer(x, vector[:dimension]).ravel() for vector in (a, b))
     normal = np.eye(3) - np.outer(axis, axis)
-    parameters = solid.scene.geometry.parameters
+    parameters = solid.geometry.parameters
     section = (
         STEEL_DENSITY * parameters["height"] * 0.0254
     )  # the width of beam3d.geo, the thickness of the plane beam
@@ -179,7 +180,7 @@ def test_gyroscopic_matrix_is_skew_and_grows_with_the_speed(spun: Any) -> None:
     np.testing.assert_allclose(g, -g.T, rtol=0, atol=1e-14 * np.abs(g).max())
     v = np.random.default_rng(3).standard_normal(keep.size)
     assert abs(v @ g @ v) < 1e-12 * np.abs(v) @ np.abs(g) @ np.abs(v)  # no power
-    scene = spun.scene
+    scene = scene_of(spun)
     back = make_solid(
         replace(scene, rotation=replace(scene.rotation, speed_rpm=-0.5 * scene.rotation.speed_rpm))
     )
@@ -196,14 +197,14 @@ def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
     assert tiny_still.rotation is None and tiny_still.gyroscopic is None
     assert not tiny_still.loaded
     assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
-    stages = {stage.name: stage for stage in plan(tiny_still.scene)}
+    stages = {stage.name: stage for stage in plan(scene_of(tiny_still))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert not stages[name].runs
+        assert not stages[name].needed
     stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert stages[name].runs
+        assert stages[name].needed
     quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
-    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
+    assert {stage.name: stage.needed for stage in plan(quiet)}["gyroscopic term"] is False
     assert make_solid(quiet).gyroscopic is None
 
 
@@ -253,7 +254,7 @@ def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> Non
     solid = make_solid(scene)
     assert solid.loaded
     force = solid.internal_force(solid.equilibrium)
-    size = np.abs(solid.rotation.force(solid.equilibrium)).max()
+    size = np.abs(solid.rotation.centrifugal_force(solid.equilibrium)).max()
     np.testing.assert_allclose(force, solid.static_load, rtol=0, atol=1e-7 * size)
     assert np.abs(solid.equilibrium).max() > 1e-4
     slow = make_solid(replace(scene, rotation=replace(scene.rotation, speed_rpm=100.0)))
@@ -282,9 +283,9 @@ def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
     np.testing.assert_allclose(
         linear.rest_force, linear.static_load, rtol=0, atol=1e-6 * np.abs(linear.static_load).max()
     )
-    modes = component_modes(linear, "rubin", 2)
+    modes = component_modes(linear, Basis(method="rubin", modes=2))
     np.testing.assert_allclose(
-        modes.omega, component_modes(nonlinear, "rubin", 2).omega, rtol=1e-10
+        modes.omega, component_modes(nonlinear, Basis(method="rubin", modes=2)).omega, rtol=1e-10
     )
     full = FullModel(linear)
     q = 1e-3 * modes.normal[:, 0]
@@ -364,7 +365,7 @@ def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method:
             theirs, rel=1e-12, abs=1e-13 * abs(solid.energy(solid.equilibrium))
         )
     at_rest = r.T @ solid.static_load / largest  # what holds it at q = 0 are the static loads
-    centrifugal = np.abs(r.T @ solid.rotation.force(solid.equilibrium) / largest).max()
+    centrifugal = np.abs(r.T @ solid.rotation.centrifugal_force(solid.equilibrium) / largest).max()
     np.testing.assert_allclose(
         model.elastic.force / largest, at_rest, rtol=0, atol=1e-7 * centrifugal
     )

@@ -16,14 +16,15 @@ from support import (
     free_unknowns,
     make_solid,
     random_field,
+    scene_of,
 )
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.scene import Place
+from fenicsrom.scene import Basis, Place
 
 Array = NDArray[np.float64]
 
@@ -46,7 +47,7 @@ def tiny(request: pytest.FixtureRequest) -> Any:
 
 def positions(solid: Any) -> Array:
     """(nodes, d) of the unknowns."""
-    d = solid.scene.geometry.dimension
+    d = solid.dimension
     return solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
 
 
@@ -124,8 +125,8 @@ def test_matrices_are_symmetric_and_the_mass_is_right(tiny: Any) -> None:
     assert np.linalg.eigvalsh(dense(tiny.stiffness, keep))[0] > 0
     # the mass in a field linear in x, which is zero on the clamped unknowns: int rho x^2 = rho A
     # L^3 / 3
-    parameters = {"width": 0.0254} | tiny.scene.geometry.parameters
-    ramp = affine(tiny, np.diag([1.0, *[0.0] * (tiny.scene.geometry.dimension - 1)]))
+    parameters = {"width": 0.0254} | tiny.geometry.parameters
+    ramp = affine(tiny, np.diag([1.0, *[0.0] * (tiny.dimension - 1)]))
     assert tiny.mass_inner(ramp[:, None], ramp[:, None])[0, 0] == pytest.approx(
         7801.0 * parameters["height"] * parameters["width"] * parameters["length"] ** 3 / 3,
         rel=1e-12,
@@ -133,7 +134,7 @@ def test_matrices_are_symmetric_and_the_mass_is_right(tiny: Any) -> None:
 
 
 def test_rigid_rotation_is_free_of_stress(tiny: Any) -> None:
-    d = tiny.scene.geometry.dimension
+    d = tiny.dimension
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((d, d)))[0]
     turn *= np.sign(np.linalg.det(turn))
     rotation = affine(tiny, turn - np.eye(d)) + 0.1
@@ -197,8 +198,8 @@ def test_large_load_bends_the_beam_into_the_elastica() -> None:
 @pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
 def test_equilibrium_under_a_static_load(bent: str, request: pytest.FixtureRequest) -> None:
     solid = request.getfixturevalue(bent)
-    static = solid.scene.loads[1].size * solid.load_vectors[:, 1]
-    assert solid.scene.loads[1].static and solid.loaded
+    static = solid.loads[1].size * solid.load_vectors[:, 1]
+    assert solid.loads[1].static and solid.loaded
     force = solid.internal_force(solid.equilibrium)
     assert np.abs(force - static).max() < 1e-8 * np.abs(static).max()
     tip = solid.contact_rows @ solid.equilibrium
@@ -213,7 +214,7 @@ def test_equilibrium_under_a_static_load(bent: str, request: pytest.FixtureReque
     x = solid.factor.solve(b[:, None])
     np.testing.assert_allclose(solid.stiffness_times(x)[:, 0], b, rtol=0, atol=1e-8)
     # it is not the linear answer
-    linear = make_solid(beam_scene_of(solid.scene, geometrically_nonlinear=False))
+    linear = make_solid(beam_scene_of(scene_of(solid), geometrically_nonlinear=False))
     assert (
         np.abs(linear.equilibrium - solid.equilibrium).max()
         > 0.01 * np.abs(solid.equilibrium).max()
@@ -228,8 +229,8 @@ def beam_scene_of(scene: Any, **changes: Any) -> Any:
 
 
 def test_geometrically_linear_equilibrium_is_one_solve(bent2d: Any) -> None:
-    linear = make_solid(beam_scene_of(bent2d.scene, geometrically_nonlinear=False))
-    static = linear.scene.loads[1].size * linear.load_vectors[:, 1]
+    linear = make_solid(beam_scene_of(scene_of(bent2d), geometrically_nonlinear=False))
+    static = linear.loads[1].size * linear.load_vectors[:, 1]
     np.testing.assert_allclose(
         linear.stiffness_times(linear.equilibrium[:, None])[:, 0], static, rtol=0, atol=1e-6
     )
@@ -259,9 +260,9 @@ def test_frames_are_right_handed() -> None:
 
 @pytest.mark.parametrize("group", ["tip", "load"])
 def test_mean_over_a_group(tiny: Any, group: str) -> None:
-    d = tiny.scene.geometry.dimension
+    d = tiny.dimension
     rows, centroid = tiny.place(Place(group=group), "probe")
-    height = tiny.scene.geometry.parameters["height"]
+    height = tiny.geometry.parameters["height"]
     assert rows.shape == (d, tiny.local)
     np.testing.assert_allclose(centroid, [1.0 if group == "tip" else 0.5, 0, 0], atol=1e-12)
     for k in range(d):  # weights sum to one, in each component
@@ -277,7 +278,7 @@ def test_mean_over_a_group(tiny: Any, group: str) -> None:
 
 
 def test_centre_is_the_node_nearest_to_the_centroid(tiny: Any) -> None:
-    d = tiny.scene.geometry.dimension
+    d = tiny.dimension
     rows, where = tiny.place(Place(group="tip", at="centre"), "probe")
     node, at = tiny.place(Place(node=tuple(where[:d])), "probe")
     np.testing.assert_array_equal(rows, node)
@@ -306,11 +307,9 @@ def test_no_node_lies_there() -> None:
             "normal_stiffness=1.0, tangential_stiffness=1.0}",
         ),
     )
-    with pytest.raises(
-        SceneError,
-        match=r"contacts\[0\]\.node = \[1\.0, 0\.033\]: no node lies there; the nearest is",
-    ):
+    with pytest.raises(SceneError) as caught:
         make_solid(scene)
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0].node")
 
 
 def test_a_place_named_twice_is_warned_of_once() -> None:
@@ -343,16 +342,15 @@ def test_clamped_contact_is_refused() -> None:
             make_solid(beam_scene(2, TINY, contacts=contact_at(**place)))
     solid = make_solid(beam_scene(2, TINY, contacts=contact_at(group="root")))
     for method in ("rubin", "craig-bampton"):
-        with pytest.raises(
-            SceneError, match=r"contacts\[0\]: the supports forbid its motion along direction 1"
-        ):
-            component_modes(solid, method, 1)
+        with pytest.raises(SceneError, match="direction 1") as caught:
+            component_modes(solid, Basis(method=method, modes=1))
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0]")
 
 
 def test_contact_that_is_there_twice_is_refused() -> None:
     solid = make_solid(beam_scene(2, TINY, contacts=2 * contact_at(group="tip")))
     with pytest.raises(SceneError, match="two contact coordinates always move together"):
-        component_modes(solid, "rubin", 1)
+        component_modes(solid, Basis(method="rubin", modes=1))
 
 
 def test_piece_without_support_is_refused(tmp_path: Path) -> None:
@@ -373,4 +371,4 @@ def test_linear_elements_lock_and_warn(beam2d: Any) -> None:
     for cells in ("structured", "simplex"):
         linear = make_solid(beam_scene(2, ("geometry.degree=1", f"geometry.cells='{cells}'")))
         assert any("linear elements lock" in warning for warning in linear.warnings)
-        assert component_modes(linear, "rubin", 1).frequencies_hz[0] > 2 * 3.28
+        assert component_modes(linear, Basis(method="rubin", modes=1)).frequencies_hz[0] > 2 * 3.28

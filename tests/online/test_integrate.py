@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from support import enriched, fixed_steps, linear_model, one_contact, random_model, slope
+from support import enriched, fixed_steps, linear_model, one_contact, random_model, scene_of, slope
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
+from fenicsrom.online.dense_model import DenseModel
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
-from fenicsrom.online.model import DenseModel, ReducedModel
-from fenicsrom.online.motion import Motion
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.motion import Interrupted, Motion
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.online.surfaces import Contacts, no_contacts
 from fenicsrom.scene import Time
@@ -83,7 +84,7 @@ def oscillate(scheme: str, steps: int, duration: float = 4.0) -> Motion:
 
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
-def test_known_period_error(scheme: str) -> None:
+def test_period_error_of_oscillator_is_the_known_one(scheme: str) -> None:
     """Both are the trapezoidal rule here: it turns by 2 atan(omega h / 2) a step, at constant
     amplitude."""
     for steps in (15, 400):
@@ -97,7 +98,7 @@ def test_known_period_error(scheme: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_second_order_in_the_step(scheme: str) -> None:
+def test_error_of_oscillator_is_of_second_order(scheme: str) -> None:
     steps = np.array([100, 200, 400])
     exact = np.array([np.cos(4 * OMEGA), np.sin(4 * OMEGA)])
     errors = [np.abs(end(oscillate(scheme, n)) - exact).max() for n in steps]
@@ -106,7 +107,7 @@ def test_second_order_in_the_step(scheme: str) -> None:
 
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 1.0])
-def test_spectral_radius_of_generalised_alpha(radius: float) -> None:
+def test_generalised_alpha_decays_with_its_spectral_radius(radius: float) -> None:
     """In the limit of large steps the motion shrinks by the spectral radius a step; its overshoot
     creates energy: refused."""
     model = linear_model(np.eye(2), 1e12 * np.eye(2))
@@ -126,7 +127,7 @@ def test_spectral_radius_of_generalised_alpha(radius: float) -> None:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_momentum_is_the_impulse_of_the_loads(scheme: str) -> None:
+def test_momentum_equals_impulse_of_the_loads(scheme: str) -> None:
     """A free mass under two loads with their own frequency and phase, one of them constant."""
     amplitude, omega, phase = (
         np.array([3.0, -2.0]),
@@ -161,7 +162,7 @@ def forced(scheme: str = "discrete-gradient", **settings: Any) -> tuple[Motion, 
     )
     period = 2 * np.pi / omega
     motion = integrate(
-        model, FREE, Time(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2
+        model, FREE, Time.of(scheme=scheme, spectral_radius=0.8, **settings), period, dimension=2
     )
     w = omega
     if settings.get(
@@ -184,7 +185,7 @@ def amplitude(motion: Motion, omega: float = 6.0) -> complex:
 
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
-def test_steady_state_is_detected_and_is_the_known_one(scheme: str) -> None:
+def test_steady_state_matches_the_known_amplitude(scheme: str) -> None:
     motion, exact = forced(scheme, steps_per_period=40, periods=200, steady_tolerance=1e-9)
     assert motion.steady and 10 < motion.periods < 60
     assert motion.steps == 40 * motion.periods == motion.time.size - 1
@@ -195,14 +196,14 @@ def test_steady_state_is_detected_and_is_the_known_one(scheme: str) -> None:
     assert loose.steady and loose.periods < motion.periods
 
 
-def test_all_periods_are_run_if_the_tolerance_is_zero_or_not_met() -> None:
+def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
     for tolerance in (0.0, 1e-6):
         motion, _ = forced(steps_per_period=20, periods=4, steady_tolerance=tolerance)
         assert not motion.steady and motion.periods == 4 and motion.steps == 80
 
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
-def test_steady_state_is_detected_with_an_adaptive_step(tolerance: float) -> None:
+def test_steady_state_with_adaptive_step_is_detected(tolerance: float) -> None:
     """Though its steps are not the same in every period."""
     _, limit = forced(steps_per_period=100_000, periods=1, steady_tolerance=1.0)
     motion, _ = forced(tolerance=tolerance, periods=60, steady_tolerance=1e-6)
@@ -213,7 +214,7 @@ def test_steady_state_is_detected_with_an_adaptive_step(tolerance: float) -> Non
 # ------------------------------------------------------------------ nonlinear, without contact
 
 
-def test_energy_is_constant_over_ten_thousand_steps() -> None:
+def test_energy_over_ten_thousand_steps_is_constant() -> None:
     model = random_model(3, seed=3)
     start = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
     motion = integrate(
@@ -231,7 +232,7 @@ def test_energy_is_constant_over_ten_thousand_steps() -> None:
     assert abs(motion.elastic[0] / linear - 1) > 0.1  # and far
 
 
-def test_energy_is_constant_over_a_hundred_thousand_steps() -> None:
+def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
     """To 1e-10, at steps of a tenth and of a third of a radian of the fastest mode; compiled."""
     model = random_model(3, seed=3)
     for step in (0.05, 0.2):
@@ -243,7 +244,7 @@ def test_energy_is_constant_over_a_hundred_thousand_steps() -> None:
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_energy_of_the_paper_s_beam_is_constant(method: str, beam2d: Any) -> None:
+def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None:
     from fenicsrom.reduction.projection import project
 
     _, _, basis = enriched(beam2d, method, 1)
@@ -267,7 +268,7 @@ def test_energy_of_the_paper_s_beam_is_constant(method: str, beam2d: Any) -> Non
 
 def off(solid: Any) -> Contacts:
     """The contact of the scene, out of reach."""
-    count = len(solid.scene.contacts)
+    count = len(scene_of(solid).contacts)
     return one_contact(preload=[0.0] * count, gap=1e3)
 
 
@@ -307,7 +308,7 @@ START = np.array([0.8, -0.5, 0.4]), np.array([0.2, 0.3, -0.4])
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_second_order_on_a_nonlinear_problem(scheme: str) -> None:
+def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
     model = random_model(3, seed=3, damping=0.1, force=0.5, omega=1.3)
     exact = reference(model, FREE, START, 6.0)
     steps = np.array([200, 400, 800])
@@ -326,7 +327,7 @@ def knocking() -> tuple[ReducedModel, Contacts]:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_second_order_with_lift_off(scheme: str) -> None:
+def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
     """A contact that opens within a step leaves the order: the force has a kink, not a jump."""
     model, contacts = knocking()
     exact = reference(model, contacts, START, 6.0)
@@ -354,7 +355,7 @@ def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
     return integrate(model, contacts, settings, None, dimension=2, start=(np.zeros(2), np.zeros(2)))
 
 
-def test_a_contact_too_stiff_for_the_step_does_not_ring() -> None:
+def test_contact_too_stiff_for_the_step_does_not_ring() -> None:
     """Its force is that of a body that rests on it, not of a spring that bounces from step to
     step."""
     motion = dropped(200, 1e8)
@@ -370,7 +371,7 @@ def test_a_contact_too_stiff_for_the_step_does_not_ring() -> None:
     assert motion.damping_dissipation[-1] > 0.0  # the impact
 
 
-def test_a_contact_that_the_step_resolves_is_left_as_it_is() -> None:
+def test_contact_resolved_by_the_step_loses_no_energy() -> None:
     """What the lean takes falls with a high power of the step."""
     lost = [dropped(steps, 50.0).damping_dissipation[-1] for steps in (400, 800, 1600)]
     assert lost[0] < 1e-3 * dropped(400, 50.0).kinetic.max()
@@ -392,10 +393,10 @@ PERIOD = 2 * np.pi / 1.1
 
 @pytest.mark.parametrize("settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}])
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_compiled_loop_is_the_plain_one(scheme: str, settings: dict[str, Any]) -> None:
+def test_compiled_loop_equals_plain_python(scheme: str, settings: dict[str, Any]) -> None:
     """Compiled, in plain Python, and in plain Python on a model in numpy."""
     model, contacts = rubbing()
-    time = Time(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
+    time = Time.of(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
     fast = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
     assert {OPEN, SLIP, STICK} == set(fast.state.ravel())
     for slow in (
@@ -430,7 +431,7 @@ def test_compiled_loop_is_the_plain_one(scheme: str, settings: dict[str, Any]) -
 
 def ledger(scheme: str, steps: int) -> float:
     model, contacts = rubbing()
-    time = Time(
+    time = Time.of(
         scheme=scheme, periods=2, steady_tolerance=0.0, steps_per_period=steps, spectral_radius=0.8
     )
     motion = integrate(model, contacts, time, PERIOD, dimension=2)
@@ -450,22 +451,22 @@ def ledger(scheme: str, steps: int) -> float:
     return motion.relative_imbalance
 
 
-def test_ledger_of_the_discrete_gradient_closes_in_every_step() -> None:
+def test_ledger_of_discrete_gradient_closes_in_every_step() -> None:
     for steps in (12, 50):
         assert ledger("discrete-gradient", steps) < 1e-10
 
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "generalised-alpha"])
-def test_ledger_of_the_others_closes_with_the_step(scheme: str) -> None:
+def test_ledger_of_other_schemes_closes_with_the_step(scheme: str) -> None:
     steps = np.array([100, 140, 200, 280, 400, 560, 800])
     errors = [ledger(scheme, n) for n in steps]
     assert errors[-1] < 1e-3
     assert slope(1 / steps, errors) == pytest.approx(2.0, abs=0.4)
 
 
-def test_coordinates_and_their_times_are_those_of_the_last_period() -> None:
+def test_kept_coordinates_are_those_of_the_last_period() -> None:
     model, contacts = rubbing()
-    time = Time(periods=3, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
     assert motion.coordinates.shape == (41, 3)
     span = motion.last_period()
@@ -474,13 +475,13 @@ def test_coordinates_and_their_times_are_those_of_the_last_period() -> None:
     assert integrate(model, contacts, time, PERIOD, dimension=2).coordinates is None
 
 
-def test_two_contacts_are_two() -> None:
+def test_two_uncoupled_contacts_move_as_two_runs() -> None:
     """Two unconnected oscillators, each with its own contact, move as each alone does."""
     load_histories = harmonic(np.array([1.0]), np.array([2.0]), np.array([0.0]))
     stiffness = [np.array([[9.0, 2.0], [2.0, 6.0]]), np.array([[5.0, -1.0], [-1.0, 8.0]])]
     touch = [{"preload": 0.2, "friction": 0.3}, {"preload": 0.1, "friction": 0.8}]
     zero = np.zeros((2, 2))
-    time = Time(periods=2, steady_tolerance=0.0, steps_per_period=60)
+    time = Time.of(periods=2, steady_tolerance=0.0, steps_per_period=60)
     pair = np.block([[stiffness[0], zero], [zero, stiffness[1]]])
     model = linear_model(
         np.eye(4), pair, loads=np.ones(4), load_histories=load_histories, masters=4
@@ -513,13 +514,13 @@ def test_two_contacts_are_two() -> None:
 
 def test_adaptive_step_meets_its_tolerance() -> None:
     model, contacts = rubbing()
-    fine = Time(periods=2, steady_tolerance=0.0, steps_per_period=20_000)
+    fine = Time.of(periods=2, steady_tolerance=0.0, steps_per_period=20_000)
     exact = integrate(model, contacts, fine, PERIOD, dimension=2)
     size = np.abs(exact.displacement).max()
     tolerances = np.array([1e-2, 1e-3, 1e-4, 1e-5])
     errors, steps = [], []
     for tolerance in tolerances:
-        time = Time(periods=2, steady_tolerance=0.0, tolerance=tolerance)
+        time = Time.of(periods=2, steady_tolerance=0.0, tolerance=tolerance)
         motion = integrate(model, contacts, time, PERIOD, dimension=2)
         at = np.array(
             [np.interp(motion.time, exact.time, column) for column in exact.displacement[:, 0].T]
@@ -548,9 +549,9 @@ def brittle(broken: float) -> DenseModel:
 
 
 @pytest.mark.parametrize("settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}])
-def test_failure_says_when_and_where_and_keeps_the_motion(settings: dict[str, Any]) -> None:
+def test_failed_step_reports_time_and_state_and_keeps_the_motion(settings: dict[str, Any]) -> None:
     _, contacts = rubbing()
-    time = Time(periods=3, steady_tolerance=0.0, **settings)
+    time = Time.of(periods=3, steady_tolerance=0.0, **settings)
     whole = integrate(
         brittle(np.inf), contacts, time, PERIOD, dimension=2, keep_coordinates=True, start=AT_REST
     )
@@ -573,7 +574,7 @@ def test_failure_says_when_and_where_and_keeps_the_motion(settings: dict[str, An
     )
 
 
-def test_a_rejected_step_leaves_no_trace() -> None:
+def test_rejected_step_leaves_no_trace() -> None:
     """A force that fails now and then: what follows is what smaller steps from the start would have
     given."""
     _, contacts = rubbing()
@@ -601,19 +602,19 @@ def test_a_rejected_step_leaves_no_trace() -> None:
     assert np.abs(end(motion) - end(smooth)).max() < 2e-2 * np.abs(smooth.displacement).max()
 
 
-def test_a_run_of_a_duration_ends_on_it() -> None:
+def test_run_of_a_duration_ends_on_it() -> None:
     model, contacts = rubbing()
-    for settings in (Time(duration=1.0, step=0.3), Time(duration=1.0, tolerance=1e-3)):
+    for settings in (Time.of(duration=1.0, step=0.3), Time.of(duration=1.0, tolerance=1e-3)):
         motion = integrate(model, contacts, settings, None, dimension=2)
         assert motion.time[-1] == pytest.approx(1.0, abs=1e-12)
         assert motion.period is None and not motion.steady and motion.periods == 0
         assert motion.last_period() == slice(0, motion.time.size)
 
 
-def test_progress_is_told_after_each_period() -> None:
+def test_progress_is_called_after_each_period() -> None:
     model, contacts = rubbing()
     told: list[tuple[float, float]] = []
-    time = Time(periods=3, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     integrate(
         model,
         contacts,
@@ -626,13 +627,43 @@ def test_progress_is_told_after_each_period() -> None:
     assert all(change > 0 for _, change in told)
 
 
+def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
+    model, contacts = rubbing()
+    answers = iter([False, True])
+    time = Time(periods=5, steady_tolerance=0.0, steps_per_period=40)
+    with pytest.raises(Interrupted) as stopped:
+        integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: next(answers))
+    partial = stopped.value.partial
+    assert partial.periods == 2 and partial.steps == 80 and not partial.steady
+    whole = integrate(model, contacts, time, PERIOD, dimension=2)
+    np.testing.assert_array_equal(partial.displacement, whole.displacement[:81])
+    # from its end the run continues as if it had not been stopped
+    rest = integrate(model, contacts, time, PERIOD, dimension=2, resume=partial.end)
+    np.testing.assert_array_equal(rest.displacement[-120:], whole.displacement[-120:])
+
+
+def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
+    model, contacts = rubbing()
+    time = Time(duration=50.0, step=0.01)
+    with pytest.raises(Interrupted) as stopped:
+        integrate(model, contacts, time, None, dimension=2, stop=lambda: True)
+    assert stopped.value.partial.steps == 4096
+
+
+def test_stop_is_not_asked_at_the_end_of_a_run() -> None:
+    model, contacts = rubbing()
+    time = Time(periods=1, steady_tolerance=0.0, steps_per_period=40)
+    motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)
+    assert motion.periods == 1
+
+
 def test_unknown_scheme_is_refused() -> None:
     model, contacts = rubbing()
-    with pytest.raises(ValueError, match="scheme 'euler': allowed are"):
+    with pytest.raises(ValueError, match="scheme 'euler'"):
         integrate(
             model,
             contacts,
-            replace(Time(duration=1.0, step=0.1), scheme="euler"),
+            replace(Time.of(duration=1.0, step=0.1), scheme="euler"),
             None,
             dimension=2,
         )

@@ -16,6 +16,7 @@ from support import (
     free_unknowns,
     make_solid,
     random_polynomial,
+    scene_of,
 )
 
 from fenicsrom.online.polynomial import (
@@ -139,7 +140,7 @@ def test_parts_of_the_model(bent3d: Any) -> None:
     np.testing.assert_allclose(
         model.mass, bent3d.mass_inner(basis.vectors, basis.vectors), rtol=1e-12
     )
-    shake, push = bent3d.scene.loads
+    shake, push = bent3d.loads
     for time in (0.0, 0.01):
         full = bent3d.load_vectors @ [shake.force * np.sin(2 * np.pi * 30.0 * time), push.force]
         np.testing.assert_allclose(model.load(time), basis.vectors.T @ full, rtol=1e-10)
@@ -188,7 +189,7 @@ def test_all_unknowns_as_a_basis_give_the_full_model(nonlinear: bool) -> None:
     identity[order, range(len(order))] = 1.0
     basis = ReducedBasis("rubin", identity, tuple(map(str, order)), 2, {}, 1.0)
     one, other = (
-        simulate(model, solid.scene)
+        simulate(model, scene_of(solid))
         for model in (project(solid, basis, nonlinear), FullModel(solid))
     )
     assert one.steps == other.steps == 120

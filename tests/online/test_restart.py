@@ -29,7 +29,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.state import Checkpoint
 from fenicsrom.online.surfaces import Contacts
-from fenicsrom.post import results
+from fenicsrom.post.summary import write_checkpoint
 from fenicsrom.scene import Scene, Time
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -116,7 +116,7 @@ def assert_continued(motion: Motion, whole: Motion) -> None:
 
 def _state(motion: Motion) -> list[Any]:
     state = motion.end.state
-    return [*state._replace(touch=0.0, trial=0.0), *state.touch]
+    return [*state._replace(contact=0.0, trial=0.0), *state.contact]
 
 
 @pytest.mark.parametrize("surface", ["plane", "casing"])
@@ -131,7 +131,7 @@ def test_three_periods_and_four_are_seven(
 ) -> None:
     model, contacts = rubbing(surface)
     radius = 0.8 if scheme == "generalised-alpha" else None
-    wanted = Time(
+    wanted = Time.of(
         scheme=scheme, periods=7, steady_tolerance=0.0, spectral_radius=radius, **settings
     )
     path = tmp_path / "checkpoint.npz"
@@ -151,7 +151,7 @@ def test_three_periods_and_four_are_seven(
     # another motion
     first = replace(wanted, periods=3)
     short = integrate(model, contacts, first, PERIOD, dimension=2)
-    assert results.write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
+    assert write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
     longer = integrate(
         model, contacts, wanted, PERIOD, dimension=2, resume=load_checkpoint(path, model, scene)
     )
@@ -163,7 +163,7 @@ def test_three_periods_and_four_are_seven(
 )
 def test_a_run_of_a_duration_goes_on(settings: dict[str, Any], tmp_path: Path) -> None:
     model, contacts = rubbing("casing")
-    wanted = Time(scheme="discrete-gradient", duration=60.0, **settings)
+    wanted = Time.of(scheme="discrete-gradient", duration=60.0, **settings)
     scene = replace(scene_of(wanted), loads=())
     whole = integrate(model, contacts, wanted, None, dimension=2)
     path = tmp_path / "checkpoint.npz"
@@ -206,7 +206,7 @@ def test_the_full_model_goes_on_too() -> None:
 def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
     """A checkpoint after two periods of three."""
     model, contacts = rubbing("plane")
-    settings = Time(periods=3, steady_tolerance=0.0, steps_per_period=20)
+    settings = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=20)
     scene, path = scene_of(settings), tmp_path / "checkpoint.npz"
     stopped(
         model, contacts, settings, PERIOD, 2, lambda here: save_checkpoint(path, model, scene, here)
@@ -222,7 +222,7 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
     )  # those are the scene's
     for name in ("mass", "loads", "contact_rows", "probe"):
         other = model._replace(**{name: np.nextafter(getattr(model, name), 9.0)})
-        with pytest.raises(SceneError, match="is a checkpoint of another reduced model"):
+        with pytest.raises(SceneError, match="another reduced model wrote this checkpoint"):
             load_checkpoint(path, other, scene)
     changes = {
         "friction=0.4": "contacts",
@@ -239,15 +239,15 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
             other = replace(other, time=scene.time)
         else:
             name = key.split(".")[1]
-            other = replace(other, time=replace(scene.time, **{name: getattr(other.time, name)}))
+            other = replace(other, time=scene.time.changed(**{name: getattr(other.time, name)}))
         with pytest.raises(
             SceneError,
-            match=f"checkpoint.npz: {key} is another than that of the run: only when it ends",
+            match=f"checkpoint.npz: {key} differs from the scene of the run; a run",
         ):
             load_checkpoint(path, model, other)
     for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
         load_checkpoint(path, model, replace(scene, time=replace(scene.time, **ends)))
-    with pytest.raises(SceneError, match=r"time.periods = 2: the run has come there already"):
+    with pytest.raises(SceneError, match=r"time.periods = 2: the run already reached period 2"):
         load_checkpoint(path, model, replace(scene, time=replace(scene.time, periods=2)))
 
 
@@ -341,8 +341,8 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         for name, array in found.items():
             np.testing.assert_array_equal(array, whole[name][-len(array) :], err_msg=name)
     wrong = {
-        "time.periods = 3: the run has come there already": [*stored, *resume],
-        "contacts is another than that of the run": [
+        "time.periods = 3: the run already reached period": [*stored, *resume],
+        "contacts differs from the scene of the run": [
             *stored,
             *resume,
             *long,
@@ -359,7 +359,7 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_terminated_runs_leave_a_checkpoint(tmp_path: Path) -> None:
     """A long run that is stopped from outside goes on, to the same end."""
     pytest.importorskip("dolfinx")
-    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.EVERY = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
+    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.INTERVAL = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
     long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]
     run = subprocess.Popen(
         [

@@ -136,7 +136,7 @@ def test_a_basis_that_does_not_hold_it_is_refused() -> None:
     assert (
         found.buckled > 1
         and found.verdict == stability.REFUSED
-        and "basis is too poor" in found.why
+        and "basis is too small" in found.why
     )
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from support import enriched
 
-from fenicsrom.errors import AccuracyError
+from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.reduction.basis import DEPENDENCE, build_basis
 
 Array = NDArray[np.float64]
@@ -76,10 +76,9 @@ def test_dependent_vectors_are_dropped_and_named() -> None:
 
 
 def test_masters_that_do_not_fit_the_rows_are_refused() -> None:
-    with pytest.raises(
-        AccuracyError, match="the rubin basis lost its structure: contact rows off by"
-    ):
+    with pytest.raises(AccuracyError) as caught:
         make(np.random.default_rng(2).standard_normal((N, 1)), ["1V"], 1.001 * MASTERS)
+    assert caught.value.kind is ErrorKind.BASIS
 
 
 def test_no_contact_and_no_enrichment() -> None:
@@ -98,7 +97,7 @@ def test_no_contact_and_no_enrichment() -> None:
 def test_basis_of_a_solid(name: str, method: str, request: pytest.FixtureRequest) -> None:
     solid = request.getfixturevalue(name)
     modes, theta, basis = enriched(solid, method, 2)
-    m, d = basis.masters, solid.scene.geometry.dimension
+    m, d = basis.masters, solid.dimension
     assert m == d and basis.labels[: m + 2] == (*(f"{k + 1}S" for k in range(d)), "1V", "2V")
     np.testing.assert_allclose(solid.contact_rows @ basis.vectors, np.eye(m, basis.size), atol=1e-9)
     gram = solid.mass_inner(basis.vectors, basis.vectors)

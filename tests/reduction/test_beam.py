@@ -12,7 +12,7 @@ from scipy.linalg import eigh, expm
 from scipy.optimize import brentq, root
 
 from fenicsrom.errors import SceneError
-from fenicsrom.reduction.beam import TimoshenkoBeam, _assemble, timoshenko
+from fenicsrom.reduction.timoshenko import TimoshenkoBeam, _assemble, timoshenko
 from fenicsrom.scene import BeamSection, Material
 
 Array = NDArray[np.float64]
@@ -335,7 +335,7 @@ def test_places() -> None:
         59,
     )
     for node, component in ((0, 1), (21, 0), (5, 3)):
-        with pytest.raises(IndexError, match="nodes are 1 to 20"):
+        with pytest.raises(IndexError, match="nodes must be 1 to 20"):
             beam.unknown(node, component)
 
 
@@ -345,7 +345,7 @@ def test_places() -> None:
 )
 def test_load_between_nodes_is_refused(load_at: float, allowed: str) -> None:
     with pytest.raises(
-        SceneError, match=rf"reference\.beam_section\.load_at: .* nearest allowed: {allowed}$"
+        SceneError, match=rf"reference\.beam_section\.load_at = .* nearest is at {allowed}$"
     ):
         timoshenko(replace(PAPER, load_at=load_at), STEEL, False)
 

@@ -14,6 +14,7 @@ pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import SceneError
 from fenicsrom.reduction.modes import PAIR_TOLERANCE, component_modes
+from fenicsrom.scene import Basis
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ def matrices(solid: Any) -> tuple[NDArray[np.int64], Array, Array, Array]:
 @pytest.mark.parametrize("method", METHODS)
 def test_normal_modes_against_dense_eigenvectors(body: Any, method: str) -> None:
     keep, k, m, b = matrices(body)
-    found = component_modes(body, method, 5)
+    found = component_modes(body, Basis(method=method, modes=5))
     z = scipy.linalg.null_space(b.T) if method == "craig-bampton" else np.eye(keep.size)
     squares, vectors = scipy.linalg.eigh(z.T @ k @ z, z.T @ m @ z)
     np.testing.assert_allclose(found.omega**2, squares[:5], rtol=1e-8)
@@ -71,7 +72,7 @@ def test_normal_modes_against_dense_eigenvectors(body: Any, method: str) -> None
 
 @pytest.mark.parametrize("method", METHODS)
 def test_normal_modes_are_orthogonal(beam3d: Any, method: str) -> None:
-    found = component_modes(beam3d, method, 6)
+    found = component_modes(beam3d, Basis(method=method, modes=6))
     np.testing.assert_allclose(beam3d.mass_inner(found.normal, found.normal), np.eye(6), atol=1e-9)
     stiffness = beam3d.inner(found.normal, beam3d.stiffness_times(found.normal))
     scale = np.outer(found.omega, found.omega)
@@ -79,13 +80,17 @@ def test_normal_modes_are_orthogonal(beam3d: Any, method: str) -> None:
 
 
 def test_first_frequency_of_the_paper(beam2d: Any, beam3d: Any) -> None:
-    assert component_modes(beam2d, "rubin", 1).frequencies_hz[0] == pytest.approx(3.2800, rel=2e-4)
-    assert component_modes(beam3d, "rubin", 1).frequencies_hz[0] == pytest.approx(3.2867, rel=2e-4)
+    assert component_modes(beam2d, Basis(method="rubin", modes=1)).frequencies_hz[
+        0
+    ] == pytest.approx(3.2800, rel=2e-4)
+    assert component_modes(beam3d, Basis(method="rubin", modes=1)).frequencies_hz[
+        0
+    ] == pytest.approx(3.2867, rel=2e-4)
 
 
 def test_constraint_modes_of_a_node(stocky: Any) -> None:
     keep, k, _, b = matrices(stocky)
-    found = component_modes(stocky, "craig-bampton", 1).static[keep]
+    found = component_modes(stocky, Basis(method="craig-bampton", modes=1)).static[keep]
     masters = np.argmax(b, axis=0)
     slaves = np.setdiff1d(np.arange(keep.size), masters)
     assert np.array_equal(b[masters], np.eye(2))
@@ -96,7 +101,7 @@ def test_constraint_modes_of_a_node(stocky: Any) -> None:
 
 def test_constraint_modes_hold_the_others_and_are_loaded_at_the_contact_only(body: Any) -> None:
     keep, k, _, b = matrices(body)
-    found = component_modes(body, "craig-bampton", 0).static[keep]
+    found = component_modes(body, Basis(method="craig-bampton", modes=0)).static[keep]
     np.testing.assert_allclose(b.T @ found, np.eye(b.shape[1]), atol=1e-8)
     forces = k @ found
     beside = forces - b @ np.linalg.lstsq(b, forces, rcond=None)[0]
@@ -113,18 +118,21 @@ def test_residual_flexibility_is_the_sum_over_the_modes_left_out(body: Any, coun
     )
     left = vectors[:, count:]
     expected = left @ ((left.T @ b) / squares[count:, None])
-    found = component_modes(body, "rubin", count)
+    found = component_modes(body, Basis(method="rubin", modes=count))
     all_of_it = np.abs(vectors @ ((vectors.T @ b) / squares[:, None])).max()
     np.testing.assert_allclose(found.static[keep], expected, rtol=0, atol=1e-8 * all_of_it)
     # and from G the masters are those of Craig-Bampton
     np.testing.assert_allclose(
-        found.masters, component_modes(body, "craig-bampton", 0).static, atol=1e-7
+        found.masters,
+        component_modes(body, Basis(method="craig-bampton", modes=0)).static,
+        atol=1e-7,
     )
 
 
 def test_residual_flexibility_loses_its_condition_as_modes_are_added(stocky: Any) -> None:
     conditions = [
-        component_modes(stocky, "rubin", count).flexibility_condition for count in (0, 10, 30)
+        component_modes(stocky, Basis(method="rubin", modes=count)).flexibility_condition
+        for count in (0, 10, 30)
     ]
     assert conditions[0] < 10
     assert all(condition >= 1.0 for condition in conditions)
@@ -139,7 +147,7 @@ def test_pairs_of_the_square_section_face_the_load(cells: str, angle: float) -> 
         beam_scene(3, (f"geometry.cells='{cells}'", "contacts.0.at='mean'"), loads=[load])
     )
     for method in METHODS:
-        found = component_modes(solid, method, 4)
+        found = component_modes(solid, Basis(method=method, modes=4))
         for pair in (0, 2):
             apart = found.omega[pair + 1] / found.omega[pair] - 1
             # tetrahedra are stiffer across one diagonal than the other
@@ -152,7 +160,9 @@ def test_pairs_of_the_square_section_face_the_load(cells: str, angle: float) -> 
 
 
 def test_a_pair_cut_by_the_number_of_modes_faces_the_load_too(beam3d: Any) -> None:
-    one, two = (component_modes(beam3d, "rubin", count).normal for count in (1, 2))
+    one, two = (
+        component_modes(beam3d, Basis(method="rubin", modes=count)).normal for count in (1, 2)
+    )
     assert one.shape[1] == 1
     np.testing.assert_allclose(one[:, 0], two[:, 0], atol=1e-6 * np.abs(one).max())
     twist = beam3d.load_vectors[:, 0] @ two
@@ -161,7 +171,7 @@ def test_a_pair_cut_by_the_number_of_modes_faces_the_load_too(beam3d: Any) -> No
 
 @pytest.mark.parametrize("method", METHODS)
 def test_signs_do_positive_work_with_the_load(beam2d: Any, method: str) -> None:
-    found = component_modes(beam2d, method, 6)
+    found = component_modes(beam2d, Basis(method=method, modes=6))
     work = beam2d.load_vectors[:, 0] @ found.normal
     moved = np.abs(work) > 1e-6 * np.abs(work).max()
     assert moved.sum() >= 4
@@ -169,7 +179,7 @@ def test_signs_do_positive_work_with_the_load(beam2d: Any, method: str) -> None:
 
 
 def test_no_modes_and_too_many(stocky: Any) -> None:
-    none = component_modes(stocky, "craig-bampton", 0)
+    none = component_modes(stocky, Basis(method="craig-bampton", modes=0))
     assert (
         none.normal.shape == (stocky.local, 0)
         and none.omega.size == 0
@@ -179,14 +189,14 @@ def test_no_modes_and_too_many(stocky: Any) -> None:
     with pytest.raises(
         SceneError, match=f"basis.modes = {free + 1}: must be at most {free}, the number of free"
     ):
-        component_modes(stocky, "rubin", free + 1)
+        component_modes(stocky, Basis(method="rubin", modes=free + 1))
     with pytest.raises(SceneError, match=f"must be at most {free - 2}"):
-        component_modes(stocky, "craig-bampton", free)
+        component_modes(stocky, Basis(method="craig-bampton", modes=free))
 
 
 def test_without_contact_there_are_only_normal_modes() -> None:
     solid = make_solid(beam_scene(2, STOCKY, contacts=None))
-    found = component_modes(solid, "rubin", 2)
+    found = component_modes(solid, Basis(method="rubin", modes=2))
     assert (
         found.labels == ("1V", "2V")
         and found.static.shape[1] == 0

@@ -1,4 +1,4 @@
-"""Scenes: every demo is one, every mistake gets its sentence, nothing else ever comes out."""
+"""Scenes: every demo is read, every mistake has its kind and key, no other error occurs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,21 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import (
     BeamSection,
+    Harmonic,
+    Load,
     Material,
     Place,
     Scene,
     Time,
+    json_schema,
+    make_scene,
     override_table,
     parse_scene,
     read_scene,
+    reference,
     scene_table,
 )
 from fenicsrom.scene.paths import shared_meshes
@@ -94,40 +99,35 @@ def parse(text: str, *overrides: str, folder: Path | None = None) -> Scene:
     return parse_scene(table, "s.toml", folder)
 
 
-def refused(text: str, *overrides: str, folder: Path | None = None) -> str:
+def refused(text: str, *overrides: str, folder: Path | None = None) -> tuple[ErrorKind, str]:
+    """The kind and the key of the error; its message is one line that names file and key."""
     with pytest.raises(SceneError) as caught:
         parse(text, *overrides, folder=folder)
-    return str(caught.value)
+    error = caught.value
+    assert str(error).startswith(f"s.toml: {error.key} ") and str(error).isprintable()
+    assert error.source == "s.toml"
+    return error.kind, error.key
 
 
 # What is read
 
 
-def test_an_engine_order_is_a_multiple_of_the_speed() -> None:
-    gyroscopic_matrix = (
+def test_engine_order_gives_multiple_of_speed() -> None:
+    turning = (
         RUBBING.replace("frequency = ", "engine_order = 3 #")
         + "\n[rotation]\nspeed_rpm = -1200.0\n"
     )
-    scene = parse(gyroscopic_matrix)
+    scene = parse(turning)
     assert scene.loads[0].frequency == 60.0 and scene.period == 1.0 / 60.0
     assert parse_scene(scene_table(scene), scene.source, None).loads == scene.loads
-    still = gyroscopic_matrix.replace("-1200.0", "0.0")
-    for text in (RUBBING.replace("frequency = ", "engine_order = 3 #"), still):
-        assert (
-            refused(text)
-            == "s.toml: loads[0].engine_order = 3: must not be given in a scene that does not turn"
-        )
-    both = (
-        RUBBING.replace("frequency = ", "engine_order = 3\nfrequency = ")
-        + "\n[rotation]\nspeed_rpm = 1200.0\n"
-    )
-    assert (
-        refused(both)
-        == "s.toml: loads[0].engine_order = 3: must not be given together with frequency"
-    )
+    no_rotation = RUBBING.replace("frequency = ", "engine_order = 3 #")
+    for text in (no_rotation, turning.replace("-1200.0", "0.0")):
+        assert refused(text) == (ErrorKind.CONFLICT, "loads[0].engine_order")
+    both = turning.replace("engine_order", "frequency = 2.0\nengine_order")
+    assert refused(both) == (ErrorKind.CONFLICT, "loads[0].engine_order")
 
 
-def test_the_demos_are_the_papers_cases() -> None:
+def test_demos_match_the_cases_of_the_paper() -> None:
     assert {path.stem for path in DEMOS} >= set(PAPER)
     scenes = {path.stem: read_scene(path) for path in DEMOS if path.stem in PAPER}
     # name: force, frequency, preload, full model asked for
@@ -152,7 +152,7 @@ def test_the_demos_are_the_papers_cases() -> None:
         assert scene.material == Material(
             young=207e9, poisson=0.28, density=7801.0, mass_damping=5.0
         )
-        assert (load.force, load.frequency, load.place) == (
+        assert (load.size, load.frequency, load.place) == (
             force,
             frequency,
             Place(group="load", at="centre"),
@@ -181,7 +181,7 @@ def test_the_demos_are_the_papers_cases() -> None:
 
 
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
-def test_the_linear_variant_of_a_demo_is_one_key(path: Path) -> None:
+def test_linear_variant_of_demo_changes_one_key(path: Path) -> None:
     linear = read_scene(path, ["geometrically_nonlinear=false"])
     assert linear == dataclasses.replace(read_scene(path), geometrically_nonlinear=False)
 
@@ -195,10 +195,12 @@ def test_defaults_are_filled_in() -> None:
         "stress",
     )
     assert scene.geometry.curved is False and scene.material.mass_damping == 0.0
-    assert scene.loads[0].place == Place(group="load", at="mean") and scene.loads[0].phase == 0.0
+    assert scene.loads[0].place == Place(group="load", at="mean") and scene.loads[
+        0
+    ].history == Harmonic(frequency=3.2)
     assert scene.contacts[0].gap == 0.0 and scene.probe is None
     assert (scene.basis.differentiation, scene.basis.elastic_force) == ("exact", "polynomial")
-    assert scene.time == Time(
+    assert scene.time == Time.of(
         scheme="discrete-gradient",
         steps_per_period=200,
         periods=100,
@@ -210,7 +212,7 @@ def test_defaults_are_filled_in() -> None:
         True,
         False,
     )
-    assert isinstance(scene.loads[0].force, float) and isinstance(
+    assert isinstance(scene.loads[0].size, float) and isinstance(
         scene.geometry.parameters["length"], float
     )
 
@@ -221,7 +223,7 @@ def test_defaults_are_filled_in() -> None:
         None,
     )
     assert decay.period is None and decay.probe == Place(node=(1.0, 0.0, 0.0))
-    assert decay.time == Time(
+    assert decay.time == Time.of(
         scheme="generalised-alpha", spectral_radius=0.8, duration=1.0, step=1e-3
     )
     assert decay.reference.beam == BeamSection(
@@ -230,7 +232,7 @@ def test_defaults_are_filled_in() -> None:
     assert parse(DECAY, "reference.beam=false").reference.beam is None
 
 
-def test_a_tolerance_replaces_the_steps_per_period() -> None:
+def test_tolerance_replaces_steps_per_period() -> None:
     time = parse(RUBBING, "time.tolerance=1e-4").time
     assert (time.tolerance, time.steps_per_period) == (1e-4, None)
 
@@ -245,7 +247,7 @@ def test_vectors_are_scaled_to_unit_length() -> None:
         ].normal == pytest.approx((math.sqrt(0.5), -math.sqrt(0.5)), rel=1e-15)
 
 
-def test_a_unit_vector_is_left_alone_to_the_bit() -> None:
+def test_unit_vector_is_unchanged_to_the_bit() -> None:
     once = (
         parse(RUBBING, "contacts.0.normal=[1, 24]").contacts[0].normal
     )  # dividing again changes the last bit
@@ -260,24 +262,19 @@ def test_the_period_is_that_of_the_lowest_frequency() -> None:
     assert scene.period == 1 / 3.2
     harmonic = parse(RUBBING, f'loads=[{first}, {{group="tip", direction=[1,0], force=5.0}}]')
     assert harmonic.period == 1 / 9.6 and harmonic.loads[1].frequency is None
-    sentence = refused(
-        RUBBING, f'loads=[{first}, {{group="tip", direction=[1,0], force=1, frequency=3.3}}]'
-    )
-    assert (
-        sentence
-        == "s.toml: loads[0].frequency = 9.6: must be an integer multiple of the lowest frequency, 3.3"
-    )
+    other = f'loads=[{first}, {{group="tip", direction=[1,0], force=1, frequency=3.3}}]'
+    assert refused(RUBBING, other) == (ErrorKind.CONFLICT, "loads[0].frequency")
 
 
 @pytest.mark.parametrize(
     ("label", "same"),
     [("1V1S", "1V1S"), ("1S1V", "1V1S"), ("2V1V", "1V2V"), ("1S3V", "3V1S"), ("2S1S", "1S2S")],
 )
-def test_a_derivative_has_one_label(label: str, same: str) -> None:
+def test_derivative_has_one_label(label: str, same: str) -> None:
     assert parse(RUBBING, f'basis.derivatives=["{label}"]').basis.derivatives == (same,)
 
 
-def test_the_mesh_is_looked_for_beside_the_scene_first(tmp_path: Path) -> None:
+def test_mesh_beside_the_scene_comes_first(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(RUBBING)
     assert (
         read_scene(tmp_path / "s.toml").geometry.mesh == (shared_meshes() / "beam2d.geo").resolve()
@@ -287,7 +284,7 @@ def test_the_mesh_is_looked_for_beside_the_scene_first(tmp_path: Path) -> None:
     assert parse(RUBBING, folder=None).geometry.mesh == Path("beam2d.geo")
 
 
-def test_a_file_may_start_with_a_byte_order_mark(tmp_path: Path) -> None:
+def test_byte_order_mark_is_accepted(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(RUBBING, encoding="utf-8-sig")
     assert read_scene(tmp_path / "s.toml").material.poisson == 0.28
 
@@ -308,310 +305,360 @@ def test_overrides_replace_values_and_make_tables() -> None:
     )
     assert table == before
     scene = parse_scene(changed, "s.toml", None)
-    assert (scene.loads[0].force, scene.contacts[0].friction) == (200.0, 0.2)
+    assert (scene.loads[0].size, scene.contacts[0].friction) == (200.0, 0.2)
     assert (scene.time.scheme, scene.title) == ("average-acceleration", "a=b")
     assert scene.geometry.parameters == {"length": 3.0}
 
 
 @pytest.mark.parametrize(
-    ("override", "sentence"),
+    "override",
     [
-        ("force", "must be a key, = and a value"),
-        ("=1", "must be a key, = and a value"),
-        ("loads..force=1", "must be a key, = and a value"),
-        ("basis.method=rubin", "the value must be as TOML writes it, text in quotes"),
-        ("title=", "the value must be as TOML writes it, text in quotes"),
-        ("title=" + 5000 * "9", "the value must be as TOML writes it, text in quotes"),
-        ("title=1\nbasis=2", "the value must be as TOML writes it, text in quotes"),
-        ("loads.1.force=1", "loads has no entry 1: the only one is 0"),
-        ("loads.force=1", "loads has no entry force: the only one is 0"),
-        ("material.young.mean=1", "material.young is not a table"),
+        "force",
+        "=1",
+        "loads..force=1",
+        "basis.method=rubin",
+        "title=",
+        "title=" + 5000 * "9",
+        "title=1\nbasis=2",
+        "loads.1.force=1",
+        "loads.force=1",
+        "material.young.mean=1",
+        "a" + 50_000 * ".a" + "=1",
     ],
 )
-def test_overrides_that_are_refused(override: str, sentence: str) -> None:
-    shown = json.dumps(override)
-    shown = shown if len(shown) <= 60 else shown[:59] + "…"
-    assert refused(RUBBING, override) == f"s.toml: override {shown}: {sentence}"
+def test_override_without_place_or_value_is_refused(override: str) -> None:
+    with pytest.raises(SceneError) as caught:
+        parse(RUBBING, override)
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.FORMAT, override)
+    assert str(caught.value).startswith("s.toml: override ")
+
+
+def test_override_of_time_removes_what_it_excludes() -> None:
+    assert parse(DECAY, "time.tolerance=1e-3").time == Time.of(
+        scheme="generalised-alpha", spectral_radius=0.8, duration=1.0, tolerance=1e-3
+    )
+    steps = parse(RUBBING, "time={periods=7, tolerance=0.1}", "time.steps_per_period=100").time
+    assert (steps.periods, steps.steps_per_period, steps.tolerance) == (7, 100, None)
 
 
 # What is refused
 
 
 @pytest.mark.parametrize(
-    ("override", "sentence"),
+    ("override", "kind", "key"),
     [
         # unknown keys
-        ("materal={}", "materal = {}: unknown key, did you mean material?"),
-        ("material.yung=1.0", "material.yung = 1.0: unknown key, did you mean young?"),
+        ("materal={}", ErrorKind.UNKNOWN_KEY, "materal"),
+        ("material.yung=1.0", ErrorKind.UNKNOWN_KEY, "material.yung"),
         (
             "contacts.0.frction=0.3",
-            "contacts[0].frction = 0.3: unknown key, did you mean friction?",
+            ErrorKind.UNKNOWN_KEY,
+            "contacts[0].frction",
         ),
         (
             "loads.0.qq=1",
-            "loads[0].qq = 1: unknown key, known here are group, box, plane, node, nearest, at, direction, "
-            "force, traction, pressure, acceleration, frequency, engine_order, phase, harmonics, sweep, pulse, "
-            "table",
+            ErrorKind.UNKNOWN_KEY,
+            "loads[0].qq",
         ),
         (
             'source="x"',
-            'source = "x": unknown key, known here are title, geometrically_nonlinear, geometry, material, '
-            "supports, loads, contacts, rotation, probe, basis, time, reference, output, compare, campbell",
+            ErrorKind.UNKNOWN_KEY,
+            "source",
         ),
         # types
-        ('material.young="207e9"', 'material.young = "207e9": must be a finite number above 0'),
-        ("material.young=true", "material.young = true: must be a finite number above 0"),
-        ("basis.modes=3.0", "basis.modes = 3.0: must be an integer from 0 to 1000"),
-        ("basis.modes=true", "basis.modes = true: must be an integer from 0 to 1000"),
-        ("output.pictures=1", "output.pictures = 1: must be true or false"),
-        ("title=1979-05-27", 'title = "1979-05-27": must be a text in quotes'),
-        ("geometry.dimension=2.0", "geometry.dimension = 2.0: must be 2 or 3"),
-        ("geometry.degree=true", "geometry.degree = true: must be 1 or 2"),
-        ("geometry=3", "geometry = 3: must be a table"),
-        ("geometry.parameters=3", "geometry.parameters = 3: must be a table of numbers"),
+        ('material.young="207e9"', ErrorKind.TYPE, "material.young"),
+        ("material.young=true", ErrorKind.TYPE, "material.young"),
+        ("basis.modes=3.0", ErrorKind.TYPE, "basis.modes"),
+        ("basis.modes=true", ErrorKind.TYPE, "basis.modes"),
+        ("output.pictures=1", ErrorKind.TYPE, "output.pictures"),
+        ("title=1979-05-27", ErrorKind.TYPE, "title"),
+        ("geometry.dimension=2.0", ErrorKind.TYPE, "geometry.dimension"),
+        ("geometry.degree=true", ErrorKind.TYPE, "geometry.degree"),
+        ("geometry=3", ErrorKind.TYPE, "geometry"),
+        ("geometry.parameters=3", ErrorKind.TYPE, "geometry.parameters"),
         (
             'loads={group="x"}',
-            'loads = {"group": "x"}: must be a list of tables, each headed [[loads]]',
+            ErrorKind.TYPE,
+            "loads",
         ),
-        ("loads=[1]", "loads[0] = 1: must be a table"),
-        ("supports.0.group=7", "supports[0].group = 7: must be a name in quotes"),
-        ('supports.0.group=" "', 'supports[0].group = " ": must be a name in quotes'),
+        ("loads=[1]", ErrorKind.TYPE, "loads[0]"),
+        ("supports.0.group=7", ErrorKind.TYPE, "supports[0].group"),
+        ('supports.0.group=" "', ErrorKind.RANGE, "supports[0].group"),
         # not a number, infinite, too large for a float
-        ("material.density=nan", "material.density = NaN: must be a finite number above 0"),
-        ("loads.0.force=inf", "loads[0].force = Infinity: must be a finite number"),
-        ("loads.0.force=-inf", "loads[0].force = -Infinity: must be a finite number"),
+        ("material.density=nan", ErrorKind.RANGE, "material.density"),
+        ("loads.0.force=inf", ErrorKind.RANGE, "loads[0].force"),
+        ("loads.0.force=-inf", ErrorKind.RANGE, "loads[0].force"),
         (
             "contacts.0.normal=[nan, 1]",
-            "contacts[0].normal = [NaN, 1]: must be a list of as many finite numbers as the "
-            "dimension",
+            ErrorKind.TYPE,
+            "contacts[0].normal",
         ),
         (
             "geometry.parameters.length=nan",
-            "geometry.parameters.length = NaN: must be a finite number",
+            ErrorKind.RANGE,
+            "geometry.parameters.length",
         ),
         (
             "loads.0.force=0x" + 300 * "f",
-            "loads[0].force = " + str(16**300 - 1)[:59] + "…: must be a finite number",
+            ErrorKind.RANGE,
+            "loads[0].force",
         ),
-        ("loads.0.force=0x" + 9999 * "f", "loads[0].force = (int): must be a finite number"),
+        ("loads.0.force=0x" + 9999 * "f", ErrorKind.RANGE, "loads[0].force"),
         # ranges
-        ("material.young=0", "material.young = 0: must be a finite number above 0"),
+        ("material.young=0", ErrorKind.RANGE, "material.young"),
         (
             "material.poisson=0.5",
-            "material.poisson = 0.5: must be a finite number of at least 0 and below 0.5",
+            ErrorKind.RANGE,
+            "material.poisson",
         ),
         (
             "material.poisson=-0.1",
-            "material.poisson = -0.1: must be a finite number of at least 0 and below 0.5",
+            ErrorKind.RANGE,
+            "material.poisson",
         ),
         (
             "material.mass_damping=-1",
-            "material.mass_damping = -1: must be a finite number of at least 0",
+            ErrorKind.RANGE,
+            "material.mass_damping",
         ),
         (
             "contacts.0.normal_stiffness=-1",
-            "contacts[0].normal_stiffness = -1: must be a finite number above 0",
+            ErrorKind.RANGE,
+            "contacts[0].normal_stiffness",
         ),
         (
             "contacts.0.tangential_stiffness=0",
-            "contacts[0].tangential_stiffness = 0: must be a finite number above 0",
+            ErrorKind.RANGE,
+            "contacts[0].tangential_stiffness",
         ),
         (
             "contacts.0.friction=-0.1",
-            "contacts[0].friction = -0.1: must be a finite number of at least 0",
+            ErrorKind.RANGE,
+            "contacts[0].friction",
         ),
         (
             "contacts.0.preload=-1",
-            "contacts[0].preload = -1: must be a finite number of at least 0",
+            ErrorKind.RANGE,
+            "contacts[0].preload",
         ),
-        ("contacts.0.gap=-1", "contacts[0].gap = -1: must be a finite number of at least 0"),
-        ("loads.0.frequency=0", "loads[0].frequency = 0: must be a finite number above 0"),
-        ("basis.modes=-1", "basis.modes = -1: must be an integer from 0 to 1000"),
+        ("contacts.0.gap=-1", ErrorKind.RANGE, "contacts[0].gap"),
+        ("loads.0.frequency=0", ErrorKind.RANGE, "loads[0].frequency"),
+        ("basis.modes=-1", ErrorKind.RANGE, "basis.modes"),
         (
             "basis.threshold=1.5",
-            "basis.threshold = 1.5: must be a finite number of at least 0 and of at most 1",
+            ErrorKind.RANGE,
+            "basis.threshold",
         ),
         (
             "time.steps_per_period=3",
-            "time.steps_per_period = 3: must be an integer from 4 to 1000000",
+            ErrorKind.RANGE,
+            "time.steps_per_period",
         ),
-        ("geometry.thickness=0.0", "geometry.thickness = 0.0: must be a finite number above 0"),
+        ("geometry.thickness=0.0", ErrorKind.RANGE, "geometry.thickness"),
         # choices
-        ('basis.method="macneal"', 'basis.method = "macneal": must be "rubin" or "craig-bampton"'),
+        ('basis.method="macneal"', ErrorKind.RANGE, "basis.method"),
         (
             'time.scheme="euler"',
-            'time.scheme = "euler": must be "average-acceleration" or "generalised-alpha" or '
-            '"discrete-gradient"',
+            ErrorKind.RANGE,
+            "time.scheme",
         ),
-        ('loads.0.at="edge"', 'loads[0].at = "edge": must be "mean" or "centre" or "nodes"'),
+        ('loads.0.at="edge"', ErrorKind.RANGE, "loads[0].at"),
         # vectors
         (
             "contacts.0.normal=[0.0, 0]",
-            "contacts[0].normal = [0.0, 0]: must have a length above zero",
+            ErrorKind.RANGE,
+            "contacts[0].normal",
         ),
         (
             "loads.0.direction=[0, 0, 0]",
-            "loads[0].direction = [0, 0, 0]: must have a length above zero",
+            ErrorKind.RANGE,
+            "loads[0].direction",
         ),
         (
             "loads.0.direction=[0, 0, 1]",
-            "loads[0].direction = [0.0, 0.0, 1.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT,
+            "loads[0].direction",
         ),
         (
             "contacts.0.normal=[0, 1, 0]",
-            "contacts[0].normal = [0.0, 1.0, 0.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT,
+            "contacts[0].normal",
         ),
         (
             "probe.node=[0, 1, 0]",
-            "probe.node = [0.0, 1.0, 0.0]: must have 2 components, as geometry.dimension says",
+            ErrorKind.CONFLICT,
+            "probe.node",
         ),
         (
             "loads.0.direction=[1]",
-            "loads[0].direction = [1]: must be a list of as many finite numbers as the dimension",
+            ErrorKind.TYPE,
+            "loads[0].direction",
         ),
         (
             "loads.0.direction=1",
-            "loads[0].direction = 1: must be a list of as many finite numbers as the dimension",
+            ErrorKind.TYPE,
+            "loads[0].direction",
         ),
         # places
         (
             "loads.0.node=[1, 0]",
-            "loads[0].node = [1.0, 0.0]: must not be given together with group",
+            ErrorKind.CONFLICT,
+            "loads[0].node",
         ),
-        ("probe={}", "probe.group is missing: must be given, or node, nearest, box or plane"),
+        ("probe={}", ErrorKind.MISSING, "probe.group"),
         (
             'probe={node=[1, 0], at="centre"}',
-            'probe.at = "centre": must not be given together with node',
+            ErrorKind.CONFLICT,
+            "probe.at",
         ),
         (
             "supports=[]",
-            "supports = []: must be a list of at least one table, each headed [[supports]]",
+            ErrorKind.TYPE,
+            "supports",
         ),
         # geometry
-        ('geometry.mesh=""', 'geometry.mesh = "": must be a name in quotes'),
+        ('geometry.mesh=""', ErrorKind.RANGE, "geometry.mesh"),
         (
             "geometry.dimension=3",
-            "geometry.thickness = 0.01: must not be given in three dimensions",
+            ErrorKind.CONFLICT,
+            "geometry.thickness",
         ),
         (
             'geometry.mesh="a.msh"',
-            'geometry.parameters = {"length": 1.0}: must not be given unless mesh is a .geo file',
+            ErrorKind.CONFLICT,
+            "geometry.parameters",
         ),
         (
             "geometry.parameters.structured=1",
-            "geometry.parameters.structured = 1.0: must be set by geometry.cells",
+            ErrorKind.CONFLICT,
+            "geometry.parameters.structured",
         ),
         (
             'geometry.parameters={"a;b"=1}',
-            "geometry.parameters.a;b = 1: a parameter's name must be of letters, digits "
-            "and underscores",
+            ErrorKind.RANGE,
+            "geometry.parameters.a;b",
         ),
         # derivatives
         (
             'basis.derivatives="some"',
-            'basis.derivatives = "some": must be "none", "all", "mmi", "mmi-nls" or a list of '
-            'labels such as "1V1S"',
+            ErrorKind.RANGE,
+            "basis.derivatives",
         ),
         *(
             (
                 f"basis.derivatives=[{json.dumps(label)}]",
-                f"basis.derivatives[0] = {json.dumps(label)}: must be two modes "
-                'such as "1V1V" or "1V2S", counted from 1, V normal and S static',
+                ErrorKind.RANGE if isinstance(label, str) else ErrorKind.TYPE,
+                "basis.derivatives[0]",
             )
             for label in ("1V", "1X1V", "V1V1", "0V1V", "1V1V1V", " 1V1V", "1v1v", "1V1V\n", 11)
         ),
         (
             'basis.derivatives=["1V4V"]',
-            'basis.derivatives[0] = "1V4V": must be of the 3 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT,
+            "basis.derivatives[0]",
         ),
         (
             'basis.derivatives=["1V3S"]',
-            'basis.derivatives[0] = "1V3S": must be of the 3 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT,
+            "basis.derivatives[0]",
         ),
         (
             'basis={modes=0, derivatives=["1S1S", "1V1S"]}',
-            'basis.derivatives[1] = "1V1S": must be of the 0 normal (V) and 2 static (S) modes',
+            ErrorKind.CONFLICT,
+            "basis.derivatives[1]",
         ),
         (
             'basis.derivatives=["1V1S", "1S1V"]',
-            'basis.derivatives[1] = "1S1V": must not name the same derivative twice',
+            ErrorKind.RANGE,
+            "basis.derivatives[1]",
         ),
         # time
         (
             "time={tolerance=1e-4, steps_per_period=100}",
-            "time.tolerance = 0.0001: must not be given together with steps_per_period",
+            ErrorKind.CONFLICT,
+            "time.tolerance",
         ),
         (
             "time.duration=1.0",
-            "time.duration = 1.0: must not be given with a harmonic load: use periods",
+            ErrorKind.CONFLICT,
+            "time.duration",
         ),
         (
             "time.step=1.0",
-            "time.step = 1.0: must not be given with a harmonic load: use steps_per_period",
+            ErrorKind.CONFLICT,
+            "time.step",
         ),
         (
             "time.spectral_radius=0.5",
-            'time.spectral_radius = 0.5: must not be given unless scheme is "generalised-alpha"',
+            ErrorKind.CONFLICT,
+            "time.spectral_radius",
         ),
         # reference
         (
             "reference.beam=true",
-            "reference.beam_section is missing: must be a table, as beam = true asks for it",
+            ErrorKind.MISSING,
+            "reference.beam_section",
         ),
         (
             "reference.beam_section={}",
-            "reference.beam_section.length is missing: must be a finite number above 0",
+            ErrorKind.MISSING,
+            "reference.beam_section.length",
         ),
     ],
 )
-def test_a_mistake_gets_its_sentence(override: str, sentence: str) -> None:
-    assert refused(RUBBING, override) == f"s.toml: {sentence}"
+def test_mistake_in_harmonic_scene_names_kind_and_key(
+    override: str, kind: ErrorKind, key: str
+) -> None:
+    assert refused(RUBBING, override) == (kind, key)
 
 
 @pytest.mark.parametrize(
-    ("override", "sentence"),
+    ("override", "kind", "key"),
     [
         (
             'geometry.plane="stress"',
-            'geometry.plane = "stress": must not be given in three dimensions',
+            ErrorKind.CONFLICT,
+            "geometry.plane",
         ),
         (
             'geometry.cells="simplex"',
-            'geometry.cells = "simplex": must not be given unless mesh is a .geo file',
+            ErrorKind.CONFLICT,
+            "geometry.cells",
         ),
-        ("loads.0.phase=1.0", "loads[0].phase = 1.0: must not be given without frequency"),
-        ("loads=[]", "probe is missing: must be a table in a scene with neither contact nor load"),
-        ("basis.modes=0", "basis.modes = 0: must be at least 1 in a scene without contact"),
+        ("loads.0.phase=1.0", ErrorKind.CONFLICT, "loads[0].phase"),
+        ("loads=[]", ErrorKind.MISSING, "probe"),
+        ("basis.modes=0", ErrorKind.CONFLICT, "basis.modes"),
         (
             'basis.derivatives=["1S1V"]',
-            'basis.derivatives[0] = "1V1S": must be of the 3 normal (V) and 0 static (S) modes',
+            ErrorKind.CONFLICT,
+            "basis.derivatives[0]",
         ),
         (
             "time={step=1.0}",
-            "time.duration is missing: must be a number above 0, as no load has a frequency",
+            ErrorKind.MISSING,
+            "time.duration",
         ),
         (
             "time={duration=1.0}",
-            "time.step is missing: must be a number above 0, or tolerance be given, as no load has "
-            "a frequency",
+            ErrorKind.MISSING,
+            "time.step",
         ),
-        ("time.tolerance=0.1", "time.tolerance = 0.1: must not be given together with step"),
-        ("time.step=2.0", "time.step = 2.0: must be at most the duration of 1"),
-        ("time.periods=10", "time.periods = 10: must not be given unless a load has a frequency"),
+        ("time.step=2.0", ErrorKind.CONFLICT, "time.step"),
+        ("time.periods=10", ErrorKind.CONFLICT, "time.periods"),
         (
             "time.steps_per_period=10",
-            "time.steps_per_period = 10: must not be given unless a load has a frequency",
+            ErrorKind.CONFLICT,
+            "time.steps_per_period",
         ),
         (
             "time.steady_tolerance=0",
-            "time.steady_tolerance = 0.0: must not be given unless a load has a frequency",
+            ErrorKind.CONFLICT,
+            "time.steady_tolerance",
         ),
     ],
 )
-def test_a_mistake_in_a_decay_gets_its_sentence(override: str, sentence: str) -> None:
-    assert refused(DECAY, override) == f"s.toml: {sentence}"
+def test_mistake_in_decay_names_kind_and_key(override: str, kind: ErrorKind, key: str) -> None:
+    assert refused(DECAY, override) == (kind, key)
 
 
 CASING = RUBBING.replace(
@@ -620,156 +667,173 @@ CASING = RUBBING.replace(
 
 
 @pytest.mark.parametrize(
-    ("text", "override", "sentence"),
+    ("text", "override", "kind", "key"),
     [
         # surfaces
         (
             CASING,
             "contacts.0.normal=[1.0, 0.0]",
-            "contacts[0].normal = [1.0, 0.0]: must not be given together with surface",
+            ErrorKind.CONFLICT,
+            "contacts[0].normal",
         ),
         (
             CASING,
             'contacts.0.surface.kind="plane"',
-            'contacts[0].surface.kind = "plane": must be "cylinder" or "sphere"',
+            ErrorKind.RANGE,
+            "contacts[0].surface.kind",
         ),
         (
             CASING,
             'contacts.0.surface.kind="sphere"',
-            'contacts[0].surface.kind = "sphere": must be "cylinder" in two dimensions',
+            ErrorKind.CONFLICT,
+            "contacts[0].surface.kind",
         ),
         (
             CASING,
             "contacts.0.surface.axis=[0, 1]",
-            "contacts[0].surface.axis = [0.0, 1.0]: must not be given but of a cylinder "
-            "in three dimensions",
+            ErrorKind.CONFLICT,
+            "contacts[0].surface.axis",
         ),
         (
             CASING,
             "contacts.0.surface.point=[0, 0, 0]",
-            "contacts[0].surface.point = [0.0, 0.0, 0.0]: must have 2 components, as "
-            "geometry.dimension says",
+            ErrorKind.CONFLICT,
+            "contacts[0].surface.point",
         ),
         (
             CASING,
             "contacts.0.surface.radius=0",
-            "contacts[0].surface.radius = 0: must be a finite number above 0",
+            ErrorKind.RANGE,
+            "contacts[0].surface.radius",
         ),
         (
             CASING,
             "contacts.0={surface={kind='cylinder', point=[0, 0], radius=1.0}, gap=1e-3, group='tip', friction=0.1, "
             "normal_stiffness=1, tangential_stiffness=1}",
-            "contacts[0].gap = 0.001: must not be given together with surface.radius, from which it follows",
+            ErrorKind.CONFLICT,
+            "contacts[0].gap",
         ),
         (
             CASING,
             "contacts.0.surface.inside=1",
-            "contacts[0].surface.inside = 1: must be true or false",
+            ErrorKind.TYPE,
+            "contacts[0].surface.inside",
         ),
         (
             CASING,
             'contacts.0.surface.spin="fast"',
-            'contacts[0].surface.spin = "fast": must be a finite number',
+            ErrorKind.TYPE,
+            "contacts[0].surface.spin",
         ),
         (
             CASING,
             "contacts.0.surface.waves=[[2, 1e-4]]",
-            "contacts[0].surface.waves[0] = [2, 0.0001]: must be [order, height, "
-            "phase], finite numbers",
+            ErrorKind.TYPE,
+            "contacts[0].surface.waves[0]",
         ),
         (
             CASING,
             "contacts.0.surface.waves=[[1.5, 1e-4, 0]]",
-            "contacts[0].surface.waves[0] = 1.5: must be of an integer order of at least 1",
+            ErrorKind.RANGE,
+            "contacts[0].surface.waves[0]",
         ),
         (
             CASING,
             "contacts.0.surface.raduis=1",
-            "contacts[0].surface.raduis = 1: unknown key, did you mean radius?",
+            ErrorKind.UNKNOWN_KEY,
+            "contacts[0].surface.raduis",
         ),
         (
             RUBBING,
             "contacts.0={group='tip', friction=0.1, normal_stiffness=1, tangential_stiffness=1}",
-            "contacts[0].normal is missing: must be given, or a surface",
+            ErrorKind.MISSING,
+            "contacts[0].normal",
         ),
         # approach
         (
             RUBBING,
             "contacts.0.approach=1e-3",
-            "contacts[0].approach = 0.001: must be a list of [time, distance], finite numbers",
+            ErrorKind.TYPE,
+            "contacts[0].approach",
         ),
         (
             RUBBING,
             "contacts.0.approach=[[0, 0, 0]]",
-            "contacts[0].approach[0] = [0, 0, 0]: must be [time, distance], finite numbers",
+            ErrorKind.TYPE,
+            "contacts[0].approach[0]",
         ),
         (
             RUBBING,
             "contacts.0.approach=[[0, 0], [0, 1e-3]]",
-            "contacts[0].approach = [0.0, 0.0]: must have times that increase",
+            ErrorKind.RANGE,
+            "contacts[0].approach",
         ),
         # nodes
         (
             RUBBING,
             'loads.0.at="nodes"',
-            'loads[0].at = "nodes": must be "mean" or "centre", but of a contact',
+            ErrorKind.CONFLICT,
+            "loads[0].at",
         ),
         (
             RUBBING,
             'probe={group="tip", at="nodes"}',
-            'probe.at = "nodes": must be "mean" or "centre", but of a contact',
+            ErrorKind.CONFLICT,
+            "probe.at",
         ),
         (
             RUBBING,
             'contacts.0={node=[1, 0], at="nodes", normal=[1, 0], friction=0, normal_stiffness=1, tangential_stiffness=1}',
-            'contacts[0].at = "nodes": must not be given together with node',
+            ErrorKind.CONFLICT,
+            "contacts[0].at",
         ),
         # masters
         (
             RUBBING,
             'basis.masters="tangents"',
-            'basis.masters = "tangents": must be "all", "normal" or an integer from 1 to 1000',
+            ErrorKind.RANGE,
+            "basis.masters",
         ),
         (
             RUBBING,
             "basis.masters=0",
-            'basis.masters = 0: must be "all", "normal" or an integer from 1 to 1000',
+            ErrorKind.RANGE,
+            "basis.masters",
         ),
         (
             RUBBING,
             "basis={masters='normal', derivatives=['1V2S']}",
-            'basis.derivatives[0] = "1V2S": must be of the 3 normal (V) and 1 static (S) modes',
+            ErrorKind.CONFLICT,
+            "basis.derivatives[0]",
         ),
         (
             DECAY,
             "basis.masters=3",
-            "basis.masters = 3: must not be given in a scene without contact",
+            ErrorKind.CONFLICT,
+            "basis.masters",
         ),
     ],
 )
-def test_a_mistake_about_a_surface_gets_its_sentence(
-    text: str, override: str, sentence: str
+def test_mistake_about_surface_names_kind_and_key(
+    text: str, override: str, kind: ErrorKind, key: str
 ) -> None:
-    assert refused(text, override) == f"s.toml: {sentence}"
+    assert refused(text, override) == (kind, key)
 
 
-def test_three_dimensions_want_the_axis_of_a_cylinder() -> None:
+def test_cylinder_in_3d_needs_axis_and_sphere_has_no_waves() -> None:
     solid = {"mesh": "beam3d.geo", "dimension": 3}
     table: Any = tomllib.loads(CASING) | {"geometry": solid}
     table["loads"][0]["direction"] = [0.0, 1.0, 0.0]
-    table["contacts"][0]["surface"] = {"kind": "cylinder", "point": [0.0, 0.0, 0.0]}
-    with pytest.raises(
-        SceneError,
-        match=r"surface\.axis is missing: must be given of a cylinder in three dimensions",
+    surface = {"point": [0.0, 0.0, 0.0]}
+    for more, kind, name in (
+        ({"kind": "cylinder"}, ErrorKind.MISSING, "axis"),
+        ({"kind": "sphere", "waves": [[2, 1e-4, 0.0]]}, ErrorKind.CONFLICT, "waves"),
+        ({"kind": "sphere", "spin": 1.0}, ErrorKind.CONFLICT, "spin"),
     ):
-        parse_scene(table, "s.toml", None)
-    sphere = {"kind": "sphere", "point": [0.0, 0.0, 0.0]}
-    for name, value in (("waves", [[2, 1e-4, 0.0]]), ("spin", 1.0)):
-        table["contacts"][0]["surface"] = sphere | {name: value}
-        with pytest.raises(
-            SceneError, match=rf"contacts\[0\]\.surface\.{name} = .*: must not be given of a sphere"
-        ):
+        table["contacts"][0]["surface"] = surface | more
+        with pytest.raises(SceneError) as caught:
             parse_scene(table, "s.toml", None)
+        assert (caught.value.kind, caught.value.key) == (kind, f"contacts[0].surface.{name}")
 
 
 REQUIRED = [
@@ -787,7 +851,7 @@ REQUIRED = [
 
 
 @pytest.mark.parametrize("key", REQUIRED)
-def test_a_required_key_is_missed(key: str) -> None:
+def test_missing_required_key_is_named(key: str) -> None:
     table: Any = tomllib.loads(RUBBING)
     *way, last = [int(name) if name.isdigit() else name for name in key.split(".")]
     branch = table
@@ -795,53 +859,125 @@ def test_a_required_key_is_missed(key: str) -> None:
         branch = branch[name]
     del branch[last]
     shown = key.replace(".0", "[0]")
-    with pytest.raises(SceneError, match=r"^s\.toml: ") as caught:
+    with pytest.raises(SceneError) as caught:
         parse_scene(table, "s.toml", None)
-    assert str(caught.value).startswith(f"s.toml: {shown} is missing: must be ")
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.MISSING, shown)
 
 
-def test_a_missing_mesh_names_the_folders(tmp_path: Path) -> None:
-    sentence = refused(RUBBING, 'geometry.mesh="none.geo"', folder=tmp_path)
-    assert (
-        sentence
-        == f's.toml: geometry.mesh = "none.geo": must be a file in {tmp_path} or {shared_meshes()}'
-    )
-    sentence = refused(RUBBING, 'geometry.mesh="/none.geo"', folder=tmp_path)
-    assert sentence == 's.toml: geometry.mesh = "/none.geo": must be an existing file'
-    assert "must be a file in" in refused(
-        RUBBING, f'geometry.mesh="{"x" * 5000}.geo"', folder=tmp_path
-    )
+def test_missing_mesh_names_the_folders(tmp_path: Path) -> None:
+    for name in ("none.geo", "/none.geo", f"{'x' * 5000}.geo"):
+        with pytest.raises(SceneError) as caught:
+            parse(RUBBING, f'geometry.mesh="{name}"', folder=tmp_path)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.FILE, "geometry.mesh")
+        assert (str(tmp_path) in str(caught.value)) != name.startswith("/")
 
 
-def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    def sentence(path: Path) -> str:
+def test_unreadable_file_is_refused(tmp_path: Path) -> None:
+    def kind(path: Path) -> ErrorKind:
         with pytest.raises(SceneError) as caught:
             read_scene(path)
-        return str(caught.value)
+        assert str(caught.value).startswith(f"{path}: ") and str(caught.value).isprintable()
+        return caught.value.kind
 
     scene = tmp_path / "s.toml"
-    assert sentence(scene) == f"{scene}: cannot be read: No such file or directory"
-    assert sentence(tmp_path) == f"{tmp_path}: cannot be read: Is a directory"
-    for content, part in (
-        (b"[geometry]\nmesh = \n", "at line 2"),
-        (b"\xff\xfe", "is not TOML: "),
-        (b"x = " + 5000 * b"[", "is not TOML: "),
-        (b"x = " + 5000 * b"9", "is not TOML: "),
-        (50 * b"a." + b"a = 1", "unknown key"),
-        (
-            5000 * b"a." + b"a = 1",
-            "",
-        ),  # an unknown key, or nested too deeply: as deep as Python's parser goes
+    assert kind(scene) == kind(tmp_path) == ErrorKind.FILE
+    for content, expected in (
+        (b"[geometry]\nmesh = \n", ErrorKind.FORMAT),
+        (b"\xff\xfe", ErrorKind.FORMAT),
+        (b"x = " + 5000 * b"[", ErrorKind.FORMAT),
+        (b"x = " + 5000 * b"9", ErrorKind.FORMAT),
+        (50 * b"a." + b"a = 1", ErrorKind.UNKNOWN_KEY),
+        (100_000 * b"a." + b"a = 1", ErrorKind.FORMAT),  # Python's parser would take a minute
+        (b"[" + 100_000 * b"a." + b"a]", ErrorKind.FORMAT),
     ):
         scene.write_bytes(content)
-        assert sentence(scene).startswith(f"{scene}: ") and part in sentence(scene)
-        assert "\n" not in sentence(scene)
+        assert kind(scene) == expected
+
+
+def test_control_characters_do_not_reach_the_message() -> None:
+    for override in (r'title=["\u001b[31m"]', '"a\x1b"=1', r'basis.method="\u001b]0;x\u0007"'):
+        with pytest.raises(SceneError) as caught:
+            parse(RUBBING, override)
+        assert str(caught.value).isprintable()
+
+
+# Alternatives
+
+
+def test_load_keys_choose_action_and_history() -> None:
+    load = Load.of(group="tip", direction=[0, 2], force=3, frequency=2.0, phase=0.5)
+    assert (load.kind, load.size, load.direction) == ("force", 3.0, (0.0, 1.0))
+    assert load.history == Harmonic(frequency=2.0, phase=0.5)
+    assert load.changed(pulse={"duration": 0.4}).quarter_period == 0.1
+    series = load.changed(harmonics=[[3, 1.0, 0.0]])
+    assert series.quarter_period == 0.25 / 6.0
+    assert series.changed(frequency=1.0).quarter_period == 0.25 / 3.0  # the harmonics stay
+    with pytest.raises(SceneError) as caught:
+        Load.of(group="tip", pressure=1.0, direction=[0, 1])
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "direction")
+
+
+def test_zero_phase_of_old_files_is_ignored() -> None:
+    assert parse(RUBBING, "loads.0.phase=0.0").loads == parse(RUBBING).loads
+    assert parse(DECAY, "loads.0.phase=0.0").loads == parse(DECAY).loads
+
+
+def test_scene_made_in_python_equals_scene_from_file() -> None:
+    table = tomllib.loads(RUBBING) | {"geometry": {"mesh": "beam3d.geo", "dimension": 3}}
+    table["loads"][0]["direction"] = table["contacts"][0]["normal"] = [0.0, 1.0, 0.0]
+    expected = parse_scene(table, "scene", Path())
+    made: dict[str, Any] = {
+        "loads": [Load.of(**table["loads"][0])],
+        "time": Time.of(periods=100, steps_per_period=200),
+        "material": expected.material,
+    }
+    assert make_scene(**(table | made)) == expected
+    made["material"] = dataclasses.replace(expected.material, young=-1.0)
+    with pytest.raises(SceneError) as caught:
+        make_scene(**(table | made))
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, "material.young")
+
+
+# JSON schema and reference
+
+
+@pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
+def test_demo_is_valid_under_the_json_schema(path: Path) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    validator = jsonschema.Draft202012Validator(json_schema())
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    validator.validate(table)
+    table["material"]["yung"] = 1.0
+    assert not validator.is_valid(table)
+
+
+def test_json_schema_describes_every_key() -> None:
+    def check(schema: Any) -> int:
+        properties = schema.get("properties", {})
+        count = len(properties)
+        for entry in properties.values():
+            assert entry["description"] and not entry["description"].startswith("[")
+            for inner in (entry, entry.get("items", {}), *entry.get("oneOf", [])):
+                count += check(inner)
+        return count
+
+    schema = json_schema()
+    assert check(schema) > 100
+    json.dumps(schema, allow_nan=False)
+    load = schema["properties"]["loads"]["items"]["properties"]
+    assert {"force", "engine_order", "pulse", "group"} <= set(load)
+
+
+def test_reference_of_keys_in_the_page_is_current() -> None:
+    page = (Path(__file__).parents[2] / "demos" / "README.md").read_text(encoding="utf-8")
+    assert reference.replaced(page) == page
+    assert "| `steps_per_period` |" in page
 
 
 # Whatever comes in, a scene or one sentence comes out
 
 
-def scene_or_sentence(table: Any) -> Scene | None:
+def scene_or_error(table: Any) -> Scene | None:
     try:
         scene = parse_scene(table, "s.toml", None)
     except SceneError as error:
@@ -954,19 +1090,19 @@ def mutants(draw: st.DrawFn) -> Any:
 
 @examples(400)
 @given(mutants())
-def test_a_mutated_table_gives_a_scene_or_a_sentence(table: Any) -> None:
-    scene_or_sentence(table)
+def test_mutated_table_gives_scene_or_error(table: Any) -> None:
+    scene_or_error(table)
 
 
 @examples(100)
 @given(VALUES)
-def test_any_data_give_a_scene_or_a_sentence(table: Any) -> None:
-    scene_or_sentence(table)
+def test_any_data_give_scene_or_error(table: Any) -> None:
+    scene_or_error(table)
 
 
 @examples(200)
 @given(st.data())
-def test_any_text_gives_a_scene_or_a_sentence(
+def test_any_text_gives_scene_or_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     text = data.draw(st.sampled_from([RUBBING, DECAY]))
@@ -988,9 +1124,9 @@ def test_any_text_gives_a_scene_or_a_sentence(
     st.text(max_size=20)
     | st.builds("{}={}".format, st.text("loads.[0]forceab", max_size=15), st.text(max_size=5))
 )
-def test_any_override_gives_a_scene_or_a_sentence(override: str) -> None:
+def test_any_override_gives_scene_or_error(override: str) -> None:
     try:
-        scene_or_sentence(override_table(tomllib.loads(RUBBING), [override], "s.toml"))
+        scene_or_error(override_table(tomllib.loads(RUBBING), [override], "s.toml"))
     except SceneError as error:
         assert str(error).startswith("s.toml: override ") and str(error).isprintable()
 
@@ -1002,7 +1138,7 @@ def test_any_override_gives_a_scene_or_a_sentence(override: str) -> None:
 def test_directions_have_unit_length_and_survive_the_round_trip(vector: list[float]) -> None:
     table = tomllib.loads(RUBBING)
     table["contacts"][0]["normal"] = vector
-    scene = scene_or_sentence(table)
+    scene = scene_or_error(table)
     assert scene is not None
     (normal,) = (contact.normal for contact in scene.contacts)
     assert abs(math.hypot(*normal) - 1.0) <= 1e-14
@@ -1013,12 +1149,12 @@ def test_directions_have_unit_length_and_survive_the_round_trip(vector: list[flo
 
 
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
-def test_a_demo_survives_the_round_trip(path: Path) -> None:
+def test_demo_survives_round_trip(path: Path) -> None:
     scene = read_scene(path)
     assert parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, HERE) == scene
 
 
-def test_a_scene_cannot_be_changed() -> None:
+def test_scene_is_immutable() -> None:
     scene = parse(RUBBING)
     with pytest.raises(dataclasses.FrozenInstanceError):
         scene.material.young = 1.0  # type: ignore[misc]

@@ -1,0 +1,101 @@
+"""The residual indicator: the error of a basis without a run of the full model.
+
+At some steps of the steady state the balance of the full model's own time step is evaluated at the
+reduced motion, with its contact forces. The residual r is zero where the basis contains the full
+motion. It is measured by its work on the linear structure, relative to that of the amplitude p of
+the loads,
+
+    indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
+
+the energy norm of the displacement that belongs to the residual. It has no unit. Neither the mesh
+nor the mix of stiff axial and soft transverse forces changes its meaning, as they change that of
+the plain norm |r|/|p|. The plain norm is kept beside it, to compare how well both rank the bases.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.full import full_model
+from fenicsrom.online.load_histories import largest
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.scheme import scheme
+from fenicsrom.online.state import no_state
+from fenicsrom.online.step import step_coefficients, write_residual
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
+
+INSTANTS = 16  # steps of the last period at which the residual is taken
+
+
+def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> Array:
+    """Residuals of the full model's time step along the last period of a reduced motion.
+
+    Args:
+        body: the solid or the beam.
+        vectors: (local, n) the basis R.
+        motion: the reduced motion, with the coordinates of its last period.
+        scene: of the motion.
+
+    Returns:
+        (local, k) residuals at `INSTANTS` steps, N.
+    """
+    model = full_model(body)
+    plan = scheme(scene.time.scheme, model, scene.time.spectral_radius or 0.0)
+    assert motion.coordinates is not None and motion.coordinate_time is not None
+    assert motion.velocity is not None and motion.acceleration is not None
+    time, count = motion.coordinate_time, motion.coordinate_time.size
+    first = motion.time.size - count
+    state = no_state(vectors.shape[0], 0, 1)
+    trial, found = state.trial, []
+    for k in np.unique(np.linspace(0, count - 2, INSTANTS).round().astype(int)):
+        state.q[:] = vectors @ motion.coordinates[k]
+        state.v[:] = vectors @ motion.velocity[k]
+        state.a[:] = vectors @ motion.acceleration[k]
+        trial.dq[:] = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
+        coefficients = step_coefficients(plan, time[k + 1] - time[k])
+        trial.inertia_offset[:] = (
+            coefficients.inertia_v * state.v + coefficients.inertia_a * state.a
+        )
+        trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
+        trial.external_force[:] += plan.alpha_f * model.load(time[k])
+        if plan.start_weight:
+            state.elastic_force[:] = model.elastic_at(state.q)[0]
+        elastic, _ = model.elastic_over_step(
+            state.elastic_force, state.q, trial.dq, plan.start_weight, plan.points, plan.weights
+        )
+        write_residual(model, plan, state, coefficients, elastic)
+        force = motion.mean_force[first + k + 1].reshape(-1)
+        found.append(trial.residual + body.contact_rows.T @ force)
+    return np.array(found).T
+
+
+def indicators(
+    body: Structure, vectors: Array, motion: Motion, scene: Scene
+) -> tuple[float, float]:
+    """Root mean squares of the residual, relative to the amplitude of the loads.
+
+    Returns:
+        In the energy norm, and in the plain norm.
+    """
+    found = residuals(body, vectors, motion, scene)
+    varying = [not load.static for load in scene.loads]
+    loads = (
+        np.abs(body.load_vectors) @ np.where(varying, largest(body.load_histories), 0.0)[:, None]
+    )
+
+    def sizes(block: Array) -> tuple[Array, Array]:
+        total = body.comm.allreduce
+        return total(np.sum(block * body.factor.solve(block), axis=0)), total(
+            np.sum(block**2, axis=0)
+        )
+
+    (energy, plain), (load_energy, load_plain) = sizes(found), sizes(loads)
+    return float(np.sqrt(np.mean(energy) / load_energy[0])), float(
+        np.sqrt(np.mean(plain) / load_plain[0])
+    )

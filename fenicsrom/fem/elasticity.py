@@ -1,0 +1,295 @@
+"""A clamped body of St Venant-Kirchhoff material on dolfinx: forms and their assembly.
+
+With the displacement gradient ∇u, the deformation gradient F = I + ∇u, the Green-Lagrange strain
+and the second Piola-Kirchhoff stress
+
+    E = sym ∇u + ½ ∇uᵀ ∇u,    S = λ tr(E) I + 2 μ E,    (1)
+
+the internal force f, its tangent K and the derivative of the tangent along x are
+
+    v · f(u)      = ∫ (F S) : ∇v,    (2)
+    v · K w       = ∫ (∇w S + F S_w) : ∇v,                    S_w = S(sym Fᵀ ∇w),    (3)
+    v · K′[x] y   = ∫ (∇x S_y + ∇y S_x + F S_xy) : ∇v,        S_xy = S(sym ∇xᵀ ∇y),    (4)
+
+where S(E) is the stress of the strain E. Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which
+is exact for this material.
+
+Vectors are numpy arrays of the unknowns that this rank owns, zero on the clamped ones. The clamped
+rows of K are those of the identity; the clamped rows of M are zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import basix.ufl
+import dolfinx.fem.petsc
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.mesh import Mesh
+from fenicsrom.fem.rotation import RotatingFrame
+from fenicsrom.fem.supports import clamped_nodes
+from fenicsrom.scene import Geometry, Material, Region, Rotation
+
+QUADRATURE_DEGREE = 4
+"""Degree of the quadrature rule.
+
+It is exact for (2) and (3) on affine quadratic simplices. On quadratic parallelepipeds it is exact
+for the linear stiffness, and accurate to 1e-8 for the force at large displacements.
+"""
+
+CHUNK_BYTES = 200e6
+"""Memory of one chunk of tabulated gradients."""
+
+
+class ElasticBody:
+    """A clamped body, its forms and their assembly.
+
+    Attributes:
+        mesh: the mesh.
+        geometry: dimension, degree, thickness and plane state.
+        material: the material.
+        source: name of the scene file, for messages.
+        comm: the communicator.
+        space: the displacement space.
+        size: global number of unknowns, clamped ones included.
+        local: number of unknowns that this rank owns, clamped ones included.
+        free: global number of unknowns that no support clamps.
+        clamped: (c,) local numbers of the clamped unknowns that this rank owns.
+        thickness: thickness in m; 1 in 3D.
+        dx: the volume measure.
+        first_lame: λ, or λ* in plane stress, Pa.
+        shear_modulus: μ, Pa.
+        mass_form: the form of M.
+        rotation: the rotating frame, or None without rotation.
+        warnings: sentences for the user.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        geometry: Geometry,
+        material: Material,
+        supports: Sequence[Region],
+        rotation: Rotation | None,
+        source: str,
+    ):
+        """Clamp the supports and compile the forms.
+
+        Raises:
+            SceneError: a support is missing, or the supports do not hold the body.
+        """
+        self.mesh, self.geometry, self.material, self.source = mesh, geometry, material, source
+        self.comm = mesh.domain.comm
+        self.thickness = geometry.thickness or 1.0
+        self.warnings = list(mesh.warnings)
+        if geometry.degree == 1:
+            self.warnings.append(
+                "linear elements lock in bending: frequencies may be several times too high (use "
+                "geometry.degree = 2)"
+            )
+        element = basix.ufl.element(
+            "Lagrange", mesh.domain.basix_cell(), geometry.degree, shape=(geometry.dimension,)
+        )
+        self.space = fem.functionspace(mesh.domain, element)
+        dofmap = self.space.dofmap
+        bs = dofmap.index_map_bs
+        self.local = dofmap.index_map.size_local * bs
+        self.size = dofmap.index_map.size_global * bs
+        dofs = clamped_nodes(mesh, self.space, supports, source)
+        self._zero = fem.Function(self.space)
+        self._conditions = [fem.dirichletbc(self._zero, dofs)]
+        unrolled = (dofs[:, None] * bs + np.arange(bs)).reshape(-1)
+        self.clamped = unrolled[unrolled < self.local]
+        self.free = self.size - int(self.comm.allreduce(self.clamped.size))
+        self.first_lame, self.shear_modulus = lame_parameters(material, geometry.plane)
+        self._compile_forms()
+        self.rotation = self._rotating_frame(rotation)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of space, 2 or 3."""
+        return self.geometry.dimension
+
+    def _compile_forms(self) -> None:
+        """Compile the forms (2) to (4), the energy and the mass."""
+        domain, d = self.mesh.domain, self.dimension
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        self._u = fem.Function(self.space)
+        self._x, self._y = fem.Function(self.space), fem.Function(self.space)
+        self._out = fem.Function(self.space)
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        lame, mu = self.first_lame * self.thickness, self.shear_modulus * self.thickness
+
+        def stress(strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
+            return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
+
+        gradient, identity = ufl.grad(self._u), ufl.Identity(d)
+        f = identity + gradient
+        strain = ufl.sym(gradient) + 0.5 * gradient.T * gradient
+        s = stress(strain)
+        dg, dv = ufl.grad(trial), ufl.grad(test)
+        gx, gy = ufl.grad(self._x), ufl.grad(self._y)
+        sx, sy = stress(ufl.sym(f.T * gx)), stress(ufl.sym(f.T * gy))
+        sxy = stress(ufl.sym(gx.T * gy))
+        self.mass_form = fem.form(
+            self.material.density * self.thickness * ufl.inner(trial, test) * self.dx
+        )
+        self._force_form = fem.form(ufl.inner(f * s, dv) * self.dx)
+        self._weight = fem.Constant(domain, 1.0)
+        self._tangent_form = fem.form(
+            self._weight * ufl.inner(dg * s + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
+        )
+        self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self.dx)
+        self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
+
+    def _rotating_frame(self, rotation: Rotation | None) -> RotatingFrame | None:
+        """The rotating frame of the body, or None without rotation."""
+        if rotation is None:
+            return None
+        density = self.material.density * self.thickness
+        return RotatingFrame(
+            rotation,
+            self.space,
+            lambda form: density * form * self.dx,
+            lambda form: self.matrix(fem.form(form), 0.0),
+            lambda form: self._vector(fem.form(form)),
+        )
+
+    def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
+        """Assemble a bilinear form, with `diagonal` on the diagonal of the clamped rows."""
+        matrix = fem.petsc.create_matrix(form)
+        fem.petsc.assemble_matrix(matrix, form, self._conditions, diagonal)
+        matrix.assemble()
+        return matrix
+
+    def _set(self, function: fem.Function, values: Array) -> None:
+        """Set the values (local,) of a function, and its ghost values."""
+        function.x.array[: self.local] = values
+        function.x.scatter_forward()
+
+    def _vector(self, form: fem.Form) -> Array:
+        """Assemble a linear form (local,), zero on the clamped unknowns."""
+        values = self.assembled(form)
+        values[self.clamped] = 0.0
+        return values
+
+    def assembled(self, form: fem.Form) -> Array:
+        """Assemble a linear form (local,), the clamped unknowns included."""
+        self._out.x.array[:] = 0.0
+        fem.assemble_vector(self._out.x.array, form)
+        self._out.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        return self._out.x.array[: self.local].copy()
+
+    def field(self, values: Array) -> fem.Function:
+        """A displacement field with the values (local,), its ghost values up to date."""
+        function = fem.Function(self.space)
+        self._set(function, values)
+        return function
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors (local,) over all ranks."""
+        return float(self.comm.allreduce(float(np.dot(a, b))))
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """Inner products aᵀ b (k, l) over all ranks of two blocks (local, k) and (local, l)."""
+        return np.asarray(self.comm.allreduce(a.T @ b))
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement component (k,) of each column of a block, over all ranks."""
+        mine = np.max(np.abs(block), axis=0, initial=0.0)
+        return np.max(self.comm.allgather(mine), axis=0)
+
+    def translations(self) -> Array:
+        """(local, d) unit translations along the axes."""
+        return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
+        self._set(self._u, u)
+        force = self._vector(self._force_form)
+        return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
+
+    def tangent(self, u: Array, matrix: PETSc.Mat | None = None) -> PETSc.Mat:
+        """Tangent stiffness (3) at a displacement u (local,), N/m; into `matrix` if it is given."""
+        self._set(self._u, u)
+        if matrix is None:
+            matrix = self.matrix(self._tangent_form, 1.0)
+        else:
+            matrix.zeroEntries()
+            fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
+            matrix.assemble()
+        if self.rotation is not None:
+            self.rotation.add_spin_softening(matrix, 1.0)
+        return matrix
+
+    def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
+        """Add `weight` times the tangent stiffness at a displacement u (local,) to a matrix."""
+        self._set(self._u, u)
+        self._weight.value = weight
+        fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
+        # PETSc drops values added after the inserted diagonal of an unfinished assembly
+        matrix.assemble()
+        self._weight.value = 1.0
+        if self.rotation is not None:
+            self.rotation.add_spin_softening(matrix, weight)
+
+    def energy(self, u: Array) -> float:
+        """Elastic energy at a displacement u (local,) plus the centrifugal potential, J.
+
+        The centrifugal potential of the undeformed body is zero.
+        """
+        self._set(self._u, u)
+        energy = float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+        return energy if self.rotation is None else energy + self.rotation.energy(u)
+
+    def derivative_at(self, u: Array, x: Array, y: Array) -> Array:
+        """K′[x] y of (4) at a displacement u (local,), for x and y (local,): (local,)."""
+        self._set(self._u, u)
+        self._set(self._x, x)
+        self._set(self._y, y)
+        return self._vector(self._derivative_form)
+
+    def tabulate(self, fields: Array, about: Array) -> Iterator[tuple[Array, Array]]:
+        """Tabulate displacement gradients at the quadrature points, in chunks of owned cells.
+
+        Args:
+            fields: (local, n) displacement fields.
+            about: (local,) one more displacement, which comes first.
+
+        Yields:
+            Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
+        """
+        domain, d = self.mesh.domain, self.dimension
+        points, weights = basix.make_quadrature(domain.basix_cell(), QUADRATURE_DEGREE)
+        gradient = fem.Expression(ufl.grad(self._x), points)
+        volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
+        cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+        n = fields.shape[1]
+        columns = 1 + n + n * (n + 1) // 2
+        chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
+        for start in range(0, cells.size, chunk):
+            part = cells[start : start + chunk]
+            detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+            gradients = np.empty((part.size * weights.size, 1 + n, d, d))
+            for k in range(1 + n):
+                self._set(self._x, about if k == 0 else fields[:, k - 1])
+                gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            yield (self.thickness * detj * weights).reshape(-1), gradients
+
+
+def lame_parameters(material: Material, plane: str | None) -> tuple[float, float]:
+    """The Lamé parameters λ (λ* in plane stress) and μ of a material, Pa."""
+    mu = material.young / (2.0 * (1.0 + material.poisson))
+    lame = (
+        material.young
+        * material.poisson
+        / ((1.0 + material.poisson) * (1.0 - 2.0 * material.poisson))
+    )
+    if plane == "stress":
+        lame = 2.0 * lame * mu / (lame + 2.0 * mu)
+    return lame, mu

@@ -1,0 +1,162 @@
+"""Checks of the cells and facets in an open gmsh, before they become a dolfinx mesh."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.gmsh_queries import (
+    QUADRATIC,
+    Floats,
+    elements_of,
+    fits,
+    model_nodes,
+)
+from fenicsrom.scene import Geometry
+
+DEGENERATE = 1e-12
+"""Jacobian determinant, relative to the size of the cell to the power d, that counts as zero."""
+
+STRAIGHT = 1e-6
+"""Distance of a node from its place in the straight cell, relative to its size, that is accepted."""
+
+PLANAR = 1e-9
+"""Variation of z in a 2D mesh, relative to the extent, that counts as none."""
+
+
+def check_cells(
+    gmsh: Any, geometry: Geometry, solid: list[int]
+) -> tuple[int, int, tuple[str, ...]]:
+    """Check kind, shape and orientation of the cells.
+
+    Args:
+        gmsh: the open gmsh.
+        geometry: the [geometry] of the scene.
+        solid: the entities of the cells.
+
+    Returns:
+        The kind of the cells, that of the straight cell, and warnings.
+
+    Raises:
+        SceneError: the cells cannot be used.
+    """
+    source, d = str(geometry.mesh), geometry.dimension
+    types = sorted(
+        {int(kind) for entity in solid for kind in gmsh.model.mesh.getElementTypes(d, entity)}
+    )
+    properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
+    names = ", ".join(entry[0] for entry in properties)
+    if len(types) != 1:
+        raise SceneError(
+            f"{source}: cells {names or '(none)'}: must be of one type",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+    given, reference, vertices = types[0], np.reshape(properties[0][4], (-1, d)), properties[0][5]
+    kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
+    if kind is None:
+        raise SceneError(
+            f"{source}: cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+    if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
+        raise SceneError(
+            f"{source}: geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+    if geometry.curved and given != QUADRATIC[kind]:
+        curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
+        raise SceneError(
+            f"{source}: geometry.curved = true: cells must be {curved}, the file has {names}",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+
+    numbers, points = model_nodes(gmsh)
+    cells = [
+        points[np.searchsorted(numbers, elements_of(gmsh, d, [entity], given))] for entity in solid
+    ]
+    spread = np.ptp(
+        [[np.min(x, axis=(0, 1)), np.max(x, axis=(0, 1))] for x in cells if len(x)], axis=(0, 1)
+    )
+    if d == 2 and spread[2] > PLANAR * spread.max():
+        raise SceneError(
+            f"{source}: z differs by {spread[2]:g} m: must be constant where geometry.dimension = 2",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+    local = np.pad(reference, ((0, 0), (0, 3 - d)))
+    _, weights, _ = gmsh.model.mesh.getBasisFunctions(kind, local.ravel(), "Lagrange")
+    moved = 0.0
+    for x in (x[:, :, :d] for x in cells if len(x)):
+        size = np.ptp(x, axis=1).max(axis=1)
+        det = determinants(gmsh, given if geometry.curved else kind, local, x)
+        bad = np.flatnonzero((det * np.sign(det.sum())).min(axis=1) <= DEGENERATE * size**d)
+        if len(bad):
+            where = ", ".join(f"{value:.6g}" for value in x[bad[0]].mean(axis=0))
+            raise SceneError(
+                f"{source}: {len(bad)} cells are inverted or degenerate, one at ({where}): "
+                "must have a Jacobian determinant of one sign",
+                kind=ErrorKind.MESH,
+                source=source,
+            )
+        straight = np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), x[:, :vertices])
+        moved = max(moved, (np.linalg.norm(straight - x, axis=2).max(axis=1) / size).max())
+    warnings = [
+        f"{source}: {line[9:]}" for line in gmsh.logger.get() if line.startswith("Warning: ")
+    ]
+    if not geometry.curved and moved > STRAIGHT:
+        warnings.append(
+            f"{source}: curved cells are made straight, a node moves by up to {100 * moved:.2g} % of the "
+            "size of its cell: geometry.curved = true keeps the curves"
+        )
+    return given, kind, tuple(warnings)
+
+
+def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], kind: int) -> None:
+    """Check that facets have a kind that facets of the cells can have.
+
+    Raises:
+        SceneError: they have another kind.
+    """
+    for name, entities in groups.items():
+        types = {
+            int(given)
+            for entity in entities
+            for given in gmsh.model.mesh.getElementTypes(d, entity)
+        }
+        for given in sorted(types):
+            if not fits(gmsh, given, kind):
+                have, need = (
+                    gmsh.model.mesh.getElementProperties(type_)[0] for type_ in (given, kind)
+                )
+                raise SceneError(
+                    f"{source}: group {name!r} has facets {have}: must be {need} for these cells",
+                    kind=ErrorKind.MESH,
+                    source=source,
+                )
+
+
+def determinants(gmsh: Any, kind: int, local: Floats, cells: Floats) -> Floats:
+    """Jacobian determinants of cells at their own nodes.
+
+    Args:
+        gmsh: the open gmsh.
+        kind: gmsh type of the cells, with p nodes.
+        local: reference nodes, shape (at least p, 3).
+        cells: coordinates of the nodes in m, shape (c, at least p, d).
+
+    Returns:
+        Determinants, shape (c, p).
+    """
+    p, d = gmsh.model.mesh.getElementProperties(kind)[3], cells.shape[2]
+    _, gradients, _ = gmsh.model.mesh.getBasisFunctions(kind, local[:p].ravel(), "GradLagrange")
+    gradients = np.reshape(gradients, (p, p, 3))[:, :, :d]
+    parts = np.array_split(cells[:, :p], 1 + len(cells) // 10_000)
+    return np.concatenate(
+        [np.linalg.det(np.einsum("pni,cnj->cpij", gradients, part)) for part in parts]
+    )

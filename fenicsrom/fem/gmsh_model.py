@@ -1,0 +1,252 @@
+"""From the model in an open gmsh to a clean model that dolfinx can distribute.
+
+The clean model holds the solid and its facet groups only. Every cell and every facet is in exactly
+one physical group, and the nodes are numbered from 1 without gaps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.gmsh_checks import check_cells, check_facets
+from fenicsrom.fem.gmsh_queries import (
+    FACETS,
+    QUADRATIC,
+    Floats,
+    Ints,
+    add_elements,
+    boundary_facets,
+    cell_sides,
+    elements_of,
+    group_entities,
+    model_nodes,
+)
+from fenicsrom.scene import Geometry
+
+SOLID = "solid"
+"""Group of the cells that become the mesh; without a group of this name, all cells do."""
+
+CLEAN = "fenicsrom"
+"""Name of the clean model in gmsh."""
+
+COINCIDENT = 1e-9
+"""Distance of two nodes, relative to the extent of the mesh, that counts as zero."""
+
+
+@dataclass(frozen=True)
+class CleanModel:
+    """Description of a clean model, for all ranks.
+
+    Attributes:
+        groups: dimension and tags of each group by its name.
+        facets: number of facets in the file of each facet group.
+        nodes: vertices (n,) and ends of the edges (k, 2) of each node group, as node numbers from 0.
+        warnings: sentences for the user.
+    """
+
+    groups: dict[str, tuple[int, tuple[int, ...]]]
+    facets: dict[str, int]
+    nodes: dict[str, tuple[Ints, Ints]]
+    warnings: tuple[str, ...]
+
+
+def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanModel:
+    """Check the current model and add a clean model, which becomes the current one.
+
+    Args:
+        gmsh: the open gmsh; its current model has the mesh.
+        geometry: dimension, kind of the cells, whether they are curved, and unit of length; `mesh`
+            names the mesh in messages.
+        sets: node numbers of each node set.
+
+    Returns:
+        The description of the clean model.
+
+    Raises:
+        SceneError: the mesh cannot be used.
+    """
+    source, d = str(geometry.mesh), geometry.dimension
+    in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
+    if shared := {SOLID, *in_cells} & in_facets.keys():
+        raise _mesh_error(
+            source, f"group {min(shared)!r} has dimension {d - 1}: must have {d} or another name"
+        )
+    in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
+    given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
+    cell, facet = kind, FACETS[kind]
+    if geometry.curved:
+        cell, facet = QUADRATIC[cell], QUADRATIC[facet]
+    check_facets(gmsh, source, d - 1, in_facets, facet)
+
+    cells, cell_tags, groups = _combine(
+        {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
+    )
+    solid = np.isin(cell_tags, groups[SOLID])
+    cells, cell_tags = cells[solid], cell_tags[solid]
+    cell_groups = {
+        name: (d, tags) for name, tags in groups.items() if np.isin(tags, cell_tags).any()
+    }
+    used = np.unique(cells)
+    corners = np.unique(cells[:, : gmsh.model.mesh.getElementProperties(kind)[5]])
+    node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
+    rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
+    if sets:
+        on_sets = _facets_of_sets(gmsh, d, in_cells[SOLID], given, facet, FACETS[kind], sets)
+        rows = {name: on for name, on in on_sets.items() if name not in cell_groups} | rows
+    facets, facet_tags, groups = _combine(rows)
+    facet_groups = {name: (d - 1, tags) for name, tags in groups.items()}
+    sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in groups.items()}
+    near = np.isin(facets, used).all(axis=1)
+    if groups and not near.any():
+        raise _mesh_error(
+            source, f"facet groups {', '.join(groups)}: at least one facet must touch the cells"
+        )
+    numbers, points = model_nodes(gmsh)
+    points = points * geometry.scale
+    warnings += left_out
+    if apart := _coincident(points[np.searchsorted(numbers, corners)]):
+        what = f"{apart} nodes coincide with another node: the cells there are not joined"
+        warnings += (f"{source}: {what}",)
+
+    gmsh.model.add(CLEAN)
+    gmsh.model.addDiscreteEntity(d, 1)
+    gmsh.model.mesh.addNodes(
+        d, 1, np.arange(len(used)) + 1, points[np.searchsorted(numbers, used)].ravel()
+    )
+    add_elements(gmsh, d, cell, np.searchsorted(used, cells) + 1, cell_tags)
+    add_elements(gmsh, d - 1, facet, np.searchsorted(used, facets[near]) + 1, facet_tags[near])
+    found = {
+        name: (np.searchsorted(used, a), np.searchsorted(used, b))
+        for name, (a, b) in node_groups.items()
+    }
+    return CleanModel(cell_groups | facet_groups, sizes, found, warnings)
+
+
+def _facets_of_sets(
+    gmsh: Any,
+    d: int,
+    solid: list[int],
+    kind: int,
+    facet: int,
+    straight_facet: int,
+    sets: dict[str, Ints],
+) -> dict[str, Ints]:
+    """Find the facets of the boundary all of whose nodes are in a node set.
+
+    Args:
+        gmsh: the open gmsh.
+        d: dimension of the cells.
+        solid: the entities of the cells.
+        kind: kind of the cells.
+        facet: kind of the facets in the mesh.
+        straight_facet: kind of the straight facets of the cells.
+        sets: node numbers of each node set.
+
+    Returns:
+        Node numbers (k, nodes of the facet) of each node set that has facets.
+    """
+    width = gmsh.model.mesh.getElementProperties(facet)[3]
+    boundary = boundary_facets(gmsh, d, solid, kind, straight_facet)
+    found = {
+        name: boundary[np.isin(boundary, nodes).all(axis=1), :width] for name, nodes in sets.items()
+    }
+    return {name: facets for name, facets in found.items() if len(facets)}
+
+
+def _mesh_error(source: str, reason: str) -> SceneError:
+    return SceneError(f"{source}: {reason}", kind=ErrorKind.MESH, source=source)
+
+
+def _node_groups(
+    gmsh: Any,
+    source: str,
+    d: int,
+    solid: list[int],
+    kind: int,
+    sets: dict[str, Ints],
+    corners: Ints,
+) -> tuple[dict[str, tuple[Ints, Ints]], tuple[str, ...]]:
+    """Collect the node groups: points, node sets and, in 3D, curves.
+
+    Args:
+        gmsh: the open gmsh.
+        source: name of the file.
+        d: dimension of the cells.
+        solid: the entities of the cells.
+        kind: kind of the cells.
+        sets: node numbers of each node set.
+        corners: sorted node numbers of the vertices of the cells.
+
+    Returns:
+        Node numbers of the vertices (n,) and of the ends of the edges (k, 2) of each group, and
+        warnings.
+    """
+    pairs = (
+        {name: elements_of(gmsh, 1, on, 1) for name, on in group_entities(gmsh, source, 1).items()}
+        if d == 3
+        else {}
+    )
+    points = {
+        name: elements_of(gmsh, 0, on, 15).ravel()
+        for name, on in group_entities(gmsh, source, 0).items()
+    } | sets
+    if d == 3 and sets:
+        edges = [cell_sides(gmsh, entity, kind, 1) for entity in solid]
+        whole = np.concatenate([edge for edge in edges if len(edge)])
+        for name, nodes in sets.items():
+            inside = np.unique(
+                np.sort(whole[np.isin(whole, nodes).all(axis=1), :2], axis=1), axis=0
+            )
+            pairs[name] = np.concatenate([pairs[name], inside]) if name in pairs else inside
+    found, warnings = {}, []
+    for name in sorted(pairs.keys() | points.keys()):
+        ends = pairs.get(name, np.empty((0, 2), dtype=np.int64)).astype(np.int64)
+        nodes = np.union1d(points.get(name, np.empty(0)).astype(np.int64), ends.ravel())
+        kept = nodes[np.isin(nodes, corners)]
+        if len(kept):
+            found[name] = (kept, ends[np.isin(ends, corners).all(axis=1)])
+        else:
+            warnings.append(
+                f"{source}: node group {name!r} has no vertex of the cells and is left out"
+            )
+    return found, tuple(warnings)
+
+
+def _coincident(points: Floats) -> int:
+    """Number of points (n, 3) that coincide with an earlier one."""
+    if not len(points):
+        return 0
+    size = max(float(np.ptp(points, axis=0).max()), np.finfo(float).tiny)
+    return len(points) - len(
+        np.unique(np.round((points - points.min(axis=0)) / (COINCIDENT * size)), axis=0)
+    )
+
+
+def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
+    """Give each element one tag that states in which groups it is.
+
+    Args:
+        groups: node numbers (m, nodes) of the elements of each group; an element may be in several
+            groups.
+
+    Returns:
+        The elements (k, nodes), each once; their tags (k,), from 1; and the tags of each group.
+    """
+    if not groups:
+        return np.empty((0, 0), dtype=np.int64), np.empty(0, dtype=np.int64), {}
+    rows = np.concatenate(list(groups.values()))
+    group = np.repeat(np.arange(len(groups)), [len(elements) for elements in groups.values()])
+    _, first, element = np.unique(
+        np.sort(rows, axis=1), axis=0, return_index=True, return_inverse=True
+    )
+    member = np.zeros((len(first), len(groups)), dtype=bool)
+    member[element.ravel(), group] = True
+    kinds, tags = np.unique(member, axis=0, return_inverse=True)
+    found = {
+        name: tuple((np.flatnonzero(kinds[:, i]) + 1).tolist()) for i, name in enumerate(groups)
+    }
+    return rows[first], tags.ravel() + 1, found

@@ -1,0 +1,148 @@
+"""A model of dense matrices with an elastic force given as a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.dense import negative_eigenvalues
+from fenicsrom.online.load_histories import LoadHistories, factors
+from fenicsrom.online.model import Tangent
+
+
+class DenseModel:
+    """A model of n coordinates with dense matrices and an elastic force given as a function.
+
+    It serves the intrusive projection of the full elastic force (the paper's method, and the oracle
+    of the polynomial) and the 1D beam; it is a `fenicsrom.online.operations.Model`.
+    """
+
+    def __init__(
+        self,
+        mass: Array,
+        damping: float,
+        elastic: Callable[[Array], tuple[Array, Array]],
+        energy: Callable[[Array], float],
+        loads: Array,
+        load_histories: LoadHistories,
+        points: ContactPoints,
+        contact_rows: Array,
+        contact_offset: Array,
+        probe: Array,
+        probe_offset: Array,
+        gyroscopic_matrix: Array | None = None,
+        *,
+        linear: bool,
+        gauss_points: int,
+    ):
+        """Keep the matrices.
+
+        Args:
+            mass: (n, n), kg.
+            damping: alpha in C = alpha M, 1/s.
+            elastic: q -> force (n,) and tangent (n, n).
+            energy: q -> elastic energy, J.
+            loads: (n, loads) unit loads.
+            load_histories: their time factors.
+            points: the contact points.
+            contact_rows: (m, n) B^T.
+            contact_offset: (m,) contact displacement at q = 0.
+            probe: (d, n) rows of the probe's displacement.
+            probe_offset: (d,) its displacement at q = 0.
+            gyroscopic_matrix: (n, n) gyroscopic matrix, where there is one.
+            linear: the tangent is constant.
+            gauss_points: points that integrate the force along a step exactly, or to rounding.
+        """
+        self.mass, self.damping, self.loads, self.load_histories = (
+            mass,
+            damping,
+            loads,
+            load_histories,
+        )
+        self.linear, self.gauss_points, self.points = linear, gauss_points, points
+        self.gyroscopic = gyroscopic_matrix is not None and gyroscopic_matrix.size > 0
+        self._gyroscopic_matrix = (
+            gyroscopic_matrix
+            if gyroscopic_matrix is not None and gyroscopic_matrix.size
+            else np.zeros_like(mass)
+        )
+        self._elastic, self._energy = elastic, energy
+        self._rows, self._offset = contact_rows, contact_offset
+        self._probe, self._probe_offset = probe, probe_offset
+        self._factor: tuple[Array, NDArray[np.int32]] | None = None
+        self._key: tuple[float, float, float] | None = None
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Tangent]:
+        """Mean force over a step and its derivative by dq."""
+        mean, matrix, coefficient = start_weight * start, np.zeros_like(self.mass), 0.0
+        for point, weight in zip(points, weights, strict=True):
+            force, tangent = self._elastic(q0 + point * dq)
+            mean = mean + weight * force
+            matrix += weight * point * tangent
+            coefficient += weight * point
+        return mean, Tangent(matrix, float(coefficient))
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force (n,) and energy."""
+        return self._elastic(q)[0], self._energy(q)
+
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        gyroscopic_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
+    ) -> tuple[Array, Array, Array]:
+        """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
+        key = mass_coefficient, gyroscopic_coefficient, tangent.coefficient
+        if not (self.linear and key == self._key):
+            effective = mass_coefficient * self.mass + tangent.matrix
+            if self.gyroscopic:
+                effective += gyroscopic_coefficient * self._gyroscopic_matrix
+            self._factor = (
+                scipy.linalg.lu_factor(effective, check_finite=False)
+                if np.all(np.isfinite(effective))
+                else None
+            )
+            self._key = key
+        block = np.concatenate([-residual[:, None], self._rows.T], axis=1)
+        if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
+            block[:] = np.nan
+        else:
+            block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
+        return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
+
+    def negative_directions(self, tangent: Tangent) -> int:
+        """Number of negative eigenvalues of a stiffness."""
+        return negative_eigenvalues(tangent.matrix)
+
+    def contact_displacement(self, q: Array) -> Array:
+        """Contact displacement (m,)."""
+        return self._offset + self._rows @ q
+
+    def probe_displacement(self, q: Array) -> Array:
+        """Displacement (d,) of the probe."""
+        return self._probe_offset + self._probe @ q
+
+    def mass_times(self, v: Array) -> Array:
+        """M v."""
+        return self.mass @ v
+
+    def gyroscopic_times(self, v: Array) -> Array:
+        """Gamma v."""
+        return self._gyroscopic_matrix @ v
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product."""
+        return float(a @ b)
+
+    def load(self, time: float) -> Array:
+        """Load vector at a time."""
+        return self.loads @ factors(self.load_histories, time)

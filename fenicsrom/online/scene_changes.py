@@ -1,0 +1,74 @@
+"""What may change between two scenes: of one stored model, and of one run that continues."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+from fenicsrom.scene import Contact, Load, Scene
+
+# keys of [time] that only say when a run ends
+END_KEYS = ("periods", "duration", "steady_tolerance")
+
+
+def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
+    """The first of these attributes in which two objects differ, or None."""
+    return next((name for name in names if getattr(one, name) != getattr(other, name)), None)
+
+
+def changed_key(made: Scene, wanted: Scene) -> str | None:
+    """The first key of the offline stage in which two scenes differ, or None.
+
+    A stored model allows other sizes and histories of the loads that vary, another damping, other
+    contact parameters and another time integration.
+    """
+    names = ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis")
+    if (name := first_difference(made, wanted, names)) is not None:
+        return name
+    if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):
+        return "material"
+    if len(made.loads) != len(wanted.loads):
+        return "loads"
+    for k, (load, other_load) in enumerate(zip(made.loads, wanted.loads, strict=True)):
+        if (name := _changed_load_key(load, other_load)) is not None:
+            return f"loads[{k}]{name}"
+    if len(made.contacts) != len(wanted.contacts):
+        return "contacts"
+    for k, (contact, other) in enumerate(zip(made.contacts, wanted.contacts, strict=True)):
+        if (name := _changed_contact_key(contact, other)) is not None:
+            return f"contacts[{k}].{name}"
+    return None
+
+
+def _changed_load_key(made: Load, wanted: Load) -> str | None:
+    if (name := first_difference(made, wanted, ("place", "direction"))) is not None:
+        return f".{name}"
+    if made.kind != wanted.kind:
+        return f".{wanted.kind}"
+    return ": a static load" if (made.static or wanted.static) and made != wanted else None
+
+
+def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
+    if (name := first_difference(made, wanted, ("place", "normal"))) is not None:
+        return name
+    if made.surface is None or wanted.surface is None:
+        return None if made.surface == wanted.surface else "surface"
+    # the frames of the contact points follow from these
+    names = ("kind", "point", "axis", "inside")
+    name = first_difference(made.surface, wanted.surface, names)
+    return None if name is None else f"surface.{name}"
+
+
+def changed_run_key(made: Scene, wanted: Scene) -> str | None:
+    """The first key in which two scenes of one model differ that a run cannot change, or None.
+
+    A run that continues may only end at another time: `END_KEYS`.
+    """
+    names = ("geometrically_nonlinear", "material", "rotation", "loads", "contacts")
+    if (name := first_difference(made, wanted, names)) is not None:
+        return name
+    settings = ("scheme", "spectral_radius", "steps_per_period", "tolerance", "step")
+    if (name := first_difference(made.time, wanted.time, settings)) is not None:
+        return f"time.{name}"
+    return "time" if (made.period is None) != (wanted.period is None) else None

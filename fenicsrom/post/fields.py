@@ -1,0 +1,141 @@
+"""Fields of a study for ParaView and animations: shapes, the last period and contact points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact_points import ContactPoints, contacts_of
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.surfaces import unit_normals
+from fenicsrom.post.vtk import write_fields, write_motion, write_points
+
+if TYPE_CHECKING:
+    from fenicsrom.post.record import Study
+    from fenicsrom.scene import Scene
+
+FRAMES = 60  # largest number of frames of a motion for ParaView and of an animation
+
+
+def frame_rows(motion: Motion) -> NDArray[np.int64]:
+    """Select at most `FRAMES` rows of a motion at nearly equal times over its last period.
+
+    The rows cover the whole motion if it has no period.
+    """
+    part = motion.last_period()
+    rows = np.arange(motion.time.size)[part]
+    wanted = np.linspace(motion.time[rows[0]], motion.time[-1], FRAMES)
+    return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
+
+
+def contact_places(points: ContactPoints) -> Array:
+    """Positions (P, 3) of the contact points in the undeformed body, m; z = 0 in 2D."""
+    places = np.zeros((points.position.shape[0], 3))
+    places[:, : points.position.shape[1]] = points.position
+    return places
+
+
+def contact_vectors(
+    scene: Scene, points: ContactPoints, motion: Motion
+) -> tuple[Array, Array, Array]:
+    """Positions of the contact points and contact forces on the body, in global axes.
+
+    Returns:
+        Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N,
+        all (ns, P, 3); the third component is 0 in 2D.
+    """
+    d = scene.geometry.dimension
+    frames = np.zeros((points.frame.shape[0], d, 3))
+    frames[:, :, :d] = points.frame
+    normals = unit_normals(contacts_of(scene, points), motion.displacement, motion.time)
+    normal = -motion.force[:, :, :1] * normals
+    friction = motion.force.copy()  # rotated back below from the frames of the current normals
+    friction[:, :, 0] = 0.0
+    across = np.sum(friction * normals, axis=2, keepdims=True)
+    friction -= across / (1.0 + normals[:, :, :1]) * (normals + np.eye(d)[0])
+    moved, normal, friction = (
+        np.einsum("spk,pkx->spx", values, frames)
+        for values in (motion.displacement, normal, -friction)
+    )
+    return contact_places(points) + moved, normal, friction
+
+
+def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, Array]]:
+    """Positions (P, 3) of the contact points in the undeformed body, m, and their values.
+
+    The values are given at the rows of `frame_rows`.
+    """
+    rows = frame_rows(motion)
+    position, normal, friction = (
+        values[rows] for values in contact_vectors(study.scene, study.solid.points, motion)
+    )
+    places = contact_places(study.solid.points)
+    return places, {
+        "displacement": position - places,
+        "position": position,
+        "gap": motion.gap[rows],
+        "normal force": motion.force[rows, :, 0],
+        "normal force vector": normal,
+        "friction force vector": friction,
+        "state": motion.state[rows],
+    }
+
+
+def shapes(study: Study) -> dict[str, dict[str, Any]]:
+    """Normal modes, static modes, derivatives and equilibrium: file name -> label -> field."""
+    solid, modes = study.solid, study.modes
+    kinds: dict[str, dict[str, Any]] = {"normal_modes": {}, "static_modes": {}, "derivatives": {}}
+    if modes is not None:
+        for k, label in enumerate(modes.labels):
+            kind = "normal_modes" if label.endswith("V") else "static_modes"
+            kinds[kind][label] = solid.field(modes.vectors[:, k])
+    if study.derivatives is not None:
+        for k, label in enumerate(study.derivatives.labels):
+            kinds["derivatives"][label] = solid.field(study.derivatives.vectors[:, k])
+    if solid.loaded:
+        kinds["equilibrium"] = {"displacement": solid.field(solid.equilibrium)}
+    return {name: fields for name, fields in kinds.items() if fields}
+
+
+def write_shapes(study: Study, folder: Path) -> list[Path]:
+    """Write the ParaView files of the shapes. Collective."""
+    return [
+        write_fields(folder, name, study.solid.space, fields)
+        for name, fields in shapes(study).items()
+    ]
+
+
+def moving_field(study: Study) -> Callable[[int], Array]:
+    """Make a function of the frame number that gives the displacement of the reduced model.
+
+    The frames are the rows of `frame_rows`; the displacement has the local and ghost unknowns, m.
+    Collective.
+    """
+    motion, basis, solid = study.motions["reduced"], study.basis, study.solid
+    assert basis is not None and motion.coordinates is not None
+    vectors = np.array([solid.field(vector).x.array.copy() for vector in basis.vectors.T])
+    rest = solid.field(solid.equilibrium).x.array.copy()
+    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    return lambda number: rest + q[number] @ vectors
+
+
+def write_last_period(study: Study, folder: Path) -> list[Path]:
+    """Write the ParaView files of the last period of the reduced model. Collective."""
+    motion, solid = study.motions["reduced"], study.solid
+    times = motion.time[frame_rows(motion)]
+    files = [write_motion(folder, "motion", solid.space, times, moving_field(study))]
+    if study.scene.contacts and solid.comm.rank == 0:
+        files += write_contact_points(study, folder)
+    return files
+
+
+def write_contact_points(study: Study, folder: Path) -> list[Path]:
+    """Write the ParaView files of the contact points of the reduced model. On one rank."""
+    motion = study.motions["reduced"]
+    points, arrays = contact_points(study, motion)
+    return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]

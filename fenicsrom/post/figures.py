@@ -1,0 +1,300 @@
+"""Figures of motions, contacts, energies and mode shapes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.online.measures import has_contact
+from fenicsrom.post.style import STATES, line_styles, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fenicsrom.online.motion import Motion
+
+
+@styled
+def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+    """Draw displacements over the last two periods, one panel per direction.
+
+    Each panel shows all models, as figure 5 of the paper does.
+
+    Args:
+        motions: model name -> motion.
+        point: number of the contact point.
+    """
+    styles = line_styles(motions)
+    directions = max(motion.displacement.shape[2] for motion in motions.values())
+    touching = any(has_contact(motion) for motion in motions.values())
+    figure = new_figure(8.6, 0.7 + 2.2 * directions)
+    axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
+    for name, motion in motions.items():
+        time, part = _phase(motion, 2)
+        for k in range(motion.displacement.shape[2]):
+            axes[k].plot(
+                time, 1e3 * motion.displacement[part, point, k], label=name, **styles[name]
+            )
+    for k, axis in enumerate(axes):
+        axis.set_ylabel(f"{_direction(k, directions, touching)}\ndisplacement, mm")
+        axis.margins(x=0)
+    periodic = all(motion.period is not None for motion in motions.values())
+    axes[-1].set_xlabel("time / period" if periodic else "time, s")
+    _legend(figure, axes[0])
+    return figure
+
+
+# Number of directions -> the panels of a contact point, each with its quantities on the x and y
+# axis. A quantity is the displacement u or the force f in direction 0 (normal), 1 or 2
+# (tangential). The last panel is the orbit of the point.
+_LOOPS = {
+    2: (("u1", "f1"), ("u0", "f0"), ("u1", "u0")),
+    3: (("u1", "f1"), ("u2", "f2"), ("u0", "f0"), ("u1", "u2")),
+}
+
+
+@styled
+def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+    """Draw contact states over the last period, and contact forces against displacements.
+
+    The loops show the tangential force against the tangential displacement, one panel per tangent
+    direction, and the normal force against the normal displacement (figures 6 and 13 of the paper).
+    The last panel is the orbit of the point: in 2D its normal against its tangential displacement,
+    in 3D its path in the contact plane.
+
+    Args:
+        motions: model name -> motion; motions without contact are left out.
+        point: number of the contact point.
+    """
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    loops = len(_LOOPS[directions])
+    columns = 3 if loops == 3 else 2
+    rows = loops // columns
+    strip = 0.75 + 0.33 * len(motions)
+    figure = new_figure(4.1 * columns if columns == 2 else 10.8, 0.4 + strip + 3.3 * rows)
+    grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
+    _plot_states(figure.add_subplot(grid[0, :]), motions, point)
+    panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
+    _plot_loops(panels, motions, point)
+    _legend(figure, panels[0])
+    return figure
+
+
+@styled
+def plot_points(
+    motions: Mapping[str, Motion], points: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> Figure:
+    """Draw the peak force, the time in contact and the dissipation of all contact points.
+
+    Below are the loops of the point with the largest normal force in the first motion.
+
+    Args:
+        motions: model name -> motion; motions without contact are left out.
+        points: model name -> the result of `point_summaries`.
+    """
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    styles = line_styles(motions)
+    first = next(iter(motions))
+    hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
+    directions = motions[first].displacement.shape[2]
+    loops = len(_LOOPS[directions])
+    figure = new_figure(3.6 * loops, 7.2)
+    above, below = figure.subfigures(2, 1)
+    axes = above.subplots(1, 3)
+    curves = {
+        "peak normal force, N": lambda point: point["peak_normal_force_N"],
+        "time in contact, %": lambda point: 100.0 * (1.0 - point["fraction"]["open"]),
+        "friction dissipation, J": lambda point: point["dissipated_per_period_J"],
+    }
+    for axis, (label, value) in zip(axes, curves.items(), strict=True):
+        for name in motions:
+            found = [value(point) for point in points[name]]
+            axis.plot(
+                range(1, len(found) + 1),
+                found,
+                marker="o",
+                markersize=3.5,
+                label=name,
+                **styles[name],
+            )
+        axis.set(xlabel="contact point", ylabel=label)
+        axis.xaxis.get_major_locator().set_params(integer=True)
+    panels = below.subplots(1, loops)
+    _plot_loops(
+        panels,
+        {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest},
+        hardest,
+    )
+    below.suptitle(
+        f"contact point {hardest + 1}: largest normal force",
+        x=0.01,
+        horizontalalignment="left",
+        fontsize=11,
+    )
+    _legend(figure, axes[0])
+    return figure
+
+
+def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: int) -> None:
+    """Draw the loops of a contact point over the last period, one panel for each of `_LOOPS`."""
+    styles = line_styles(motions)
+    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    for axis, pair in zip(panels, _LOOPS[directions], strict=True):
+        for name, motion in motions.items():
+            part = motion.last_period()
+            if all(int(k) < motion.displacement.shape[2] for _, k in pair):
+                curve = [
+                    (1e3 * motion.displacement if kind == "u" else motion.force)[
+                        part, point, int(k)
+                    ]
+                    for kind, k in pair
+                ]
+                axis.plot(*curve, label=name, **styles[name])
+        axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+    panels[-1].set_title("orbit")
+
+
+def _quantity(name: str, directions: int) -> str:
+    """Compose the axis label of a quantity of `_LOOPS`."""
+    kind, k = name
+    way = "normal" if k == "0" else "tangential"
+    number = f" {k}" if directions == 3 and k != "0" else ""
+    return f"{way} displacement{number}, mm" if kind == "u" else f"{way} force{number}, N"
+
+
+@styled
+def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray) -> Figure:
+    """Draw the displacement of shapes along the axis of a slender body.
+
+    The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
+    Normal modes, static modes and derivatives have one row each. Every shape is divided by its
+    largest component.
+
+    Args:
+        labels: one per shape, such as 1V, 2S, 1V1S.
+        positions: (k,) positions along the axis, m.
+        shapes: (n_labels, k, d) components, the axial one first.
+    """
+    shapes = np.asarray(shapes, dtype=float)
+    largest = np.abs(shapes).max(axis=(1, 2), keepdims=True)
+    shapes = shapes / np.where(largest > 0, largest, 1.0)
+    kinds: dict[str, list[int]] = {}
+    for i, label in enumerate(labels):
+        parts = re.findall("[VS]", label)
+        kind = (
+            "derivatives"
+            if len(parts) == 2
+            else "static modes"
+            if parts == ["S"]
+            else "normal modes"
+        )
+        kinds.setdefault(kind, []).append(i)
+    columns = shapes.shape[2]
+    figure = new_figure(4.6 if columns == 2 else 3.6, 1.0)
+    figure.set_size_inches(1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds))
+    axes = figure.subplots(len(kinds), columns, sharex=True, sharey=True, squeeze=False)
+    names = ["axial", "transverse"] if columns == 2 else ["axial", "transverse 1", "transverse 2"]
+    for row, (kind, members) in zip(axes, kinds.items(), strict=True):
+        styles = line_styles(labels[i] for i in members)
+        for i in members:
+            for k, axis in enumerate(row):
+                axis.plot(positions, shapes[i, :, k], label=labels[i], **styles[labels[i]])
+        row[0].set_ylabel(f"{kind}\ndisplacement / largest")
+        row[-1].legend(
+            loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(members) - 1) // 9
+        )
+    for axis, name in zip(axes[0], names, strict=True):
+        axis.set_title(name)
+    for axis in axes[-1]:
+        axis.set_xlabel("position along the axis, m")
+    return figure
+
+
+@styled
+def plot_energy(motion: Motion) -> Figure:
+    """Draw the energy balance of a motion: work, dissipation, stored energy and imbalance."""
+    figure = new_figure(8.6, 4.8)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    periodic = motion.period is not None
+    time = motion.time / motion.period if motion.period is not None else motion.time
+    stored = motion.kinetic + motion.elastic + motion.contact_energy
+    above.plot(time, motion.work, color="#000000", label="work of the loads")
+    above.plot(time, motion.damping_dissipation, color="#0072B2", label="dissipated by damping")
+    above.plot(time, motion.friction_dissipation, color="#D55E00", label="dissipated by friction")
+    above.plot(
+        time,
+        stored,
+        color="#009E73",
+        linewidth=1.0,
+        label="stored (kinetic, elastic, contact springs)",
+    )
+    above.set_ylabel("energy, J")
+    above.margins(x=0)
+    below.plot(time, motion.imbalance, color="#555B61")
+    below.set(ylabel="imbalance, J", xlabel="time / period" if periodic else "time, s")
+    below.margins(x=0)
+    _legend(figure, above, columns=2)
+    return figure
+
+
+def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
+    """Draw one bar per model, coloured by the contact state over the last period."""
+    from matplotlib.patches import Patch
+
+    for row, motion in enumerate(motions.values()):
+        time, part = _phase(motion, 1)
+        state = motion.state[part, point]
+        ends = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
+        starts = np.flatnonzero(np.diff(state, prepend=state[0] + 1))
+        for start, stop in itertools.pairwise([*starts, len(state)]):
+            axis.barh(
+                row, ends[stop] - ends[start], 0.72, ends[start], color=STATES[int(state[start])][1]
+            )
+    axis.set_yticks(range(len(motions)), list(motions))
+    axis.invert_yaxis()
+    axis.grid(visible=False)
+    axis.spines[:].set_visible(False)
+    axis.tick_params(left=False)
+    axis.margins(x=0)
+    periodic = all(motion.period is not None for motion in motions.values())
+    axis.set_xlabel("time / period" if periodic else "time, s")
+    patches = [Patch(color=colour, label=name) for name, colour in STATES.values()]
+    axis.legend(
+        handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
+    )
+    axis.set_title("contact state")
+
+
+def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
+    """Select the last periods of a motion.
+
+    Returns:
+        The time in periods since the start of the selection, and the mask of its instants. A motion
+        without a period is selected as a whole, with its time in s.
+    """
+    if motion.period is None:
+        return motion.time, np.ones(len(motion.time), dtype=bool)
+    cycles = motion.time / motion.period
+    start = max(round(float(cycles[-1])) - periods, 0)
+    part = cycles >= start - 1e-9
+    return cycles[part] - start, part
+
+
+def _direction(k: int, directions: int, touching: bool) -> str:
+    """Name a component of a displacement."""
+    if not touching:
+        return "xyz"[k]
+    return "normal" if k == 0 else "tangential" if directions == 2 else f"tangential {k}"
+
+
+def _legend(figure: Figure, axis: Axes, columns: int | None = None) -> None:
+    """Put one legend above the whole figure."""
+    handles, labels = axis.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper right", ncols=columns or len(labels))

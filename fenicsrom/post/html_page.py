@@ -1,0 +1,112 @@
+"""A report as one HTML file that contains its pictures."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.post.tables import cell_text, numeric_columns
+from fenicsrom.post.writers import write_text
+
+
+def write_report(
+    path: str | Path, title: str, sections: Iterable[tuple[str, Iterable[Any]]]
+) -> Path:
+    """Write a report, see `html_report`; return its path.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    return write_text(path, html_report(title, sections))
+
+
+def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> str:
+    """Compose a report in one HTML page.
+
+    Args:
+        title: of the report.
+        sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
+            of rows, the first of them the head), a matplotlib figure, or the path of a PNG or
+            GIF picture.
+
+    Returns:
+        The HTML text.
+    """
+    body = [f"<h1>{html.escape(title)}</h1>"]
+    for heading, items in sections:
+        body.append(f"<section><h2>{html.escape(heading)}</h2>")
+        body.extend(_item(item, heading) for item in items)
+        body.append("</section>")
+    return _PAGE.format(title=html.escape(title), body="\n".join(body))
+
+
+def _item(item: Any, heading: str) -> str:
+    """Compose one item of a section."""
+    if isinstance(item, str):
+        return f"<p>{html.escape(item)}</p>"
+    if isinstance(item, Path):
+        return _picture(item.read_bytes(), heading, item.suffix.removeprefix("."))
+    if hasattr(item, "savefig"):
+        png = io.BytesIO()
+        item.savefig(png, format="png")
+        return _picture(png.getvalue(), heading, "png")
+    right = numeric_columns(item)
+    lines = []
+    for i, row in enumerate(item):
+        tag = "td" if i else "th"
+        cells = "".join(
+            f"<{tag}{' class=n' if flag else ''}>{html.escape(cell_text(value))}</{tag}>"
+            for value, flag in zip(row, right, strict=True)
+        )
+        lines.append(f"<tr>{cells}</tr>")
+    head, *rest = lines
+    return (
+        f"<div class=wide><table><thead>{head}</thead><tbody>{''.join(rest)}</tbody></table></div>"
+    )
+
+
+def _picture(content: bytes, heading: str, kind: str) -> str:
+    """Embed a PNG or GIF picture in the page."""
+    data = base64.b64encode(content).decode()
+    return f'<img alt="{html.escape(heading)}" src="data:image/{kind};base64,{data}">'
+
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>
+:root {{ color-scheme: light dark;
+  --ink: #1d2125; --paper: #fdfdfc; --line: #d9dde1; --soft: #5b636b; }}
+@media (prefers-color-scheme: dark) {{
+  :root {{ --ink: #e4e7ea; --paper: #17191c; --line: #3a3f45; --soft: #a2aab2; }}
+}}
+body {{ font: 16px/1.55 system-ui, sans-serif; color: var(--ink); background: var(--paper);
+  max-width: 62rem;
+  margin: 2.5rem auto; padding: 0 1.25rem; }}
+h1 {{ font-size: 1.7rem; line-height: 1.25; margin: 0 0 1.5rem; }}
+h2 {{ font-size: 1.15rem; margin: 2.4rem 0 .7rem; padding-bottom: .3rem;
+  border-bottom: 1px solid var(--line); }}
+p {{ max-width: 46rem; margin: .6rem 0; }}
+img {{ display: block; max-width: 100%; height: auto; margin: 1rem 0; padding: .6rem;
+  box-sizing: border-box;
+  background: #fff; border: 1px solid var(--line); border-radius: 6px; }}
+.wide {{ overflow-x: auto; margin: 1rem 0; }}
+table {{ border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
+th, td {{ text-align: left; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
+  vertical-align: top; }}
+th {{ color: var(--soft); font-weight: 600; }}
+.n {{ text-align: right; padding-left: .9rem; white-space: nowrap; }}
+</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

@@ -1,0 +1,165 @@
+"""The pictures of a run: motion, contact, energy, shapes and the animation."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.online.measures import point_summaries
+from fenicsrom.post.centreline import centreline
+from fenicsrom.post.fields import contact_points, frame_rows, moving_field, shapes
+from fenicsrom.post.figures import (
+    plot_contact,
+    plot_energy,
+    plot_modes,
+    plot_motion,
+    plot_points,
+)
+from fenicsrom.post.optional import missing_module
+from fenicsrom.post.rendering import animate, picture_modes
+from fenicsrom.post.writers import write_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fenicsrom.online.motion import Motion
+    from fenicsrom.post.record import Study
+
+FEW_POINTS = 4  # largest number of contact points that have one picture each
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture that is not drawn yet.
+
+    Attributes:
+        heading: its heading in the report.
+        name: name of the file.
+        draw: makes the figure.
+    """
+
+    heading: str
+    name: str
+    draw: Callable[[], Figure]
+
+
+def motion_pictures(motions: Mapping[str, Motion]) -> list[Picture]:
+    """List the pictures of the motion, of the contact and of the energy."""
+    first = next(iter(motions.values()))
+    return [
+        Picture("Motion", "motion.png", lambda: plot_motion(motions)),
+        *_contact_pictures(motions, first.force.shape[1]),
+        Picture("Energy", "energy.png", lambda: plot_energy(first)),
+    ]
+
+
+def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
+    """List the pictures of this number of contact points: one each for a few, one for many."""
+    if count > FEW_POINTS:
+
+        def draw_all() -> Figure:
+            found = {
+                name: point_summaries(motion)
+                for name, motion in motions.items()
+                if motion.state.shape[1]
+            }
+            return plot_points(motions, found)
+
+        return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
+
+    def draw(point: int) -> Callable[[], Figure]:
+        touching = {
+            name: motion for name, motion in motions.items() if motion.force.shape[1] > point
+        }
+        return lambda: plot_contact(touching, point)
+
+    if count == 1:
+        return [Picture("Contact", "contact.png", draw(0))]
+    return [
+        Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
+        for point in range(count)
+    ]
+
+
+def not_drawn(names: Sequence[str]) -> str | None:
+    """Say in one sentence that these pictures are left out; None if matplotlib is installed."""
+    reason = missing_module("matplotlib")
+    if reason is None or not names:
+        return None
+    *most, last = names
+    listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
+    return f"{listed} not drawn: {reason}"
+
+
+def write_motion_pictures(pictures: Sequence[Picture], folder: Path) -> list[tuple[str, Path]]:
+    """Draw and write pictures; return their headings and files.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    return [
+        (picture.heading, write_figure(folder / picture.name, picture.draw()))
+        for picture in pictures
+    ]
+
+
+def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """Draw the motions and shapes of a study, or warn why not. Collective.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    motions = motion_pictures(study.motions) if study.motions else []
+    fields = {
+        label: field
+        for kind, named in shapes(study).items()
+        if kind != "equilibrium"
+        for label, field in named.items()
+    }
+    names = [picture.name for picture in motions] + ["modes.png", "shapes.png"] * bool(fields)
+    if sentence := not_drawn(names):
+        study.warnings.append(sentence)
+        return []
+    root = study.solid.comm.rank == 0
+    written = write_motion_pictures(motions, folder) if root else []
+    return written + (_write_shapes(study, fields, folder) if fields else [])
+
+
+def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list[tuple[str, Path]]:
+    """Draw shapes along the axis and as deformed bodies. Collective."""
+    space = study.solid.space
+    positions, values = centreline(space, fields)
+    pictures = []
+    if study.solid.comm.rank == 0:
+        figure = plot_modes(list(fields), positions, values)
+        pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
+    with _warnings_kept(study):
+        bodies = picture_modes(folder / "shapes.png", space, fields)
+    return pictures + ([("Shapes", bodies)] if bodies is not None else [])
+
+
+def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """Animate the last period of the reduced model as a GIF. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    motion, solid = study.motions["reduced"], study.solid
+    marks = contact_points(study, motion) if study.scene.contacts else None
+    times = motion.time[frame_rows(motion)]
+    with _warnings_kept(study):
+        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
+    return [("Animation", film)] if film is not None else []
+
+
+@contextmanager
+def _warnings_kept(study: Study) -> Iterator[None]:
+    """Add Python warnings to the warnings of the study."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    study.warnings.extend(str(warning.message) for warning in caught)

@@ -1,0 +1,83 @@
+"""The record of a run: what its stages found, and the files that they wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.reduction.selection import Selection
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
+    from fenicsrom.online.motion import Motion
+    from fenicsrom.reduction.basis import ReducedBasis
+    from fenicsrom.reduction.modes import ComponentModes
+    from fenicsrom.reduction.stages import Derivatives
+    from fenicsrom.scene import Scene
+
+
+@dataclass(eq=False)
+class Study:
+    """What the stages of a scene found. A stage that did not run leaves its default.
+
+    Attributes:
+        scene: the scene.
+        solid: the solid body.
+        modes: its component modes.
+        selection: the selected modes and derivatives.
+        derivatives: the modal derivatives.
+        basis: the reduced basis.
+        model: the reduced model.
+        motions: "reduced", "full" or "beam" -> motion.
+        seconds: stage -> run time, s.
+        left_out: sentences "NAME: REASON" on what was not computed.
+        errors: estimated relative errors of the reduced model: of its amplitudes by the "time step"
+            and the "basis", and of the "peak force by the time step".
+        deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
+            loads.
+        unfinished: the name of the model whose integration or check failed, and its error.
+        files: the written files.
+        pictures: headings and files of the written pictures.
+    """
+
+    scene: Scene
+    solid: Any = None
+    modes: ComponentModes | None = None
+    selection: Selection = field(default_factory=lambda: Selection((), (), {}, {}))
+    derivatives: Derivatives | None = None
+    basis: ReducedBasis | None = None
+    model: Any = None
+    motions: dict[str, Motion] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    errors: dict[str, float] = field(default_factory=dict)
+    deflection: Array | None = None
+    unfinished: tuple[str, Exception] | None = None
+    files: list[Path] = field(default_factory=list)
+    pictures: list[tuple[str, Path]] = field(default_factory=list)
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings for the user, the ones of the mesh and the solid first."""
+        found: list[str] = self.solid.warnings
+        return found
+
+    @property
+    def labels(self) -> Sequence[str]:
+        """Labels of the basis vectors, or of the modes and derivatives if there is no basis."""
+        if self.basis is not None:
+            return self.basis.labels
+        modes = self.modes.labels if self.modes is not None else ()
+        return [*modes, *(self.derivatives.labels if self.derivatives is not None else ())]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Number of unknowns of each model."""
+        beam = self.scene.reference.beam
+        return {
+            "reduced": self.basis.size if self.basis is not None else 0,
+            "full": self.solid.free,
+            "beam": 3 * beam.elements if beam is not None else 0,
+        }

@@ -1,0 +1,196 @@
+"""The text for the user: what the terminal and the report say about a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.measures import has_settled, out_of_reach, response_summary
+from fenicsrom.online.motion import Motion
+from fenicsrom.post.summary import errors_of
+from fenicsrom.post.tables import text_table
+
+if TYPE_CHECKING:
+    from fenicsrom.post.record import Study
+    from fenicsrom.scene import Scene
+
+RESPONSE_HEAD = (
+    "model",
+    "unknowns",
+    "tangential mm",
+    "normal mm",
+    "open %",
+    "slip %",
+    "stick %",
+    "peak N",
+    "J/period",
+    "periods",
+    "steady",
+    "imbalance",
+)
+RESPONSE_NOTE = (
+    "Amplitudes are half of peak-to-peak over the last period. The imbalance is the largest error "
+    "of the energy balance relative to the largest energy of the motion."
+)
+ERROR_NAMES = {
+    "amplitude_tangential": "tangential amplitude",
+    "amplitude_normal": "normal amplitude",
+    "peak_normal_force": "peak normal force",
+    "dissipated_per_period": "dissipation",
+}
+
+
+def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
+    """Compose the table of responses, its head first."""
+    rows: list[list[Any]] = [list(RESPONSE_HEAD)]
+    for name, motion in motions.items():
+        r = response_summary(motion)
+        tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
+        fraction = [f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")]
+        if motion.force.shape[1] == 0:
+            fraction = [None, None, None]
+        rows.append(
+            [
+                name,
+                sizes.get(name),
+                tangential,
+                f"{1e3 * r['amplitude_m']['normal']:.5g}",
+                *fraction,
+                f"{r['peak_normal_force_N']:.5g}",
+                f"{r['dissipated_per_period_J']:.5g}",
+                r["periods"],
+                "yes" if r["steady"] else "no",
+                f"{r['energy_imbalance']:.1e}",
+            ]
+        )
+    return rows
+
+
+def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> str:
+    """Compose the table of responses for the terminal; empty without a motion."""
+    return text_table(response_rows(motions, sizes)) if motions else ""
+
+
+def error_sentence(errors: Mapping[str, float | None]) -> str:
+    """State the errors against the full model."""
+    parts = [
+        f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
+    ]
+    listed = ", ".join(parts) or "the full model has no motion to compare with"
+    return f"Error of the reduced model against the full one: {listed}."
+
+
+def equilibrium_sentence(deflection: Array) -> str:
+    """State the displacement of the probe under the static loads."""
+    components = ", ".join(f"{1e3 * u:.6g}" for u in deflection)
+    return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
+
+
+def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
+    """State the estimated errors of the reduced model.
+
+    Args:
+        errors: as `Study.errors`.
+        motion: of the reduced model.
+    """
+    sizes = {
+        name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
+        for name, value in errors.items()
+    }
+    parts = [f"{size} by the {name}" for name, size in sizes.items() if not name.startswith("peak")]
+    peak = [
+        f"; of the {name.replace(' by', f', {size}, by')}"
+        for name, size in sizes.items()
+        if name.startswith("peak")
+    ]
+    what = "amplitude" if has_settled(motion) else "root mean square displacement"
+    return (
+        f"Estimated error of the reduced model's {what} (all directions together): "
+        f"{', '.join(parts)}{''.join(peak)}."
+    )
+
+
+def resumed_sentence(motion: Motion) -> str | None:
+    """State from where a motion was resumed; None if it started from rest."""
+    if motion.time[0] == 0.0:
+        return None
+    return (
+        f"Resumed run: the output starts at {motion.time[0]:.6g} s; "
+        "the numbers of periods and steps include the first run."
+    )
+
+
+def basis_sentences(study: Study) -> list[str]:
+    """State the coordinates of the basis and the condition numbers."""
+    basis, modes = study.basis, study.modes
+    if basis is None or modes is None:
+        return []
+    return [
+        f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}",
+        f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
+        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
+    ]
+
+
+def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """State the ratio of the step times of the full and the reduced model; None unless both ran."""
+    if "full" not in motions or "reduced" not in motions:
+        return None
+    slow, fast = (
+        motions[name].seconds / max(motions[name].steps, 1) for name in ("full", "reduced")
+    )
+    return f"One step of the reduced model took 1/{slow / fast:.0f} of the time of the full model."
+
+
+def study_sentences(study: Study) -> list[str]:
+    """State the results of a run, below the table of responses."""
+    reduced = study.motions.get("reduced")
+    found: list[str | None] = []
+    if reduced is not None:
+        found.append(resumed_sentence(reduced))
+    if study.deflection is not None:
+        found.append(equilibrium_sentence(study.deflection))
+    found += basis_sentences(study)
+    if reduced is not None:
+        found += out_of_reach(reduced, study.solid.points)
+        if study.errors:
+            found.append(estimate_sentence(study.errors, reduced))
+    if errors := errors_of(study.motions):
+        found.append(error_sentence(errors))
+    found.append(speed_sentence(study.motions))
+    return [sentence for sentence in found if sentence]
+
+
+def mode_lines(study: Study) -> list[str]:
+    """List the frequencies of the normal modes and the labels of the derivatives."""
+    frequencies = study.modes.frequencies_hz if study.modes is not None else []
+    lines = [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
+    if study.derivatives is not None and study.derivatives.labels:
+        lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
+    return lines
+
+
+def buckled_sentence(name: str, motion: Motion) -> str:
+    """Warn that the preload has buckled a model."""
+    return (
+        f"the preload buckles the {name} model: its equilibrium nearest to the unloaded body is "
+        f"unstable in {motion.buckled} direction(s), so the motion starts from a stable "
+        "equilibrium nearby"
+    )
+
+
+def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
+    """Warn that a motion did not become periodic, and say what to try."""
+    remedy = "increase time.periods"
+    if scene.time.scheme == "discrete-gradient":
+        remedy += (
+            ' or use time.scheme = "generalised-alpha", which damps waves that the time step does '
+            "not resolve"
+        )
+    return (
+        f"the {name} model did not become periodic within {motion.periods} periods, so its "
+        f"amplitudes are those of the last period only; {remedy}"
+    )

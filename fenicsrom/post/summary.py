@@ -1,0 +1,175 @@
+"""The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.checkpoints import save_end
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.history import HISTORY_ARRAYS
+from fenicsrom.online.measures import (
+    errors_percent,
+    out_of_reach,
+    point_summaries,
+    response_summary,
+)
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.motion import Motion
+from fenicsrom.post.fields import contact_places
+from fenicsrom.post.record import Study
+from fenicsrom.post.writers import write_arrays, write_summary
+from fenicsrom.scene import Scene
+
+SUMMARY = "summary.json"
+HISTORY = "history.npz"
+MODEL = "reduced_model.npz"
+CHECKPOINT = "checkpoint.npz"
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """Collect the contents of `summary.json`."""
+    basis, modes = study.basis, study.modes
+    found: dict[str, Any] = {
+        "scene": study.scene.source,
+        "dofs": study.solid.free,
+        "frequencies_hz": modes.frequencies_hz if modes is not None else [],
+        "basis": {
+            "method": study.scene.basis.method,
+            "size": basis.size if basis else None,
+            "labels": list(study.labels),
+            "dropped": basis.dropped if basis else {},
+            "mass_condition": basis.condition if basis else None,
+            "flexibility_condition": modes.flexibility_condition if modes is not None else None,
+            "participation": study.selection.modal_coordinates,
+            "weights": study.selection.weights,
+        },
+        "seconds": study.seconds,
+        "left_out": study.left_out,
+    }
+    if study.deflection is not None:
+        found["equilibrium"] = {"displacement_m": study.deflection}
+    found |= motions_summary(study.motions, study.solid.points)
+    found["estimated_error_percent"] = {
+        name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
+    }
+    if study.unfinished:
+        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
+    found["warnings"] = study.warnings
+    found["provenance"] = provenance()
+    return found
+
+
+def rerun_summary(stored: StoredModel, scene: Scene, motion: Motion) -> dict[str, Any]:
+    """Collect the contents of `summary.json` for a motion of a stored model."""
+    return {
+        "scene": scene.source,
+        "dofs": stored.dofs,
+        "frequencies_hz": stored.frequencies_hz,
+        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
+        "seconds": {"reduced motion": motion.seconds},
+        "left_out": [
+            "offline stages, and files of the body: the reduced model was read from a file, "
+            "without its mesh",
+            *out_of_reach(motion, stored.model.points),
+        ],
+        **motions_summary({"reduced": motion}, stored.model.points),
+        "provenance": stored.provenance,
+    }
+
+
+def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
+    """Collect the responses of all models, and the errors of the reduced against the full model."""
+    found: dict[str, Any] = {
+        "response": {name: response_summary(motion) for name, motion in motions.items()}
+    }
+    for name, motion in motions.items():
+        if motion.state.shape[1] > 1:
+            found["response"][name]["points"] = [
+                {"position_m": position, **point}
+                for position, point in zip(
+                    contact_places(points), point_summaries(motion), strict=True
+                )
+            ]
+    if errors := errors_of(motions):
+        found["error_percent"] = errors
+    return found
+
+
+def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
+    """Errors of the reduced model against the full one, percent; empty unless both ran."""
+    if "reduced" in motions and "full" in motions:
+        return errors_percent(motions["reduced"], motions["full"])
+    return {}
+
+
+def write_history(path: Path, motions: Mapping[str, Motion]) -> Path:
+    """Write the motions as arrays `MODEL_time`, `MODEL_displacement` and so on.
+
+    `HISTORY_ARRAYS` lists the arrays.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    return write_arrays(
+        path,
+        {
+            f"{name}_{key}": getattr(motion, attribute)
+            for name, motion in motions.items()
+            for key, attribute in HISTORY_ARRAYS.items()
+        },
+    )
+
+
+def write_checkpoint(folder: Path, model: ReducedModel, scene: Scene, motion: Motion) -> list[Path]:
+    """Write the final state of a motion of the reduced model; return the file, if there is one."""
+    path = folder / CHECKPOINT
+    return [path] if save_end(path, model, scene, motion) else []
+
+
+def stored_model(study: Study) -> StoredModel:
+    """Collect the contents of `reduced_model.npz`."""
+    assert study.basis is not None and study.modes is not None
+    return StoredModel(
+        study.model,
+        study.scene,
+        study.basis.method,
+        study.basis.labels,
+        study.solid.free,
+        study.modes.frequencies_hz,
+        provenance(),
+    )
+
+
+def write_numbers(study: Study, folder: Path) -> list[Path]:
+    """Write `summary.json`, `history.npz` and `checkpoint.npz`, as far as the study has them.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    files = [write_summary(folder / SUMMARY, summary(study))]
+    if study.motions:
+        files.append(write_history(folder / HISTORY, study.motions))
+    if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
+        motion = study.motions["reduced"]
+        files += write_checkpoint(folder, study.model, study.scene, motion)
+    return files
+
+
+def write_rerun_numbers(
+    stored: StoredModel, scene: Scene, motion: Motion, folder: Path
+) -> list[Path]:
+    """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    return [
+        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion)),
+        write_history(folder / HISTORY, {"reduced": motion}),
+        *write_checkpoint(folder, stored.model, scene, motion),
+    ]

@@ -1,0 +1,157 @@
+"""What the reduction needs of a structure, as types.
+
+`fenicsrom.fem.solid.Solid` (a mesh on dolfinx, possibly distributed) and
+`fenicsrom.reduction.beam.BeamStructure` (dense matrices) satisfy `Structure`. The reduction knows
+no other interface, so it runs and is tested without dolfinx.
+
+Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for k columns.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.load_histories import LoadHistories
+from fenicsrom.online.polynomial import ElasticPolynomial
+
+
+class Communicator(Protocol):
+    """The part of an MPI communicator that the reduction and its callers use."""
+
+    @property
+    def rank(self) -> int:
+        """Number of this rank."""
+
+    @property
+    def size(self) -> int:
+        """Number of ranks."""
+
+    def allreduce(self, value: Any) -> Any:
+        """The sum of a number or an array over all ranks."""
+
+    def bcast(self, value: Any) -> Any:
+        """The value of rank 0."""
+
+
+class Inverse(Protocol):
+    """The inverse of a stiffness matrix."""
+
+    def solve(self, block: Array) -> Array:
+        """The inverse times the columns of a block (local, k)."""
+
+
+class Structure(Protocol):
+    """A clamped elastic structure in a static equilibrium, with its loads and contact points.
+
+    Attributes:
+        source: name of the scene file, for messages.
+        warnings: sentences for the user; the reduction appends to them.
+        comm: communicator of the ranks that share the structure.
+        dimension: d, 2 or 3.
+        local: number of unknowns that this rank owns, clamped ones included.
+        free: global number of unknowns that no support clamps.
+        gauss_points: number of Gauss points that integrate the elastic force along a time step.
+        geometrically_nonlinear: False for small displacements.
+        mass_damping: α of the damping C = α M, 1/s.
+        factor: K⁻¹ at the equilibrium.
+        gyroscopic: the gyroscopic matrix G of the Coriolis force −G u̇, or None without this force.
+        equilibrium: (local,) displacement u₀ under the static loads, m.
+        rest_force: (local,) internal force at the equilibrium, N.
+        load_vectors: (local, loads) load vectors of unit loads.
+        load_histories: time factors of the loads.
+        points: the contact points.
+        contact_rows: Bᵀ (m, local), contact displacements in the local frames [normal, tangents].
+        probe_rows: (d, local) displacement of the probe.
+    """
+
+    source: str
+    warnings: list[str]
+    local: int
+    free: int
+    geometrically_nonlinear: bool
+    mass_damping: float
+    equilibrium: Array
+    load_vectors: Array
+    load_histories: LoadHistories
+    points: ContactPoints
+    contact_rows: Array
+    probe_rows: Array
+
+    @property
+    def comm(self) -> Communicator:
+        """The communicator."""
+
+    @property
+    def dimension(self) -> int:
+        """d, 2 or 3."""
+
+    @property
+    def gauss_points(self) -> int:
+        """Gauss points along a time step."""
+
+    @property
+    def factor(self) -> Inverse:
+        """K⁻¹ at the equilibrium."""
+
+    @property
+    def rest_force(self) -> Array:
+        """(local,) internal force at the equilibrium, N."""
+
+    @property
+    def gyroscopic(self) -> Any:
+        """The gyroscopic matrix G, or None."""
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """Inner products aᵀ b over all ranks of two blocks (local, k) and (local, l): (k, l)."""
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """Mass inner products aᵀ M b over all ranks of two blocks: (k, l)."""
+
+    def mass_times(self, block: Array) -> Array:
+        """M times a block (local, k)."""
+
+    def stiffness_times(self, block: Array) -> Array:
+        """K at the equilibrium times a block (local, k)."""
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """G times a block (local, k), where the Coriolis force acts."""
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (local,) at a displacement u (local,), N."""
+
+    def tangent_times(self, u: Array, block: Array) -> Array:
+        """Tangent stiffness at a displacement u (local,) times a block (local, k)."""
+
+    def energy(self, u: Array) -> float:
+        """Potential energy of the internal force at a displacement u (local,), J."""
+
+    def tangent_derivative(self, x: Array, y: Array) -> Array:
+        """K′[x] y (local,) at the equilibrium, exact if the structure has an exact derivative."""
+
+    def tangent_difference(self, x: Array, y: Array) -> Array:
+        """K′[x] y (local,) at the equilibrium by central differences of the tangent."""
+
+    def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
+        """The internal force projected on vectors (local, n), as an exact cubic polynomial.
+
+        Raises:
+            SceneError: the internal force of this structure is not a polynomial.
+        """
+
+    def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
+        """The `count` lowest ω² (count,) and mass-normalised modes (local, count)."""
+
+    def static(self, load: Array, guess: Array | None = None) -> Array:
+        """Nonlinear equilibrium (local,) under a load (local,), from a guess.
+
+        Raises:
+            ConvergenceError: no equilibrium was found.
+        """
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement component (k,) of each column of a block (local, k)."""
+
+    def translations(self) -> Array:
+        """(local, d) unit translations along the axes."""

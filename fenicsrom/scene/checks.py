@@ -1,0 +1,317 @@
+"""Checks between keys: each function yields the keys that do not agree with the others."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import MISSING
+from itertools import pairwise
+from typing import NamedTuple
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.loads import Load, Pulse
+from fenicsrom.scene.places import Place, Region
+from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
+from fenicsrom.scene.tables import plain
+from fenicsrom.scene.times import (
+    GENERALISED_ALPHA,
+    Duration,
+    EquilibriumOnly,
+    FixedStep,
+    NoStep,
+    Periodic,
+    StepsPerPeriod,
+)
+
+FEW_CONTACTS = 4  # with up to so many points, every contact displacement is a coordinate
+INTERFACE_MODES = 10  # in place of the contact displacements of more points
+REGION_KEYS = ("group", "node", "nearest", "box", "plane")
+
+
+class Problem(NamedTuple):
+    """A key that does not agree with the others.
+
+    Attributes:
+        key: the dotted key.
+        value: its value, or `MISSING`.
+        allowed: what is allowed, in words.
+        kind: the kind of the error; that of a missing value is known.
+    """
+
+    key: str
+    value: object
+    allowed: str
+    kind: ErrorKind = ErrorKind.CONFLICT
+
+
+Problems = Iterator[Problem]
+
+
+def problems(scene: Scene) -> Problems:
+    """Yield the keys of a scene that do not agree with each other, in the order of the checks."""
+    yield from _geometry_problems(scene.geometry)
+    yield from _rotation_problems(scene)
+    yield from _vector_problems(scene)
+    yield from _place_problems(scene)
+    for index, contact in enumerate(scene.contacts):
+        yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
+    for index, load in enumerate(scene.loads):
+        yield from _load_problems(load, f"loads[{index}]")
+    if not (scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))):
+        what = "without contacts and without a load at a place"
+        yield Problem("probe", MISSING, f"must be a table in a scene {what}")
+    yield from _basis_problems(scene)
+    yield from _time_problems(scene)
+
+
+def _acts_at_a_place(load: Load) -> bool:
+    return load.kind != "acceleration"
+
+
+def _places(scene: Scene) -> list[tuple[str, Place]]:
+    """Give the places of a scene with their keys."""
+    loads = [(f"loads[{k}]", load) for k, load in enumerate(scene.loads)]
+    places = [(key, load.place) for key, load in loads if _acts_at_a_place(load)]
+    places += [(f"contacts[{k}]", contact.place) for k, contact in enumerate(scene.contacts)]
+    return places + ([("probe", scene.probe)] if scene.probe else [])
+
+
+def _regions(scene: Scene) -> list[tuple[str, Region]]:
+    """Give the supports and places of a scene with their keys."""
+    supports = [(f"supports[{k}]", support) for k, support in enumerate(scene.supports)]
+    return [*supports, *_places(scene)]
+
+
+def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
+    """Yield every vector of a scene, or None, with its key."""
+    for key, region in _regions(scene):
+        for name in ("node", "nearest"):
+            yield f"{key}.{name}", getattr(region, name, None)
+        for index, corner in enumerate(region.box or ()):
+            yield f"{key}.box[{index}]", corner
+        if region.plane:
+            yield f"{key}.plane.point", region.plane.point
+            yield f"{key}.plane.normal", region.plane.normal
+    for index, load in enumerate(scene.loads):
+        yield f"loads[{index}].direction", load.direction
+    for index, contact in enumerate(scene.contacts):
+        yield f"contacts[{index}].normal", contact.normal
+        if contact.surface is not None:
+            yield f"contacts[{index}].surface.point", contact.surface.point
+            yield f"contacts[{index}].surface.axis", contact.surface.axis
+    if scene.rotation:
+        yield "rotation.axis", scene.rotation.axis
+        yield "rotation.point", scene.rotation.point
+
+
+def _vector_problems(scene: Scene) -> Problems:
+    dimension = scene.geometry.dimension
+    for key, vector in _vectors(scene):
+        if vector is not None and len(vector) != dimension:
+            allowed = f"must have {dimension} components with geometry.dimension = {dimension}"
+            yield Problem(key, vector, allowed)
+
+
+def _place_problems(scene: Scene) -> Problems:
+    for key, region in _regions(scene):
+        given = {name: value for name in REGION_KEYS if (value := getattr(region, name, None))}
+        if not given:
+            names = REGION_KEYS if isinstance(region, Place) else ("group", "box", "plane")
+            allowed = f"one of {', '.join(names[:-1])} and {names[-1]} must be given"
+            yield Problem(f"{key}.group", MISSING, allowed)
+        if len(given) > 1:
+            first, second = list(given)[:2]
+            yield Problem(f"{key}.{second}", plain(given[second]), f"not allowed with {first}")
+    for key, place in _places(scene):
+        if place.at == "nodes" and not key.startswith("contacts"):
+            yield Problem(
+                f"{key}.at", place.at, 'only allowed for a contact; use "mean" or "centre"'
+            )
+        if place.at != "mean" and (place.node or place.nearest):
+            other = "node" if place.node else "nearest"
+            yield Problem(f"{key}.at", place.at, f"not allowed with {other}")
+
+
+def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
+    if contact.surface is None and contact.normal is None:
+        yield Problem(f"{key}.normal", MISSING, "a normal or a surface must be given")
+    times = [time for time, _ in contact.approach]
+    if any(later <= sooner for sooner, later in pairwise(times)):
+        yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
+    if contact.surface is not None:
+        yield from _surface_problems(contact, key, dimension)
+
+
+def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
+    surface = contact.surface
+    assert surface is not None
+    if contact.normal is not None:
+        yield Problem(f"{key}.normal", contact.normal, "not allowed with a surface")
+    wanted = dimension == 3 and surface.kind == "cylinder"
+    if wanted and surface.axis is None:
+        yield Problem(f"{key}.surface.axis", MISSING, "must be a vector for a cylinder in 3D")
+    if not wanted and surface.axis is not None:
+        yield Problem(f"{key}.surface.axis", surface.axis, "only allowed for a cylinder in 3D")
+    if dimension == 2 and surface.kind == "sphere":
+        yield Problem(f"{key}.surface.kind", surface.kind, 'must be "cylinder" in 2D')
+    if surface.radius is not None and contact.gap:
+        allowed = "not allowed with surface.radius, which determines the gap"
+        yield Problem(f"{key}.gap", contact.gap, allowed)
+    if surface.kind == "sphere" and (surface.waves or surface.spin is not None):
+        name = "waves" if surface.waves else "spin"
+        allowed = "only allowed for a cylinder"
+        yield Problem(f"{key}.surface.{name}", plain(getattr(surface, name)), allowed)
+    for index, (order, _, _) in enumerate(surface.waves):
+        if order != round(order) or order < 1:
+            allowed = "the order must be an integer of at least 1"
+            yield Problem(f"{key}.surface.waves[{index}]", order, allowed, ErrorKind.RANGE)
+
+
+def _load_problems(load: Load, key: str) -> Problems:
+    """Yield the keys of the place on which this kind of load cannot act."""
+    if load.kind == "force":
+        return
+    whole = load.kind == "acceleration"
+    where = "the whole body" if whole else "facets"
+    why = f"not allowed with {load.kind}, which acts on {where}"
+    for name in REGION_KEYS if whole else ("node", "nearest"):
+        if (value := getattr(load.place, name)) is not None:
+            yield Problem(f"{key}.{name}", plain(value), why)
+    if load.place.at != "mean":
+        yield Problem(f"{key}.at", load.place.at, why)
+
+
+def _geometry_problems(geometry: Geometry) -> Problems:
+    suffix = geometry.mesh.suffix
+    is_step = suffix.lower() in (".step", ".stp")
+    if geometry.dimension == 2 and geometry.thickness is None:
+        yield Problem("geometry.thickness", MISSING, "must be a number above 0 in 2D")
+    for name in ("thickness", "plane"):
+        if geometry.dimension == 3 and (value := getattr(geometry, name)) is not None:
+            yield Problem(f"geometry.{name}", value, "only allowed in 2D")
+    for name in ("cells", "parameters"):
+        if suffix != ".geo" and (value := getattr(geometry, name)):
+            yield Problem(f"geometry.{name}", value, "only allowed if mesh is a .geo file")
+    if is_step and geometry.size is None:
+        yield Problem("geometry.size", MISSING, "must be the cell size in m for a .step file")
+    if not is_step and geometry.size is not None:
+        yield Problem("geometry.size", geometry.size, "only allowed if mesh is a .step file")
+    if geometry.scale != 1.0 and (is_step or suffix.lower() == ".geo"):
+        allowed = f"only allowed if mesh is a mesh file, not for a {suffix} file"
+        yield Problem("geometry.scale", geometry.scale, allowed)
+    if "structured" in geometry.parameters:
+        value = geometry.parameters["structured"]
+        yield Problem("geometry.parameters.structured", value, "use geometry.cells in its place")
+
+
+def _rotation_problems(scene: Scene) -> Problems:
+    rotation: Rotation | None = scene.rotation
+    if rotation is None:
+        return
+    if scene.geometry.dimension == 2 and rotation.axis is not None:
+        allowed = "only allowed in 3D; in 2D the axis is normal to the plane"
+        yield Problem("rotation.axis", rotation.axis, allowed)
+    if scene.geometry.dimension == 3 and rotation.axis is None:
+        yield Problem("rotation.axis", MISSING, "must be a vector along the axis in 3D")
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, "must be false with [rotation]: the beam cannot turn")
+
+
+def default_masters(scene: Scene) -> str | int:
+    """Give the masters of the basis: the given ones, or those that suit the contacts."""
+    if scene.basis.masters is not None:
+        return scene.basis.masters
+    regions = any(contact.place.at == "nodes" for contact in scene.contacts)
+    return INTERFACE_MODES if regions or len(scene.contacts) > FEW_CONTACTS else "all"
+
+
+def _basis_problems(scene: Scene) -> Problems:
+    basis = scene.basis
+    if not scene.contacts:
+        if basis.modes < 1:
+            allowed = "must be at least 1 in a scene without contact"
+            yield Problem("basis.modes", basis.modes, allowed)
+        if basis.masters is not None:
+            yield Problem("basis.masters", basis.masters, "not allowed in a scene without contact")
+    if not isinstance(basis.derivatives, tuple):
+        return
+    if any(contact.place.at == "nodes" for contact in scene.contacts):
+        return  # the number of static modes is known with the mesh only
+    points, masters, dimension = (
+        len(scene.contacts),
+        default_masters(scene),
+        scene.geometry.dimension,
+    )
+    each = dimension if masters == "all" else 1
+    static = points * each if isinstance(masters, str) else min(masters, points * dimension)
+    available = {"V": basis.modes, "S": static}
+    for index, label in enumerate(basis.derivatives):
+        modes = re.findall(r"([0-9]+)([VS])", label)
+        if any(int(count) > available[kind] for count, kind in modes):
+            allowed = f"the basis has {basis.modes} normal (V) and {static} static (S) modes"
+            yield Problem(f"basis.derivatives[{index}]", label, allowed)
+
+
+def _time_problems(scene: Scene) -> Problems:
+    time = scene.time
+    if time.spectral_radius is not None and time.scheme != GENERALISED_ALPHA:
+        allowed = f'only allowed with scheme = "{GENERALISED_ALPHA}"'
+        yield Problem("time.spectral_radius", time.spectral_radius, allowed)
+    if scene.period is None:
+        yield from _duration_problems(scene)
+    else:
+        yield from _period_problems(scene)
+
+
+def _duration_problems(scene: Scene) -> Problems:
+    """Yield the problems of the times of a scene without a period."""
+    time = scene.time
+    transient = [index for index, load in enumerate(scene.loads) if load.transient]
+    why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
+    if isinstance(time.span, Periodic):
+        tolerance = time.span.steady_tolerance
+        name = "periods" if tolerance is None else "steady_tolerance"
+        yield Problem(f"time.{name}", getattr(time, name), f"use duration, because {why}")
+    if isinstance(time.span, EquilibriumOnly):
+        if not scene.static_only or not isinstance(time.stepping, NoStep):
+            yield Problem("time.duration", MISSING, f"must be a number above 0, because {why}")
+        return
+    duration = time.duration or 0.0
+    match time.stepping:
+        case NoStep():
+            allowed = f"a step (number above 0) or a tolerance must be given, because {why}"
+            yield Problem("time.step", MISSING, allowed)
+        case StepsPerPeriod(steps_per_period=steps):
+            allowed = f"use step or tolerance, because {why}"
+            yield Problem("time.steps_per_period", steps, allowed)
+        case FixedStep(step=step):
+            if step > duration:
+                allowed = f"must be at most the duration of {duration:g}"
+                yield Problem("time.step", step, allowed)
+            quarters = [(load.quarter_period, index) for index, load in enumerate(scene.loads)]
+            quarter, index = min(quarters, default=(math.inf, 0))
+            if step > quarter:
+                impact = isinstance(scene.loads[index].history, Pulse)
+                what = "impact" if impact else "shortest period"
+                allowed = (
+                    f"must be at most {quarter:.6g}, a quarter of the {what} of loads[{index}]"
+                )
+                yield Problem("time.step", step, allowed)
+
+
+def _period_problems(scene: Scene) -> Problems:
+    """Yield the problems of the times and frequencies of a scene with a period."""
+    time = scene.time
+    why = "because the loads repeat"
+    if isinstance(time.span, Duration):
+        yield Problem("time.duration", time.span.duration, f"use periods, {why}")
+    if isinstance(time.stepping, FixedStep):
+        allowed = f"use steps_per_period or tolerance, {why}"
+        yield Problem("time.step", time.stepping.step, allowed)
+    frequencies = [load.frequency for load in scene.loads]
+    lowest = min(frequency for frequency in frequencies if frequency is not None)
+    for index, frequency in enumerate(frequencies):
+        if frequency is not None and abs(math.remainder(frequency, lowest)) > 1e-9 * lowest:
+            allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"
+            yield Problem(f"loads[{index}].frequency", frequency, allowed)

@@ -1,0 +1,99 @@
+"""The JSON schema of a scene, for editors that complete and check TOML."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import MISSING
+from typing import Any
+
+from fenicsrom.scene.schema import Scene
+from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
+
+
+def json_schema() -> dict[str, Any]:
+    """Give the JSON schema (draft 2020-12) of a scene file.
+
+    It states every key with its type, range, unit, default and meaning, and which keys of a load
+    and of [time] exclude each other. Checks between other keys are made by `read_scene` only.
+    """
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "fenicsrom scene",
+        **_table(Scene),
+    }
+
+
+def _table(kind: type) -> dict[str, Any]:
+    properties: dict[str, Any] = {}
+    for name, rule, description, default in keys(kind):
+        unit = f" [{rule.unit}]" if rule.unit else ""
+        entry = {**_resolved(rule.schema), "description": f"{description}{unit}".strip()}
+        if default is not MISSING and default is not None:
+            entry["default"] = plain(default)
+        properties[name] = entry
+    schema: dict[str, Any] = {
+        "type": "object",
+        "properties": properties,
+        "additionalProperties": False,
+    }
+    required, alternatives = needed(kind)
+    if required:
+        schema["required"] = required
+    if alternatives:
+        schema["allOf"] = [{"anyOf": options} for options in alternatives]
+    return schema
+
+
+def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
+    """Give the required keys of a table, and for each set of alternatives what each requires."""
+    required = [name for name, _, _, default in _own_keys(kind) if default is MISSING]
+    alternatives: list[list[dict[str, Any]]] = []
+    for entry, _ in entries(kind).values():
+        if isinstance(entry, OneOf):
+            every = {key for other in entry.kinds for key in key_names(other)}
+            kinds = [*entry.kinds, *([entry.otherwise] if entry.otherwise else [])]
+            alternatives.append([_alternative(each, every) for each in kinds])
+        elif isinstance(entry, type):
+            inner, more = needed(entry)
+            required += inner
+            alternatives += more
+    return required, alternatives
+
+
+def _alternative(kind: type, every: set[str]) -> dict[str, Any]:
+    """Give what one alternative requires and excludes."""
+    conditions: dict[str, Any] = {}
+    instead = {
+        name: key_names(other) for name, (_, other) in entries(kind).items() if other is not None
+    }
+    required = [name for name, _, _, default in _own_keys(kind) if default is MISSING]
+    always = [name for name in required if name not in instead]
+    if always:
+        conditions["required"] = always
+    choices = [
+        {"oneOf": [{"required": [option]} for option in (name, *others)]}
+        for name, others in instead.items()
+    ]
+    if choices:
+        conditions["allOf"] = choices
+    excluded = sorted(every - set(key_names(kind)))
+    if excluded:
+        conditions["not"] = {"anyOf": [{"required": [name]} for name in excluded]}
+    return conditions
+
+
+def _own_keys(kind: type) -> list[tuple[str, Any, str, Any]]:
+    """Give the keys that are fields of a dataclass itself."""
+    own = {
+        name for name, (entry, _) in entries(kind).items() if not isinstance(entry, OneOf | type)
+    }
+    return [key for key in keys(kind) if key[0] in own]
+
+
+def _resolved(schema: Any) -> Any:
+    """Give a schema in which the schema of a table replaces each {"kind": dataclass}."""
+    if isinstance(schema, Mapping):
+        if isinstance(schema.get("kind"), type):
+            return _table(schema["kind"])
+        return {name: _resolved(entry) for name, entry in schema.items()}
+    return [_resolved(entry) for entry in schema] if isinstance(schema, list) else schema

@@ -1,0 +1,314 @@
+"""Loads: a place, an action of some size on it, and a history.
+
+Action and history are tagged alternatives: the keys that are given choose one of each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from fenicsrom.scene import rules
+from fenicsrom.scene.places import Place
+from fenicsrom.scene.rules import integer, number
+from fenicsrom.scene.tables import OneOf, changed, from_keys, table_of
+
+Direction = Annotated[tuple[float, ...], rules.direction]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointForce:
+    """A force at a point; on a region it works on the mean displacement of the region.
+
+    Attributes:
+        direction: direction of the load, scaled to unit length.
+        force: size of a point force; on a region it works on the mean displacement.
+    """
+
+    WHERE: ClassVar[str] = "with a force"
+    direction: Direction
+    force: Annotated[float, number(unit="N")]
+
+    @property
+    def size(self) -> float:
+        """The size in N."""
+        return self.force
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traction:
+    """A force per area on facets.
+
+    Attributes:
+        direction: direction of the load, scaled to unit length.
+        traction: size of a force per area on a region of facets.
+    """
+
+    WHERE: ClassVar[str] = "with a traction"
+    direction: Direction
+    traction: Annotated[float, number(unit="Pa")]
+
+    @property
+    def size(self) -> float:
+        """The size in Pa."""
+        return self.traction
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressure:
+    """A pressure on facets, along the normal and on the area of the undeformed body.
+
+    Attributes:
+        pressure: size of a pressure on a region of facets, positive into the body; it acts on the
+            undeformed area and does not follow the deformation.
+    """
+
+    WHERE: ClassVar[str] = "with a pressure, which acts along the normal"
+    pressure: Annotated[float, number(unit="Pa")]
+
+    @property
+    def size(self) -> float:
+        """The size in Pa."""
+        return self.pressure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceleration:
+    """A force per volume: the density times an acceleration.
+
+    Attributes:
+        direction: direction of the load, scaled to unit length.
+        acceleration: size of an acceleration of the whole body, a force per volume (gravity; or
+            minus the acceleration of the supports, with displacements relative to them).
+    """
+
+    WHERE: ClassVar[str] = "with an acceleration"
+    direction: Direction
+    acceleration: Annotated[float, number(unit="m/s²")]
+
+    @property
+    def size(self) -> float:
+        """The size in m/s²."""
+        return self.acceleration
+
+
+Action = PointForce | Traction | Pressure | Acceleration
+ACTIONS = OneOf(force=PointForce, traction=Traction, pressure=Pressure, acceleration=Acceleration)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepTable:
+    """A change of frequency that starts at t = 0; afterwards the frequency stays.
+
+    Attributes:
+        to: last frequency.
+        duration: duration of the change.
+        kind: change at a constant rate in Hz/s (linear) or in octaves per second (logarithmic).
+    """
+
+    to: Annotated[float, number(above=0.0, unit="Hz")]
+    duration: Annotated[float, number(above=0.0, unit="s")]
+    kind: Annotated[str, rules.choice("linear", "logarithmic")] = "linear"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PulseTable:
+    """An impact: half a sine, zero before and after it.
+
+    Attributes:
+        duration: duration of the impact.
+        start: time at which the impact starts.
+    """
+
+    duration: Annotated[float, number(above=0.0, unit="s")]
+    start: Annotated[float, number(least=0.0, unit="s")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class EngineOrder:
+    """The key that may replace the frequency of a load.
+
+    Attributes:
+        engine_order: multiple of the speed of rotation, in place of the frequency.
+    """
+
+    engine_order: Annotated[int, integer(1, 1000)]
+
+
+Frequency = Annotated[float, number(above=0.0, unit="Hz"), EngineOrder]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Static:
+    """A load that is constant in time, a part of the equilibrium."""
+
+    WHERE: ClassVar[str] = "in a static load (without frequency, pulse or table)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonic:
+    """A load with the factor sin(2π frequency t + phase).
+
+    Attributes:
+        frequency: frequency of the factor sin(2π frequency t + phase); without frequency, pulse and
+            table the load is static.
+        phase: phase of the sine at t = 0.
+    """
+
+    WHERE: ClassVar[str] = "in a harmonic load"
+    frequency: Frequency
+    phase: Annotated[float, number(unit="rad")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonics:
+    """A load with the factor Σ amplitude · sin(2π order frequency t + phase).
+
+    Attributes:
+        frequency: frequency of order 1.
+        harmonics: terms of the factor Σ amplitude · sin(2π order frequency t + phase).
+    """
+
+    WHERE: ClassVar[str] = "in a load with harmonics"
+    frequency: Frequency
+    harmonics: Annotated[tuple[tuple[int, float, float], ...], rules.harmonics]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """A sine with a frequency that changes.
+
+    Attributes:
+        frequency: frequency at t = 0.
+        sweep: change of the frequency.
+        phase: phase of the sine at t = 0.
+    """
+
+    WHERE: ClassVar[str] = "in a load with a sweep"
+    frequency: Frequency
+    sweep: Annotated[SweepTable, table_of(SweepTable)]
+    phase: Annotated[float, number(unit="rad")] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pulse:
+    """An impact.
+
+    Attributes:
+        pulse: an impact, half a sine.
+    """
+
+    WHERE: ClassVar[str] = "in a load with a pulse"
+    pulse: Annotated[PulseTable, table_of(PulseTable)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A factor that is given at some times and interpolated linearly between them.
+
+    Attributes:
+        table: factor of time, interpolated linearly; the first and the last value hold before and
+            after. When a scene is read, the rows of the file replace its path.
+    """
+
+    WHERE: ClassVar[str] = "in a load with a table"
+    table: Annotated[Path | tuple[tuple[float, float], ...], rules.series]
+
+    @property
+    def rows(self) -> Sequence[tuple[float, float]]:
+        """The rows (time in s, factor) of a scene that was read."""
+        if isinstance(self.table, Path):
+            raise TypeError(f"{self.table} was not read: make the scene with make_scene")
+        return self.table
+
+
+Oscillation = Harmonic | Harmonics | Sweep
+History = Static | Oscillation | Pulse | Table
+HISTORIES = OneOf(
+    Static,
+    table=Table,
+    pulse=Pulse,
+    sweep=Sweep,
+    harmonics=Harmonics,
+    frequency=Harmonic,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """A load of constant direction: place, action and history.
+
+    Attributes:
+        place: where the load acts; a region of facets for a traction or a pressure, nothing for an
+            acceleration.
+        action: what acts there, and its size.
+        history: the factor of the size as a function of time.
+    """
+
+    place: Annotated[Place, Place]
+    action: Annotated[Action, ACTIONS]
+    history: Annotated[History, HISTORIES] = Static()
+
+    @classmethod
+    def of(cls, **keys: Any) -> Load:
+        """Make a load from its keys in a scene file, such as `force=2.0, frequency=3.2`."""
+        return from_keys(cls, keys)
+
+    def changed(self, **keys: Any) -> Load:
+        """Give this load with other values of some keys."""
+        return changed(self, keys)
+
+    @property
+    def kind(self) -> str:
+        """The key of the action: "force", "traction", "pressure" or "acceleration"."""
+        return next(tag for tag, kind in ACTIONS.tags.items() if isinstance(self.action, kind))
+
+    @property
+    def size(self) -> float:
+        """The size in N, Pa or m/s²."""
+        return self.action.size
+
+    @property
+    def direction(self) -> tuple[float, ...] | None:
+        """The unit vector of the direction; None for a pressure."""
+        return None if isinstance(self.action, Pressure) else self.action.direction
+
+    @property
+    def frequency(self) -> float | None:
+        """The frequency in Hz (at t = 0); None without one."""
+        return self.history.frequency if isinstance(self.history, Oscillation) else None
+
+    @property
+    def static(self) -> bool:
+        """Whether the load is constant in time."""
+        return isinstance(self.history, Static)
+
+    @property
+    def transient(self) -> bool:
+        """Whether the load varies in time and does not repeat."""
+        return isinstance(self.history, Sweep | Pulse | Table)
+
+    @property
+    def quarter_period(self) -> float:
+        """A quarter of the shortest period or of the impact in s, infinite for other loads.
+
+        A longer step does not resolve the load.
+        """
+        match self.history:
+            case Pulse(pulse=pulse):
+                return pulse.duration / 4.0
+            case Harmonic(frequency=frequency):
+                return 0.25 / frequency
+            case Harmonics(frequency=frequency, harmonics=terms):
+                return 0.25 / (frequency * max(order for order, *_ in terms))
+            case Sweep(frequency=frequency, sweep=sweep):
+                return 0.25 / max(frequency, sweep.to)
+        return math.inf
+
+
+def with_rows(load: Load, rows: tuple[tuple[float, float], ...]) -> Load:
+    """Give a load with the rows of its table in place of the path."""
+    return replace(load, history=Table(table=rows))

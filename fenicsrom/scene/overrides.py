@@ -1,0 +1,91 @@
+"""Overrides of single keys of a scene, such as `loads.0.force=200`."""
+
+from __future__ import annotations
+
+import copy
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.rules import show
+from fenicsrom.scene.tables import without_alternatives
+from fenicsrom.scene.times import Time
+
+DEEPEST = 20  # names in the path of a key
+
+
+def override_table(
+    table: Mapping[str, Any], overrides: Sequence[str], source: str
+) -> dict[str, Any]:
+    """Give a copy of the table of a scene with some of its values replaced.
+
+    Tables on the way to a key are made if they are missing; entries of lists must exist. A key of
+    [time] removes the keys that it excludes: `time.tolerance=1e-4` removes `steps_per_period`.
+
+    Args:
+        table: the plain data of a scene.
+        overrides: the path of a key, = and its value as TOML writes it.
+        source: name of the table in messages.
+
+    Returns:
+        The new table, not yet checked.
+
+    Raises:
+        SceneError: an override has no `=`, its value is not TOML, or its path leads nowhere.
+    """
+    changed = dict(table)
+    for override in overrides:
+        names, value = _parsed(override, source)
+        if len(names) == 2 and names[0] == "time" and isinstance(changed.get("time"), dict):
+            changed["time"] = without_alternatives(Time, changed["time"], names[1])
+        branch: Any = changed
+        for depth, name in enumerate(names):
+            numbered = re.fullmatch(r"[0-9]{1,6}", name)
+            if isinstance(branch, list) and numbered and int(name) < len(branch):
+                step: Any = int(name)
+            elif isinstance(branch, dict):
+                step = name
+            else:
+                reason = f"{'.'.join(names[:depth])} {_no_entry(branch, name)}"
+                raise _refuse(override, source, reason)
+            if depth == len(names) - 1:
+                branch[step] = value
+            else:  # copy only what is on the way to the key
+                inner = branch.get(step, {}) if isinstance(branch, dict) else branch[step]
+                branch[step] = copy.copy(inner)
+                branch = branch[step]
+    return changed
+
+
+def _parsed(override: str, source: str) -> tuple[list[str], Any]:
+    """Give the names on the path of an override, and its value."""
+    path, equals, text = override.partition("=")
+    names = [name.strip() for name in path.replace("[", ".").replace("]", "").split(".")]
+    if not equals or not all(names) or len(names) > DEEPEST:
+        raise _refuse(override, source, "must be a key, = and a value")
+    try:
+        value = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        value = {}
+    if list(value) != ["value"]:
+        reason = "the value must be written as in TOML, text in quotes"
+        raise _refuse(override, source, reason)
+    return names, value["value"]
+
+
+def _refuse(override: str, source: str, reason: str) -> SceneError:
+    sentence = f"{source}: override {show(override)}: {reason}"
+    return SceneError(sentence, kind=ErrorKind.FORMAT, key=override, source=source)
+
+
+def _no_entry(branch: Any, name: str) -> str:
+    """Say why a table, a list or a value of a scene has no such entry."""
+    if not isinstance(branch, list):
+        return "is not a table"
+    if not branch:
+        return f"is empty: it has no entry {name}"
+    last = len(branch) - 1
+    numbers = f"entries are numbered from 0 to {last}" if last else "the only entry is 0"
+    return f"has no entry {name}: {numbers}"

@@ -1,0 +1,250 @@
+"""Scenes from TOML files, plain data or Python: read, checked and completed."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.checks import default_masters, problems
+from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
+from fenicsrom.scene.overrides import override_table
+from fenicsrom.scene.paths import shared_meshes
+from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
+from fenicsrom.scene.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.tables import plain, read_table
+from fenicsrom.scene.times import (
+    GENERALISED_ALPHA,
+    EquilibriumOnly,
+    NoStep,
+    Periodic,
+    StepsPerPeriod,
+    Time,
+)
+
+DEEPEST = 100  # tables within tables: Python's TOML parser takes minutes for 100,000
+
+
+def read_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+    """Read a scene from a TOML file.
+
+    Args:
+        path: the file.
+        overrides: values to replace, see `override_table`.
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+    """
+    source = os.fspath(path)
+    table = override_table(_read_toml(source), overrides, source)
+    return parse_scene(table, source, Path(path).parent)
+
+
+def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
+    """Make a scene in Python, with the same checks and defaults as for a file.
+
+    Args:
+        folder: folder to which the paths of the mesh and of tables are relative.
+        tables: the tables and keys of a scene file, as plain data or as the dataclasses of this
+            package: `make_scene(geometry={"mesh": "beam3d.geo", "dimension": 3}, material={...},
+            supports=[{"group": "root"}], loads=[Load.of(group="load", ...)])`.
+
+    Raises:
+        SceneError: a key or value is not allowed.
+    """
+    return parse_scene(
+        {name: plain(table) for name, table in tables.items()}, "scene", Path(folder)
+    )
+
+
+def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:
+    """Make a scene from plain data.
+
+    Args:
+        table: the data, as TOML or JSON gives it.
+        source: name of the data in messages, usually that of the file.
+        folder: folder to which the path of the mesh is relative; None to take the path as it is,
+            without looking for the file (a reduced model needs no mesh).
+
+    Returns:
+        The scene, with every default filled in.
+
+    Raises:
+        SceneError: one sentence that names the source, the key, its value and what is allowed.
+    """
+    where = Where(source)
+    if not isinstance(table, Mapping):
+        raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
+    scene = read_table(Scene, _with_frequencies(table, where), where)
+    scene = replace(scene, source=source)
+    for problem in problems(scene):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return _complete(scene, folder)
+
+
+def scene_table(scene: Scene) -> dict[str, Any]:
+    """Give the plain data of a scene, fit for JSON; `parse_scene` makes the same scene from it."""
+    table: dict[str, Any] = plain(scene)
+    return table
+
+
+def _read_toml(source: str) -> dict[str, Any]:
+    """Read a TOML file."""
+
+    def failure(reason: str, kind: ErrorKind) -> SceneError:
+        return SceneError(f"{source}: {reason}", kind=kind, source=source)
+
+    try:
+        text = Path(source).read_text(encoding="utf-8-sig")
+        unquoted = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'", "", text)
+        if any(piece.count(".") > DEEPEST for piece in re.split(r"[\n=,{]", unquoted)):
+            raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT)
+        return tomllib.loads(text)
+    except OSError as error:
+        raise failure(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
+    except RecursionError:
+        raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT) from None
+    except SceneError:
+        raise
+    except ValueError as error:
+        raise failure(f"is not TOML: {error}", ErrorKind.FORMAT) from None
+
+
+def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:
+    """Give the table of a scene with frequencies in place of the engine orders of its loads."""
+    loads = table.get("loads")
+    if not is_sequence(loads):
+        return table
+    return {**table, "loads": [_with_frequency(table, k, where) for k in range(len(loads))]}
+
+
+def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
+    load = table["loads"][index]
+    if not isinstance(load, Mapping) or "engine_order" not in load:
+        return load
+    place = where.at("loads").at(index)
+    given = read_table(EngineOrder, {"engine_order": load["engine_order"]}, place).engine_order
+    place = place.at("engine_order")
+    if "frequency" in load:
+        raise place.refuse(given, "not allowed with frequency", ErrorKind.CONFLICT)
+    speed = 0.0
+    if "rotation" in table:
+        speed = read_table(Rotation, table["rotation"], where.at("rotation")).speed_rpm
+    if not speed:
+        allowed = "only allowed with a rotation.speed_rpm other than 0"
+        raise place.refuse(given, allowed, ErrorKind.CONFLICT)
+    kept = {name: value for name, value in load.items() if name != "engine_order"}
+    return {**kept, "frequency": given * abs(speed) / 60.0}
+
+
+def _complete(scene: Scene, folder: Path | None) -> Scene:
+    """Give the scene with its files found and the defaults that depend on other keys filled in."""
+    probe = scene.probe
+    if probe is None and not scene.contacts:
+        probe = next(load.place for load in scene.loads if load.kind != "acceleration")
+    rotation = scene.rotation
+    if rotation is not None and rotation.point is None:
+        rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)
+    basis = scene.basis
+    if scene.contacts:
+        basis = replace(basis, masters=default_masters(scene))
+    where = Where(scene.source, "loads")
+    return replace(
+        scene,
+        geometry=_complete_geometry(scene.geometry, scene.source, folder),
+        time=_complete_time(scene.time, scene.period is not None),
+        probe=probe,
+        loads=tuple(
+            _complete_load(load, folder, where.at(k)) for k, load in enumerate(scene.loads)
+        ),
+        rotation=rotation,
+        basis=basis,
+    )
+
+
+def _complete_geometry(geometry: Geometry, source: str, folder: Path | None) -> Geometry:
+    if folder is not None:
+        where = Where(source, "geometry.mesh")
+        geometry = replace(geometry, mesh=_find_mesh(geometry.mesh, folder, where))
+    if geometry.mesh.suffix == ".geo" and geometry.cells is None:
+        geometry = replace(geometry, cells="structured")
+    if geometry.dimension == 2 and geometry.plane is None:
+        geometry = replace(geometry, plane="stress")
+    return geometry
+
+
+def _complete_time(time: Time, periodic: bool) -> Time:
+    if time.scheme == GENERALISED_ALPHA and time.spectral_radius is None:
+        time = replace(time, spectral_radius=0.8)
+    if not periodic:
+        return time
+    if isinstance(time.stepping, NoStep):
+        time = replace(time, stepping=StepsPerPeriod(steps_per_period=200))
+    if isinstance(time.span, EquilibriumOnly):
+        time = replace(time, span=Periodic())
+    if isinstance(time.span, Periodic) and time.span.steady_tolerance is None:
+        tolerance = max(1e-5, time.tolerance or 0.0)
+        time = replace(time, span=replace(time.span, steady_tolerance=tolerance))
+    return time
+
+
+def _complete_load(load: Load, folder: Path | None, where: Where) -> Load:
+    if isinstance(load.history, Table) and isinstance(load.history.table, Path):
+        return with_rows(load, _read_table(load.history.table, folder, where.at("table")))
+    return load
+
+
+def _read_table(path: Path, folder: Path | None, where: Where) -> tuple[tuple[float, float], ...]:
+    """Read the rows of a text file: time in s and factor.
+
+    Commas, semicolons or spaces separate the columns; one line of headings is allowed.
+    """
+    found = (folder or Path()) / path
+    if not os.path.isfile(found):
+        inside = f"a file in {(folder or Path()).absolute()}"
+        searched = "an existing file" if path.is_absolute() else inside
+        raise where.refuse(str(path), f"must be {searched}", ErrorKind.FILE)
+    try:
+        lines = found.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeError):
+        allowed = "must be a text file that can be read"
+        raise where.refuse(str(path), allowed, ErrorKind.FILE) from None
+    rows: list[Any] = []
+    numbers: list[int] = []
+    headed = False
+    for line_number, line in enumerate(lines, 1):
+        words = re.split(r"\s*[,;]\s*|\s+", line.strip())
+        if words == [""] or words[0].startswith("#"):
+            continue
+        try:
+            rows.append([float(word) for word in words])
+        except ValueError:
+            if not rows and not headed:
+                headed = True
+                continue
+            rows.append(line)
+        numbers.append(line_number)
+
+    def line_of(index: int) -> Where:
+        return replace(where, key=f"{where.key} = {show(str(path))}: line {numbers[index]}")
+
+    return read_rows(rows, where, line_of)
+
+
+def _find_mesh(mesh: Path, folder: Path, where: Where) -> Path:
+    """Find the mesh file: in the folder of the scene, else among the program's own meshes."""
+    folders = [folder, shared_meshes()]
+    for candidate in (parent / mesh for parent in folders):
+        if os.path.isfile(candidate):
+            return candidate.resolve()
+    inside = f"a file in {folders[0].absolute()} or {folders[1]}"
+    searched = "an existing file" if mesh.is_absolute() else inside
+    raise where.refuse(str(mesh), f"must be {searched}", ErrorKind.FILE)

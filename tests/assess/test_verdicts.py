@@ -1,0 +1,190 @@
+"""The error estimates and the verdicts of a motion, against motions whose errors are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model, oscillator
+
+from fenicsrom.assess import estimates, verdicts
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.online import measures, simulate
+from fenicsrom.online.motion import Motion
+
+
+def test_estimate_covers_the_error_of_the_exact_oscillator() -> None:
+    """The exact amplitude of the oscillator is known; the estimate is six times the error, more or
+    less."""
+    omega = 2.0 * np.pi
+    exact = [f / abs(complex(k - omega**2, 0.5 * omega)) for f, k in ((1.0, 60.0), (0.3, 30.0))]
+    for steps in (20, 40, 80):
+        model, scene, motion = oscillator(steps)
+        error = float(np.linalg.norm(measures.amplitude(motion) - exact) / np.linalg.norm(exact))
+        estimate = estimates.step_errors(model, scene, motion).amplitude
+        assert error < estimate < 15.0 * error
+
+
+def struck(step: float, touching: bool) -> tuple[object, object, Motion]:
+    """The oscillator struck once, before a wall that it meets, or in the open; its motion decays
+    within the run."""
+    hit = {
+        "group": "tip",
+        "direction": [1.0, 0.0],
+        "force": 1.0,
+        "pulse": {"start": 0.1, "duration": 0.8},
+    }
+    wall = {
+        "group": "tip",
+        "at": "centre",
+        "normal": [1.0, 0.0],
+        "preload": 0.0,
+        "gap": 2e-3,
+        "friction": 0.3,
+        "normal_stiffness": 40.0,
+        "tangential_stiffness": 20.0,
+    }
+    scene = beam_scene(
+        2,
+        ("material.mass_damping=2.0",),
+        loads=[hit],
+        contacts=[wall] if touching else None,
+        probe={"group": "tip"},
+        geometrically_nonlinear=False,
+        time={"duration": 3.0, "step": step},
+    )
+    model = linear_model(
+        np.eye(2),
+        np.diag([60.0, 30.0]),
+        damping=2.0,
+        loads=[[1.0], [0.3]],
+        load_histories=simulate.load_histories(scene),
+        masters=2 if touching else 0,
+    )
+    return model, scene, simulate.simulate(model, scene)
+
+
+@pytest.mark.parametrize("touching", [False, True])
+def test_estimate_of_a_transient_covers_its_error(touching: bool) -> None:
+    model, scene, exact = struck(1e-4, touching)
+    assert measures.is_unsteady(exact) is False and not measures.has_settled(exact)
+    for step in (0.02, 0.01, 0.005):
+        model, scene, motion = struck(step, touching)
+        found = estimates.step_errors(model, scene, motion)
+        size = np.linalg.norm(measures.rms(exact))
+        error = float(np.linalg.norm(measures.rms(motion) - measures.rms(exact)) / size)
+        assert error < found.amplitude < 30.0 * error
+        force, right = measures.peak_normal_force(motion), measures.peak_normal_force(exact)
+        assert (force > 0.0) == touching and abs(force - right) <= max(
+            found.peak_force, 0.02
+        ) * force
+        assert found.peak_force < 0.1
+    model, scene, motion = struck(0.2, touching)
+    estimate = estimates.step_errors(model, scene, motion).amplitude
+    with pytest.raises(AccuracyError) as refusal:
+        verdicts.check_time_error(scene, estimate, measures.is_unsteady(motion))
+    assert (refusal.value.kind, refusal.value.key) == (ErrorKind.TIME_STEP, "time.step")
+    reason = verdicts.rejection_reason(model, scene, motion)
+    assert reason is not None and reason.kind is ErrorKind.TIME_STEP
+
+
+def test_resumed_run_is_judged_by_its_own_record() -> None:
+    model, scene, motion = struck(0.01, True)
+    late = motion.time >= 1.5
+    names = ("time", "displacement", "force")
+    resumed = replace(motion, **{name: getattr(motion, name)[late] for name in names})
+    assert 0.0 < measures.peak_normal_force(resumed) < 0.5 * measures.peak_normal_force(motion)
+    whole, part = (
+        estimates.step_errors(model, scene, motion),
+        estimates.step_errors(model, scene, resumed),
+    )
+    assert part.peak_force < 0.1 and part.amplitude < 10.0 * whole.amplitude
+
+
+def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:
+    """Six steps are too few for an amplitude, but not for one of 1e-9 of the displacement."""
+    model, scene, moving = oscillator(6, force=1e-8)
+    assert estimates.step_errors(
+        model, scene, moving
+    ).amplitude > verdicts.TIME_ERROR and not measures.at_rest(moving)
+    bent = model._replace(probe_offset=np.ones(2))  # type: ignore[attr-defined]
+    motion = simulate.simulate(bent, scene)
+    assert measures.at_rest(motion) and measures.has_settled(replace(motion, steady=False))
+    assert estimates.step_errors(bent, scene, motion) == (0.0, 0.0)
+    elsewhere = bent._replace(probe_offset=np.full(2, 1.25))
+    assert estimates.basis_error(elsewhere, scene, motion) == 0.0
+    assert estimates.basis_error(elsewhere, scene, replace(motion, buckled=1)) == pytest.approx(0.2)
+    assert estimates.basis_error(
+        model._replace(loads=2.0 * model.loads), scene, moving
+    ) == pytest.approx(0.5, rel=1e-3)  # type: ignore
+
+
+@pytest.mark.parametrize("tolerance", [0.9, 0.999])
+def test_estimate_of_a_huge_tolerance_exceeds_every_limit(tolerance: float) -> None:
+    """Off by an eighth, it once was taken as exact: what it was compared with had the same
+    tolerance."""
+    model, scene, _ = oscillator()
+    scene = replace(scene, time=replace(scene.time, steps_per_period=None, tolerance=tolerance))
+    assert (
+        estimates.step_errors(model, scene, simulate.simulate(model, scene)).amplitude
+        > verdicts.UNSETTLED_ERROR
+    )
+
+
+def test_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, scene, motion = oscillator()
+    once = replace(
+        scene.time,
+        steps_per_period=None,
+        periods=None,
+        steady_tolerance=None,
+        duration=1.0,
+        step=1.0,
+    )
+    single = replace(scene, time=once)
+    assert estimates.step_errors(model, single, replace(motion, period=None)) == (np.inf, np.inf)
+    still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
+    monkeypatch.setattr(estimates, "simulate", lambda *_: still)
+    assert estimates.step_errors(model, single, still) == (0.0, 0.0)
+
+
+def test_long_steps_are_refused_with_their_key() -> None:
+    model, scene, motion = oscillator(6)
+    with pytest.raises(AccuracyError, match="steps_per_period = 6: ") as refusal:
+        verdicts.check_time_error(scene, estimates.step_errors(model, scene, motion).amplitude)
+    assert refusal.value.key == "time.steps_per_period"
+    assert verdicts.recommended_step(scene, 0.1).time.steps_per_period == 12
+    verdicts.check_time_error(scene, 0.9 * verdicts.TIME_ERROR)
+    with pytest.raises(AccuracyError, match="no motion that settles"):
+        verdicts.check_time_error(scene, float("inf"))
+
+
+@pytest.mark.parametrize("steps", [6, 10, 14])
+def test_recommended_steps_pass_the_check(steps: int) -> None:
+    model, scene, motion = oscillator(steps)
+    with pytest.raises(AccuracyError, match=r"try steps_per_period = \d+$") as refusal:
+        verdicts.check_time_error(scene, estimates.step_errors(model, scene, motion).amplitude)
+    advised = int(str(refusal.value).split(" = ")[-1].split()[0])
+    assert advised % steps == 0 and advised <= 64 * steps
+    verdicts.check_time_error(scene, estimates.step_errors(*oscillator(advised)).amplitude)
+
+
+def test_recommended_step_uses_the_key_of_the_scene() -> None:
+    _, scene, _ = oscillator(8)
+    for key, value, advised in (("tolerance", 0.032, 0.0005), ("step", 0.1, 0.025)):
+        time = replace(scene.time, steps_per_period=None, **{key: value})
+        with pytest.raises(
+            AccuracyError,
+            match=rf'try {key} = {advised:g}; or try time.scheme = "generalised-alpha"',
+        ):
+            verdicts.check_time_error(replace(scene, time=time), float("inf"))
+
+
+def test_only_periodic_motion_has_settled() -> None:
+    _, _, motion = oscillator()
+    assert motion.steady and measures.has_settled(motion)
+    assert measures.has_settled(replace(motion, steady=False))
+    growing = motion.displacement * (1.0 + 0.01 * motion.time / motion.period)[:, None, None]
+    assert not measures.has_settled(replace(motion, steady=False, displacement=growing))
+    assert not measures.has_settled(replace(motion, steady=False, period=None))

@@ -1,0 +1,124 @@
+"""Contact points before every kind of surface, and one step of the contact law."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import one_contact
+
+from fenicsrom.online.contact_state import (
+    ContactState,
+    Interval,
+    contact_scratch,
+    zero_contact_state,
+)
+from fenicsrom.online.contact_step import (
+    at_rest,
+    commit_contact_state,
+    contact_force,
+)
+from fenicsrom.online.surfaces import (
+    CYLINDER,
+    SPHERE,
+    Contacts,
+    frame,
+)
+
+Array = NDArray[np.float64]
+
+
+RUB = one_contact(
+    preload=40.0, gap=1e-3, normal_stiffness=1e4, tangential_stiffness=2e4, friction=0.5
+)
+RUB3 = one_contact(
+    3, preload=40.0, gap=1e-3, normal_stiffness=1e4, tangential_stiffness=2e4, friction=0.5
+)
+SCHEMES = [(0.0, False), (0.4, False), (0.5, True)]
+
+
+def rest(contacts: Contacts, x: Array, slider: Array) -> ContactState:
+    """The law at a displacement (d,) with a slider (d - 1,) in the tangent plane."""
+    found = zero_contact_state(1, x.size)
+    at_rest(contacts, x[None], np.array([[0.0, *slider]]), 0.0, found, contact_scratch(1, x.size))
+    return found
+
+
+def apply(contacts: Contacts, x: Array, slider: Array) -> tuple[int, Array, Array]:
+    """State, force [N, T] and new slider before a plane."""
+    found = rest(contacts, x, slider)
+    return int(found.state[0]), (found.normal + found.friction)[0], found.slider[0, 1:]
+
+
+def step(
+    contacts: Contacts,
+    start: ContactState,
+    x: Array,
+    a: float,
+    line: bool,
+    time: tuple[float, float] = (0.0, 1.0),
+) -> Any:
+    """A step of all points to x (P, d): the state at its end, what was found, dissipation and work
+    of the surface."""
+    points, d = x.shape
+    end, found, interval = (
+        zero_contact_state(points, d),
+        contact_scratch(points, d),
+        Interval(*time, a, line),
+    )
+    end.x[:] = x
+    sums = np.zeros(2)
+    for p in range(points):
+        contact_force(contacts, interval, p, start, end, found)
+        sums += commit_contact_state(contacts, interval, p, start, end, found)[:2]
+    return end, found, *sums
+
+
+def casing(
+    d: int = 3,
+    *,
+    kind: int = CYLINDER,
+    inside: bool = True,
+    waves: bool = False,
+    spin: float = 0.0,
+    **values: Any,
+) -> Contacts:
+    """A point before a round surface of radius about 0.3 m, its axis askew, whose normal there is
+    the first axis."""
+    given = {
+        "preload": 3.0,
+        "normal_stiffness": 2e4,
+        "tangential_stiffness": 1e4,
+        "friction": 0.4,
+    } | values
+    flat = one_contact(d, **given)
+    side = 1.0 if inside else -1.0
+    axes = np.zeros((1, d, d))
+    if d == 2 or kind == SPHERE:
+        axes[0] = frame(np.array([0.8, 0.6, 0.0][:d]))
+    else:
+        axes[0, :2] = np.array([[0.8, 0.6 * 0.6, 0.6 * 0.8], [-0.6, 0.8 * 0.6, 0.8 * 0.8]])
+    return flat._replace(
+        kind=np.array([kind]),
+        axes=axes,
+        centre=np.array([[-0.3 * side, 0.0, 0.0][:d]]),
+        radius=np.array([0.3]),
+        side=np.array([side]),
+        spin=np.array([spin]),
+        order=np.array([2.0, 5.0] if waves else []),
+        height=np.array([[3e-3, -1e-3] if waves else []]),
+        phase=np.array([[0.3, 1.0] if waves else []]),
+        times=np.array([0.0, 2.0]),
+        approach=np.array([[0.0, 4e-3]]),
+    )
+
+
+SURFACES = [
+    pytest.param(lambda d: RUB if d == 2 else RUB3, id="plane"),
+    pytest.param(lambda d: casing(d), id="casing"),
+    pytest.param(lambda d: casing(d, inside=False), id="shaft"),
+    pytest.param(lambda d: casing(d, waves=True, spin=2e-3), id="oval casing that turns"),
+    pytest.param(lambda d: casing(d, kind=SPHERE) if d == 3 else casing(d), id="sphere"),
+]

@@ -1,0 +1,79 @@
+"""Stored reduced models: what they may run under, and files of other versions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel, load_model, save_model
+from fenicsrom.online.measures import amplitude
+from fenicsrom.online.simulate import load_histories
+from fenicsrom.scene import Scene
+
+SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")
+
+
+def scene_with(*overrides: str) -> Scene:
+    return beam_scene(2, (*SHORT, *overrides), contacts=None, probe={"group": "tip"})
+
+
+@pytest.fixture
+def stored() -> StoredModel:
+    """A linear model of two coordinates under the load and damping of the paper's beam."""
+    scene = scene_with("loads.0.force=111.0", "material.mass_damping=5.0")
+    model = linear_model(
+        np.eye(2),
+        np.diag([500.0, 900.0]),
+        damping=5.0,
+        loads=[[1.0], [0.3]],
+        load_histories=load_histories(scene),
+    )
+    return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([3.6, 4.8]), {})
+
+
+def test_stored_model_runs_under_the_loads_of_another_scene(stored: StoredModel) -> None:
+    whole = amplitude(stored.simulate())
+    small = amplitude(stored.simulate(scene_with("loads.0.force=20.0")))
+    np.testing.assert_allclose(small, whole * 20.0 / 111.0, rtol=1e-6)
+    faster = stored.simulate(scene_with("loads.0.frequency=4.0"))
+    assert faster.period == pytest.approx(0.25)
+
+
+def test_stored_model_runs_under_the_damping_of_another_scene(stored: StoredModel) -> None:
+    damped = scene_with("loads.0.force=111.0", "material.mass_damping=50.0")
+    assert stored.with_scene(damped).model.damping == 50.0
+    assert amplitude(stored.simulate(damped))[0] < 0.5 * amplitude(stored.simulate())[0]
+
+
+def test_scene_and_overrides_give_the_same_motion(stored: StoredModel) -> None:
+    changes = ["loads.0.force=20.0", "material.mass_damping=7.0", "time.tolerance=1e-3"]
+    by_overrides = stored.with_overrides(changes)
+    assert by_overrides.scene.time.steps_per_period is None
+    motion = stored.simulate(by_overrides.scene)
+    np.testing.assert_array_equal(motion.displacement, by_overrides.simulate().displacement)
+    assert stored.scene.loads[0].force == 111.0  # the stored model stays as it was
+
+
+def test_scene_of_another_model_is_refused(stored: StoredModel) -> None:
+    with pytest.raises(SceneError) as refusal:
+        stored.simulate(scene_with("material.young=1e9"))
+    assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, "material")
+
+
+def test_file_of_an_earlier_version_asks_to_run_the_scene_again(
+    stored: StoredModel, tmp_path: Path
+) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, stored)
+    assert load_model(path).labels == ("1V", "2V")
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files}
+    header = json.loads(str(arrays["header"])) | {"format": "fenicsrom reduced model 2"}
+    np.savez(path, **arrays | {"header": np.array(json.dumps(header))})
+    with pytest.raises(SceneError, match=r"another version of this program.*run the scene again"):
+        load_model(path)

@@ -1,0 +1,427 @@
+"""The contact law over a step against its definition and closed forms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from contact_cases import RUB, RUB3, SCHEMES, SURFACES, apply, casing, rest, step
+from numpy.typing import NDArray
+from support import assert_tangent, one_contact, slope
+
+from fenicsrom.online.contact_problem import solve_contact
+from fenicsrom.online.contact_state import (
+    OPEN,
+    SLIP,
+    STICK,
+    ContactState,
+    Interval,
+    contact_scratch,
+    zero_contact_state,
+)
+from fenicsrom.online.contact_step import (
+    at_rest,
+    contact_energy,
+)
+from fenicsrom.online.friction import blended_normal_force, mean_normal_force
+from fenicsrom.online.surfaces import (
+    PLANE,
+    Contacts,
+)
+
+Array = NDArray[np.float64]
+
+
+@pytest.mark.parametrize(
+    ("x", "state", "force", "slider"),
+    [
+        ([-0.01, 0.02], OPEN, [0.0, 0.0], 0.02),  # N0 + k_n (x_n - g0) = -70: the slider follows
+        ([-0.003, 0.02], OPEN, [0.0, 0.0], 0.02),  # exactly touching
+        ([0.0, 0.0012], STICK, [30.0, 4.0], 0.001),  # N = 30, trial 4 < 15
+        ([0.0, 0.00175], STICK, [30.0, 15.0], 0.001),  # at the limit
+        ([0.0, 0.0030], SLIP, [30.0, 15.0], 0.0030 - 15 / 2e4),
+        ([0.002, -0.0030], SLIP, [50.0, -25.0], -0.0030 + 25 / 2e4),
+    ],
+)
+def test_contact_law_gives_state_force_and_slider(
+    x: list[float], state: int, force: list[float], slider: float
+) -> None:
+    found = apply(RUB, np.array(x), np.array([0.001]))
+    assert found[0] == state
+    np.testing.assert_allclose(found[1], force, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(found[2], [slider], rtol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_slider_without_friction_follows_the_point(dimension: int) -> None:
+    x = np.array([0.002, 0.3, -0.2])[:dimension]
+    contacts = (RUB if dimension == 2 else RUB3)._replace(friction=np.zeros(1))
+    state, force, slider = apply(contacts, x, np.zeros(dimension - 1))
+    assert state == SLIP
+    np.testing.assert_array_equal(force[1:], 0.0)
+    np.testing.assert_array_equal(slider, x[1:])
+
+
+def test_law_in_3d_along_a_line_equals_law_in_2d() -> None:
+    rng = np.random.default_rng(1)
+    line = np.array([0.6, -0.8])
+    slider = 0.0
+    seen = set()
+    for _ in range(200):
+        normal, across = rng.uniform(-6e-3, 4e-3), rng.uniform(-4e-3, 4e-3)
+        plane = apply(RUB, np.array([normal, across]), np.array([slider]))
+        space = apply(RUB3, np.array([normal, *(across * line)]), slider * line)
+        seen.add(plane[0])
+        assert space[0] == plane[0]
+        np.testing.assert_allclose(
+            space[1], [plane[1][0], *(plane[1][1] * line)], rtol=1e-12, atol=1e-12
+        )
+        np.testing.assert_allclose(space[2], plane[2][0] * line, rtol=1e-12, atol=1e-16)
+        slider = plane[2][0]
+    assert seen == {OPEN, SLIP, STICK}
+
+
+def test_friction_of_a_turned_displacement_is_turned() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        angle = rng.uniform(0, 2 * np.pi)
+        turn = np.eye(3)
+        turn[1:, 1:] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+        x, slider = rng.uniform(-4e-3, 4e-3, 3), rng.uniform(-4e-3, 4e-3, 2)
+        state, force, new = apply(RUB3, x, slider)
+        turned = apply(RUB3, turn @ x, turn[1:, 1:] @ slider)
+        assert turned[0] == state
+        np.testing.assert_allclose(turned[1], turn @ force, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(turned[2], turn[1:, 1:] @ new, rtol=1e-12, atol=1e-16)
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_force_derivative_matches_differences(surface: Any, d: int, a: float, line: bool) -> None:
+    contacts, rng = surface(d), np.random.default_rng(7)
+    seen = set()
+    for _ in range(40):
+        start = zero_contact_state(1, d)
+        way = np.array([6e-3, *([1e-3] * (d - 1))])
+        at_rest(
+            contacts,
+            rng.uniform(-way, way, (1, d)),
+            rng.uniform(-way, way, (1, d)),
+            0.1,
+            start,
+            contact_scratch(1, d),
+        )
+        x = rng.uniform(-way, way)
+
+        def found(x: Array, start: ContactState = start) -> Any:
+            return step(contacts, start, x[None], a, line, (0.1, 0.5))[1]
+
+        near = [
+            step(contacts, start, (x + s * e)[None], a, line, (0.1, 0.5))[:2]
+            for e in np.eye(d)
+            for s in (-1e-6, 1e-6)
+        ]
+        sides = {(int(found.mode[0]), bool(end.trial_normal_force[0] > 0.0)) for end, found in near}
+        if len(sides) > 1:
+            continue  # a kink
+        seen |= {motion for motion, _ in sides}
+        if np.abs(found(x).force_derivative).max() < 1e-9:  # open, or only at its start not
+            np.testing.assert_array_equal(found(x + 1e-7).mean_force.copy(), found(x).mean_force)
+            continue
+        assert_tangent(
+            lambda x, found=found: found(x).mean_force[0].copy(),
+            lambda x, found=found: found(x).force_derivative[0].copy(),
+            x,
+            step=1e-7,
+            tolerance=5e-8,
+        )
+    assert seen == {OPEN, SLIP, STICK}
+
+
+@pytest.mark.parametrize("blending", [0.0, 0.3, 1.0])
+def test_blended_normal_force_takes_energy(blending: float) -> None:
+    """Whatever the step; and its slope is its derivative."""
+    rng = np.random.default_rng(3)
+    for before, after in rng.uniform(-2.0, 2.0, (500, 2)):
+        force, slope = blended_normal_force(before, after, blending)
+        stored = (max(after, 0.0) ** 2 - max(before, 0.0) ** 2) / 2
+        lost = force * (after - before) - stored
+        assert lost >= -1e-14 if blending else abs(lost) < 1e-14
+        ahead, behind = (
+            blended_normal_force(before, after + e, blending)[0] for e in (1e-6, -1e-6)
+        )
+        if abs(after) > 1e-5:
+            assert slope == pytest.approx((ahead - behind) / 2e-6, abs=1e-5)
+    assert blended_normal_force(0.0, 2.0, blending)[0] == pytest.approx(1.0 + blending)
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_step_dissipates_and_balances_energy(surface: Any, d: int, a: float, line: bool) -> None:
+    contacts, rng = surface(d), np.random.default_rng(8)
+    here, lost = zero_contact_state(1, d), []
+    at_rest(contacts, np.zeros((1, d)), np.zeros((1, d)), 0.0, here, contact_scratch(1, d))
+    states = set()
+    for k in range(400):
+        way = (
+            np.array([2e-3, *([6e-4] * (d - 1))])
+            if contacts.kind[0] == PLANE
+            else np.array([2e-3, *([2e-4] * (d - 1))])
+        )
+        x = here.x + rng.uniform(-way, way, (1, d)) - 0.1 * here.x
+        end, found, dissipated, surface_work = step(
+            contacts, here, x, a, line, (0.01 * k, 0.01 * (k + 1))
+        )
+        gain = contact_energy(contacts, end) - contact_energy(contacts, here)
+        work = float(np.sum(found.mean_force * (x - here.x)))
+        if (
+            line and contacts.order.size == 0
+        ):  # what goes in is stored, dissipated, or came from the surface
+            assert work + surface_work == pytest.approx(gain + dissipated, rel=1e-9, abs=1e-12)
+        lost.append(dissipated / (1.0 + contact_energy(contacts, here)))
+        limit = contacts.friction[0] * max(end.trial_normal_force[0], 0.0)
+        assert np.linalg.norm(end.friction[0]) <= limit * (1 + 1e-12)
+        states.add(int(end.state[0]))
+        here = end
+    if line:
+        assert min(lost) >= -1e-15
+    assert sum(lost) > 0.0
+    assert max(lost) > 1e-6
+    assert states == {OPEN, SLIP, STICK}
+
+
+def test_node_dragged_around_casing_does_the_work_of_friction() -> None:
+    radius, turn, depth = 0.3, 5.0, 1e-4
+    errors = []
+    for dragged in (True, False):  # or the casing is turned about a node at rest
+        contacts = casing(2, spin=0.0 if dragged else -turn, preload=0.0)._replace(
+            approach=np.zeros((1, 2))
+        )
+        normal = 2e4 * depth
+        stretch = 0.4 * normal / 1e4
+        for steps in (500, 1000):
+            here = zero_contact_state(1, 2)
+            at_rest(
+                contacts,
+                np.array([[depth, 0.0]]),
+                np.array([[depth, -stretch]]),
+                0.0,
+                here,
+                contact_scratch(1, 2),
+            )
+            total = np.zeros(3)
+            for k in range(steps):
+                angle = turn * (k + 1) / steps if dragged else 0.0
+                x = (radius + depth) * np.array([[np.cos(angle), np.sin(angle)]]) - [[radius, 0.0]]
+                end, found, dissipated, surface = step(
+                    contacts, here, x, 0.5, True, (k / steps, (k + 1) / steps)
+                )
+                total += np.sum(found.mean_force * (x - here.x)), dissipated, surface
+                assert end.state[0] == SLIP
+                here = end
+            exact = 0.4 * normal * (radius + depth) * turn
+            assert total[1] == pytest.approx(exact, rel=1e-3)
+            assert total[0 if dragged else 2] == pytest.approx(exact, rel=1e-3)
+            errors.append(abs(total[1] / exact - 1.0))
+    assert errors[1] < 0.6 * errors[0] or errors[1] < 1e-5
+
+
+def test_two_points_of_half_weight_equal_one_point() -> None:
+    rng = np.random.default_rng(9)
+    for a, line in SCHEMES:
+        whole = casing(3, waves=True, spin=0.7)
+        half = Contacts(
+            *(
+                np.repeat(v, 2, axis=0) if k not in ("times", "order") else v
+                for k, v in whole._asdict().items()
+            )
+        )
+        half = half._replace(
+            **{
+                k: 0.5 * getattr(half, k)
+                for k in ("preload", "normal_stiffness", "tangential_stiffness")
+            }
+        )
+        start, double = zero_contact_state(1, 3), zero_contact_state(2, 3)
+        x, w = rng.uniform(-2e-3, 2e-3, (2, 1, 3))
+        at_rest(whole, x, w, 0.0, start, contact_scratch(1, 3))
+        at_rest(
+            half,
+            np.repeat(x, 2, axis=0),
+            np.repeat(w, 2, axis=0),
+            0.0,
+            double,
+            contact_scratch(2, 3),
+        )
+        root = rng.standard_normal((3, 3))
+        delassus, free = 1e-4 * (np.eye(3) + 0.2 * root @ root.T), rng.uniform(0.0, 4e-3, (1, 3))
+        ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
+        scratches = contact_scratch(1, 3), contact_scratch(2, 3)
+        assert solve_contact(
+            whole, Interval(0.0, 0.3, a, line), delassus, free, start, ends[0], scratches[0]
+        )
+        both = np.tile(delassus, (2, 2))
+        assert solve_contact(
+            half,
+            Interval(0.0, 0.3, a, line),
+            both,
+            np.repeat(free, 2, axis=0),
+            double,
+            ends[1],
+            scratches[1],
+        )
+        np.testing.assert_allclose(
+            ends[1].x, np.repeat(ends[0].x, 2, axis=0), rtol=1e-9, atol=1e-14
+        )
+        np.testing.assert_allclose(
+            scratches[1].mean_force.sum(axis=0), scratches[0].mean_force[0], rtol=1e-9
+        )
+
+
+# ------------------------------------------------------------------ energies
+
+
+def friction_dissipation(contacts: Contacts, path: Array, a: float, line: bool) -> float:
+    """Energy dissipated along a path (steps, d), its first point at rest."""
+    here, lost = rest(contacts, path[0], path[0, 1:]), 0.0
+    for x in path[1:]:
+        here, _, dissipated, _ = step(contacts, here, x[None], a, line)
+        lost += dissipated
+    return lost
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+def test_slip_dissipation_matches_jenkins_loop(a: float, line: bool) -> None:
+    preload, amplitude = 30.0, 6e-3
+    limit = RUB.friction[0] * preload
+    up = np.linspace(
+        -amplitude, amplitude, 1 + 8 * 6
+    )  # every turning and yielding point lies on the path
+    loop = np.concatenate([up[24:], up[-2::-1], up[1:]])
+    path = np.stack([np.zeros_like(loop), loop], axis=1)  # N0 - k_n g0 = 30 N
+    first = len(up) - 24 - 1  # from the crest to the next
+    closed = friction_dissipation(RUB, path, a, line) - friction_dissipation(
+        RUB, path[: first + 1], a, line
+    )
+    assert closed == pytest.approx(
+        4 * limit * (amplitude - limit / RUB.tangential_stiffness[0]), rel=1e-12
+    )
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+def test_slip_inside_a_step_matches_jenkins_loop(a: float, line: bool) -> None:
+    """The energy lost is exact where slip is located within the step, and of second order at the
+    weighted point."""
+    preload, amplitude = 30.0, 6e-3
+    limit = RUB.friction[0] * preload
+    exact = 4 * limit * (amplitude - limit / RUB.tangential_stiffness[0])
+    errors = []
+    for steps in (46, 460):
+        up = np.linspace(-amplitude, amplitude, 1 + steps)
+        loop = np.concatenate([up[steps // 2 :], up[-2::-1], up[1:]])
+        path = np.stack([np.zeros_like(loop), loop], axis=1)
+        turn = len(up) - steps // 2 - 1
+        errors.append(
+            abs(
+                friction_dissipation(RUB, path, a, line)
+                - friction_dissipation(RUB, path[: turn + 1], a, line)
+                - exact
+            )
+            / exact
+        )
+    if line:
+        assert max(errors) < 1e-12
+    else:
+        assert 0.0 < errors[0] < 0.02 and errors[1] <= 0.05 * errors[0] + 1e-9
+
+
+def along(
+    contacts: Contacts, start: ContactState, x: Array, parts: int
+) -> tuple[ContactState, Array, float]:
+    """A straight step in equal parts: its end, the mean force and what is dissipated."""
+    here, mean, lost = start, np.zeros_like(x), 0.0
+    for k in range(parts):
+        end, found, dissipated, _ = step(
+            contacts, here, start.x + (x - start.x) * (k + 1) / parts, 0.5, True
+        )
+        mean, lost, here = mean + found.mean_force / parts, lost + dissipated, end
+    return here, mean, lost
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_one_step_equals_the_mean_of_its_parts(d: int) -> None:
+    """Closing, opening, sticking and slipping are located within the step: exactly for a point that
+    slides to and fro."""
+    contacts, rng = RUB if d == 2 else RUB3, np.random.default_rng(11)
+    way = np.array([6e-3, *([3e-3] * (d - 1))])
+    changes, gaps = set(), []
+    for _ in range(200):
+        start = zero_contact_state(1, d)
+        at_rest(
+            contacts,
+            rng.uniform(-way, way, (1, d)),
+            rng.uniform(-way, way, (1, d)),
+            0.0,
+            start,
+            contact_scratch(1, d),
+        )
+        x = rng.uniform(-way, way, (1, d))
+        whole, fine = along(contacts, start, x, 1), along(contacts, start, x, 37)
+        changes.add((int(start.state[0]), int(whole[0].state[0])))
+        if d == 2:
+            np.testing.assert_allclose(whole[1], fine[1], rtol=1e-11, atol=1e-11)
+            np.testing.assert_allclose(whole[0].friction, fine[0].friction, rtol=1e-9, atol=1e-11)
+            assert whole[2] == pytest.approx(fine[2], rel=1e-9, abs=1e-14)
+        else:
+            finer, finest = along(contacts, start, x, 74), along(contacts, start, x, 592)
+            gaps.append([np.abs(some[1] - finest[1]).max() for some in (fine, finer)])
+    assert len(changes) >= 8
+    if d == 3:  # the direction of slip turns within the parts
+        coarse, finer = np.array(gaps).max(axis=0)
+        assert 0.0 < finer < 0.3 * coarse < 3e-2
+
+
+def test_slider_of_point_on_circle_moves_on_smaller_circle() -> None:
+    preload, radius = 30.0, 4e-3
+    limit = RUB.friction[0] * preload
+    inner = np.sqrt(radius**2 - (limit / RUB.tangential_stiffness[0]) ** 2)
+    errors = []
+    for steps in (200, 400):
+        angle = 2 * np.pi * np.arange(5 * steps + 1) / steps
+        path = np.stack(
+            [np.zeros_like(angle), radius * np.cos(angle), radius * np.sin(angle)], axis=1
+        )
+        last = friction_dissipation(RUB3, path, 0.5, True) - friction_dissipation(
+            RUB3, path[:-steps], 0.5, True
+        )
+        errors.append(abs(last / (2 * np.pi * inner * limit) - 1))
+    assert errors[1] < 2e-3
+    assert slope([2, 1], errors) == pytest.approx(2.0, abs=0.2)
+
+
+def test_contact_energy_is_that_of_the_springs() -> None:
+    two = one_contact(3, normal_stiffness=[1e4, 2e4], tangential_stiffness=[3e3, 4e3])
+    here = zero_contact_state(2, 3)
+    here.trial_normal_force[:] = [10.0, -5.0]
+    here.friction[:] = [[0.0, 3.0, 4.0], [0.0, 6.0, 0.0]]
+    assert contact_energy(two, here) == pytest.approx(100 / 2e4 + 25 / 6e3 + 36 / 8e3, rel=1e-14)
+
+
+def test_mean_normal_force_is_discrete_gradient_of_energy() -> None:
+    rng = np.random.default_rng(3)
+    kinds = set()
+    for before, after in rng.uniform(-50.0, 50.0, (500, 2)):
+        mean, by_after = mean_normal_force(before, after)
+        kinds.add((before > 0, after > 0))
+        work = 0.5 * max(after, 0.0) ** 2 - 0.5 * max(before, 0.0) ** 2
+        assert mean * (after - before) == pytest.approx(work, rel=1e-12, abs=1e-9)
+        if min(abs(before), abs(after), abs(after - before)) > 0.1:
+            step = 1e-4
+            above, below = (mean_normal_force(before, after + sign * step)[0] for sign in (1, -1))
+            assert by_after == pytest.approx((above - below) / (2 * step), rel=1e-5, abs=1e-8)
+    assert len(kinds) == 4
+    assert mean_normal_force(7.0, 7.0)[0] == 7.0
+    assert mean_normal_force(0.0, 0.0)[0] == 0.0

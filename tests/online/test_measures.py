@@ -1,0 +1,195 @@
+"""Measures of motions known in closed form."""
+
+import json
+
+import numpy as np
+import pytest
+from motions import FRICTION, PERIOD, STIFFNESS, jenkins, motion, side_by_side
+
+from fenicsrom.online import measures
+
+
+def test_amplitude_is_half_of_peak_to_peak_of_last_period():
+    time = np.linspace(0, 3 * PERIOD, 1201)
+    decay = 1 + 5 * np.exp(-40 * time)
+    angle = 2 * np.pi * time / PERIOD
+    u = np.stack(
+        [0.7 + 0.002 * np.cos(2 * angle), -0.2 + 0.03 * np.sin(angle), 0.01 * np.cos(angle)], axis=1
+    )
+    got = measures.amplitudes(
+        motion(time, (u * np.where(time < 2 * PERIOD - 1e-9, decay, 1)[:, None])[:, None])
+    )
+    assert got["normal"] == pytest.approx(0.002, rel=1e-4)
+    assert got["tangential"] == pytest.approx([0.03, 0.01], rel=1e-4)
+
+
+def test_contact_fractions_with_uneven_steps_weigh_by_time():
+    """Open for 30 % of the period, slip for 50 %, stick for 20 %, with ten times as many steps in
+    the stick."""
+    parts = np.concatenate(
+        [np.linspace(0, 0.8, 800, endpoint=False), np.linspace(0.8, 1, 2000, endpoint=False)]
+    )
+    time = PERIOD * np.append((np.arange(2)[:, None] + parts).ravel(), 2.0)
+    cycle = (time / PERIOD) % 1
+    state = np.select([cycle < 0.3 - 1e-9, cycle < 0.8 - 1e-9], [-1, 0], 1).astype(np.int8)[:, None]
+    u = np.zeros((len(time), 1, 2))
+    got = measures.contact_fractions(motion(time, u, np.zeros_like(u), state))
+    assert got == pytest.approx({"open": 0.3, "slip": 0.5, "stick": 0.2}, abs=1.5e-3)
+    assert sum(got.values()) == pytest.approx(1, abs=1e-12)
+
+
+def test_contact_fractions_of_two_points_are_averaged():
+    u = np.zeros((101, 2, 2))
+    state = np.tile(np.array([1, -1], dtype=np.int8), (101, 1))
+    got = measures.contact_fractions(motion(np.linspace(0, PERIOD, 101), u, u, state))
+    assert got == pytest.approx({"open": 0.5, "slip": 0.0, "stick": 0.5})
+
+
+@pytest.mark.parametrize("uneven", [False, True])
+def test_dissipation_matches_area_of_jenkins_loop(uneven):
+    """4 mu N (X - mu N / k_t) at a constant normal force, and the slip lasts as long as the loop
+    says."""
+    case = jenkins(normal=0.0, steps=4000, uneven=uneven)
+    limit = FRICTION * 30.0
+    area = 4 * limit * (8e-3 - limit / STIFFNESS)
+    assert measures.dissipated_per_period(case) == pytest.approx(area, rel=1e-4)
+    part = case.last_period()
+    assert np.trapezoid(case.force[part, 0, 1], case.displacement[part, 0, 1]) == pytest.approx(
+        area, rel=1e-4
+    )
+    stick = np.arccos(1 - 2 * limit / STIFFNESS / 8e-3) / np.pi
+    if not uneven:
+        assert measures.contact_fractions(case)["stick"] == pytest.approx(stick, abs=2e-3)
+    assert measures.peak_normal_force(case) == pytest.approx(30.0)
+
+
+def test_fractions_and_peak_force_match_lift_off():
+    """N = 30 - 50 cos 2wt opens where cos 2wt > 0.6."""
+    case = jenkins(normal=5e-3, uneven=False, steps=4000)
+    assert measures.contact_fractions(case)["open"] == pytest.approx(
+        np.arccos(0.6) / np.pi, abs=1e-3
+    )
+    assert measures.peak_normal_force(case) == pytest.approx(80.0, rel=1e-4)
+
+
+def test_response_without_contact_is_open_and_without_dissipation():
+    time = np.linspace(0, 2 * PERIOD, 401)
+    u = np.stack(
+        [0.001 * np.sin(4 * np.pi * time / PERIOD), 0.2 * np.sin(2 * np.pi * time / PERIOD)], axis=1
+    )
+    summary = measures.response_summary(motion(time, u[:, None]))
+    assert summary["amplitude_m"]["normal"] == pytest.approx(0.001, rel=1e-3)
+    assert summary["amplitude_m"]["tangential"] == pytest.approx([0.2], rel=1e-3)
+    assert summary["fraction"] == {"open": 1.0, "slip": 0.0, "stick": 0.0}
+    assert summary["peak_normal_force_N"] == summary["dissipated_per_period_J"] == 0.0
+
+
+def test_dissipation_without_period_counts_whole_motion():
+    case = jenkins(normal=0.0)
+    free = motion(
+        case.time, case.displacement, case.force, case.state, case.friction_dissipation, period=None
+    )
+    assert measures.dissipated_per_period(free) == pytest.approx(case.friction_dissipation[-1])
+
+
+def test_response_summary_has_documented_keys():
+    summary = measures.response_summary(jenkins(3, phase=1.0))
+    assert list(summary) == [
+        "amplitude_m",
+        "fraction",
+        "peak_normal_force_N",
+        "peak_total_normal_force_N",
+        "dissipated_per_period_J",
+        "energy_imbalance",
+        "steady",
+        "periods",
+        "steps",
+        "newton_iterations",
+    ]
+    assert (
+        list(summary["amplitude_m"]) == ["normal", "tangential"]
+        and len(summary["amplitude_m"]["tangential"]) == 2
+    )
+    assert list(summary["fraction"]) == ["open", "slip", "stick"]
+    assert summary["energy_imbalance"] == pytest.approx(1e-3 / 2.0, rel=1e-6)
+    assert summary["steady"] is True and summary["periods"] == 4 and summary["steps"] == 1600
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_point_summaries_match_single_points(dimension):
+    """A Jenkins loop, one that lifts off, and a point that only sticks: each as it is alone."""
+    cases = [
+        jenkins(dimension, normal=0.0),
+        jenkins(dimension, normal=5e-3),
+        jenkins(dimension, normal=0.0, tangential=1e-4),
+    ]
+    together = side_by_side(*cases)
+    points = measures.point_summaries(together)
+    for point, case in zip(points, cases, strict=True):
+        assert point["peak_normal_force_N"] == measures.peak_normal_force(case)
+        assert point["fraction"] == pytest.approx(measures.contact_fractions(case))
+        assert point["dissipated_per_period_J"] == pytest.approx(
+            measures.dissipated_per_period(case), rel=1e-6, abs=1e-9
+        )
+    limit = FRICTION * 30.0
+    if dimension == 2:
+        area = 4 * limit * (8e-3 - limit / STIFFNESS)
+        assert points[0]["dissipated_per_period_J"] == pytest.approx(area, rel=2e-3)
+    assert points[2]["dissipated_per_period_J"] == pytest.approx(0.0, abs=1e-12)
+    assert sum(point["dissipated_per_period_J"] for point in points) == pytest.approx(
+        measures.dissipated_per_period(together)
+    )
+
+
+def test_peak_total_force_adds_forces_of_one_instant():
+    """Two points pressed in turn: together never as hard as their two peaks."""
+    time = np.linspace(0, PERIOD, 401)
+    force = np.zeros((401, 2, 2))
+    force[:, 0, 0], force[:, 1, 0] = (
+        np.maximum(0, sign * np.sin(2 * np.pi * time / PERIOD)) for sign in (30, -20)
+    )
+    case = motion(time, np.zeros_like(force), force, np.zeros((401, 2), dtype=np.int8))
+    assert (
+        measures.peak_normal_force(case)
+        == measures.peak_total_normal_force(case)
+        == pytest.approx(30)
+    )
+    force[:, 1, 0] += 5.0
+    assert measures.response_summary(case)["peak_total_normal_force_N"] == pytest.approx(35)
+    assert measures.response_summary(case)["peak_normal_force_N"] == pytest.approx(30)
+
+
+def test_errors_are_percent_of_reference():
+    exact, close = jenkins(normal=1e-3, tangential=8e-3), jenkins(normal=1.1e-3, tangential=7.96e-3)
+    errors = measures.errors_percent(close, exact)
+    assert list(errors) == [
+        "amplitude_tangential",
+        "amplitude_normal",
+        "peak_normal_force",
+        "dissipated_per_period",
+    ]
+    assert errors["amplitude_tangential"] == pytest.approx(0.5, rel=1e-6)
+    assert errors["amplitude_normal"] == pytest.approx(10, rel=1e-6)
+    assert errors["peak_normal_force"] == pytest.approx(
+        100 * 1.0 / 40.0, rel=1e-3
+    )  # 30 N and 1e4 N/m * 1 or 1.1 mm
+    more = (
+        100
+        * (close.friction_dissipation[-1] - close.friction_dissipation[1200])
+        / (exact.friction_dissipation[-1] - exact.friction_dissipation[1200])
+        - 100
+    )
+    assert errors["dissipated_per_period"] == pytest.approx(abs(more)) and abs(more) > 0.1
+    assert set(measures.errors_percent(exact, exact).values()) == {0.0}
+    assert measures.errors_percent(close, jenkins(normal=0.0))["amplitude_normal"] is None
+    free = motion(exact.time, exact.displacement)
+    assert measures.errors_percent(exact, free)["peak_normal_force"] is None
+    assert measures.errors_percent(exact, free)["dissipated_per_period"] is None
+
+
+def test_tangential_error_in_3d_compares_vectors():
+    plane, space = jenkins(2), jenkins(3, phase=np.pi / 2)
+    assert measures.errors_percent(plane, space)["amplitude_tangential"] == pytest.approx(
+        100 * 0.5 / 1.25**0.5, rel=1e-3
+    )

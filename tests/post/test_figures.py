@@ -1,0 +1,203 @@
+"""Figures of motions known in closed form."""
+
+import itertools
+
+import numpy as np
+import pytest
+from motions import jenkins, side_by_side
+
+from fenicsrom.online import measures
+from fenicsrom.post import figures
+from fenicsrom.post.style import STATES, line_styles
+
+
+def texts(figure):
+    return " | ".join(
+        t.get_text()
+        for axis in figure.axes
+        for t in [
+            axis.xaxis.label,
+            axis.yaxis.label,
+            axis.title,
+            *(axis.get_xticklabels() + axis.get_yticklabels()),
+        ]
+    )
+
+
+def illegible(figure):
+    """The titles, labels and legends of a figure that are cut off, and the pairs of them that lie
+    on one another."""
+    from matplotlib.figure import FigureBase
+    from matplotlib.legend import Legend
+
+    figure.draw_without_rendering()
+    whole = figure.bbox.padded(1.0)
+    found = [
+        text
+        for axis in figure.axes
+        for text in (axis.xaxis.label, axis.yaxis.label, axis.title, axis._left_title)
+    ]
+    found = [text for text in found if text.get_text()]
+    found += figure.findobj(Legend) + [
+        part._suptitle for part in figure.findobj(FigureBase) if part._suptitle
+    ]
+    boxes = [item.get_window_extent() for item in found]
+    cut = [
+        str(item)
+        for item, box in zip(found, boxes, strict=True)
+        if min(*box.min - whole.min, *whole.max - box.max) < 0.0
+    ]
+    pairs = itertools.combinations(zip(found, boxes, strict=True), 2)
+    return cut + [
+        f"{a} on {b}"
+        for (a, one), (b, other) in pairs
+        if one.padded(-1.0).overlaps(other.padded(-1.0))
+    ]
+
+
+def drawn(figure, tmp_path):
+    """Draw a figure and return the picture."""
+    from matplotlib.image import imread
+
+    figure.savefig(tmp_path / "figure.png")
+    assert not illegible(figure)
+    picture = imread(tmp_path / "figure.png")
+    assert picture.shape[1] > 900 and picture[..., :3].std() > 0.02
+    return picture
+
+
+def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
+    cases = {"full": jenkins(), "reduced": jenkins(periods=6), "beam": jenkins()}
+    figure = figures.plot_motion(cases)
+    assert len(figure.axes) == 2
+    for axis, k in zip(figure.axes, range(2), strict=True):
+        assert [line.get_label() for line in axis.lines] == list(cases)
+        curves = [line.get_xydata() for line in axis.lines]
+        for x, y in (curve.T for curve in curves):
+            assert x[0] == pytest.approx(0) and x[-1] == pytest.approx(2)
+            assert np.ptp(y) / 2 == pytest.approx([1.0, 8.0][k], rel=1e-3)
+        np.testing.assert_allclose(
+            curves[0], curves[1], atol=1e-9
+        )  # phases agree though the runs differ in length
+    assert "time / period" in texts(figure) and "mm" in texts(figure)
+    drawn(figure, tmp_path)
+    solid = figures.plot_motion({"full": jenkins(3), "beam": jenkins(2)})
+    assert len(solid.axes) == 3
+    drawn(solid, tmp_path)
+
+
+def test_contact_figure_shows_states_and_loops(tmp_path):
+    cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
+    figure = figures.plot_contact(cases)
+    states, tangential, normal, orbit = figure.axes
+    np.testing.assert_allclose(orbit.lines[0].get_xdata(), tangential.lines[0].get_xdata())
+    np.testing.assert_allclose(orbit.lines[0].get_ydata(), normal.lines[0].get_xdata())
+    case = cases["full"]
+    part = case.last_period()
+    np.testing.assert_allclose(
+        tangential.lines[0].get_xydata(),
+        np.stack([1e3 * case.displacement[part, 0, 1], case.force[part, 0, 1]], axis=1),
+    )
+    assert normal.lines[0].get_ydata().max() == pytest.approx(80, rel=1e-3)
+    bars = [bar for bar in states.patches if bar.get_y() < 0.5]
+    assert sum(bar.get_width() for bar in bars) == pytest.approx(1)
+    ends = [bar.get_x() + bar.get_width() for bar in bars]
+    np.testing.assert_allclose([bar.get_x() for bar in bars][1:], ends[:-1])
+    share = {name: 0.0 for name in ("open", "slip", "stick")}
+    names = {STATES[k][1].upper(): STATES[k][0] for k in STATES}
+    from matplotlib.colors import to_hex
+
+    for bar in bars:
+        share[names[to_hex(bar.get_facecolor()).upper()]] += bar.get_width()
+    assert share == pytest.approx(measures.contact_fractions(case), abs=1e-9)
+    assert "N" in texts(figure) and "mm" in texts(figure)
+    drawn(figure, tmp_path)
+
+
+def test_contact_figure_in_3d_has_loop_per_direction_and_orbit(tmp_path):
+    figure = figures.plot_contact({"full": jenkins(3, phase=1.0), "beam": jenkins(2)})
+    assert len(figure.axes) == 5
+    orbit = figure.axes[-1]
+    assert orbit.get_title(loc="left") == "orbit" and len(orbit.lines) == 1
+    assert np.ptp(orbit.lines[0].get_ydata()) == pytest.approx(8.0, rel=1e-3)
+    drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
+    cases = [jenkins(dimension, normal=normal) for normal in (0.0, 1e-3, 5e-3, 2e-3, 1e-3, 0.0)]
+    motions = {
+        "reduced": side_by_side(*cases),
+        "full": side_by_side(*cases),
+        "beam": jenkins(dimension),
+    }
+    points = {name: measures.point_summaries(case) for name, case in motions.items()}
+    figure = figures.plot_points(motions, points)
+    peak, share, friction_dissipation, *loops = figure.axes
+    np.testing.assert_allclose(
+        peak.lines[0].get_xydata(), np.transpose([range(1, 7), [30, 40, 80, 50, 40, 30]]), rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        share.lines[1].get_ydata()[[0, 2]], [100.0, 100 - 100 * np.arccos(0.6) / np.pi], rtol=5e-3
+    )
+    assert friction_dissipation.lines[0].get_ydata().sum() == pytest.approx(
+        measures.dissipated_per_period(motions["reduced"])
+    )
+    assert [len(axis.lines) for axis in (peak, share, friction_dissipation)] == [3, 3, 3]
+    hardest = cases[2]
+    np.testing.assert_allclose(
+        loops[0].lines[0].get_ydata(), hardest.force[hardest.last_period(), 0, 1]
+    )
+    assert len(loops) == dimension + 1 and loops[-1].get_title(loc="left") == "orbit"
+    assert [len(axis.lines) for axis in loops] == [2] * len(loops)  # the beam has no third point
+    drawn(figure, tmp_path)
+
+
+def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
+    x = np.linspace(0, 2.54, 61)
+    s = x / x[-1]
+    labels = ["1V", "2V", "1S", "1V1V", "1V1S", "2V1S"]
+    shapes = np.array([[k * s**2, -3 * (1 + k) * s**k] for k in range(len(labels))]).transpose(
+        0, 2, 1
+    )
+    figure = figures.plot_modes(labels, x, shapes)
+    axial, transverse = np.array(figure.axes).reshape(3, 2).T
+    assert [[line.get_label() for line in axis.lines] for axis in axial] == [
+        labels[:2],
+        labels[2:3],
+        labels[3:],
+    ]
+    assert [axis.get_ylabel().split("\n")[0] for axis in axial] == [
+        "normal modes",
+        "static modes",
+        "derivatives",
+    ]
+    for axis in transverse:
+        for line in axis.lines:
+            assert np.abs(line.get_ydata()).max() == pytest.approx(1)
+    assert axial[2].lines[0].get_ydata()[-1] == pytest.approx(3 / 12)
+    drawn(figure, tmp_path)
+    solid = figures.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]]))
+    assert len(solid.axes) == 9
+    drawn(solid, tmp_path)
+
+
+def test_modes_figure_of_zero_mode_is_zero():
+    figure = figures.plot_modes(["1V"], np.linspace(0, 1, 5), np.zeros((1, 5, 2)))
+    assert not figure.axes[0].lines[0].get_ydata().any()
+
+
+def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
+    figure = figures.plot_energy(jenkins())
+    above, below = figure.axes
+    assert len(above.lines) == 4
+    assert below.lines[0].get_ydata()[-1] == pytest.approx(-1e-3)
+    drawn(figure, tmp_path)
+
+
+def test_line_styles_are_distinct_and_fixed_for_models():
+    styles = line_styles(["full", "reduced", "beam", *(f"{i}V" for i in range(16))])
+    assert (
+        len({(style["color"], str(style.get("linestyle", "-"))) for style in styles.values()}) == 19
+    )
+    assert styles["reduced"] == line_styles(["reduced"])["reduced"]

@@ -1,0 +1,161 @@
+"""Pictures and animations of the solid body."""
+
+import os
+import shutil
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx.fem")
+pytest.importorskip("pyvista")
+
+from spaces import HEIGHT, LENGTH, of_space, space_on
+
+from fenicsrom.post import drawing, rendering
+
+needs_xvfb = pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs Xvfb")
+
+
+@pytest.mark.slow
+@needs_xvfb
+@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+def test_shapes_without_display_are_drawn(tmp_path, monkeypatch, cell):
+    from matplotlib.image import imread
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    space = space_on(cell)
+    x = space.tabulate_dof_coordinates()
+    u = np.zeros((len(x), space.mesh.geometry.dim))
+    u[:, 1] = x[:, 0] ** 2
+    png = rendering.picture_modes(
+        tmp_path / "modes.png", space, {"1V": u.ravel(), "2V": -u.ravel()}
+    )
+    assert png == tmp_path / "modes.png" and os.listdir(tmp_path) == ["modes.png"]
+    picture = imread(png)[..., :3]
+    colourful = np.ptp(picture, axis=2) > 0.3
+    height, width = colourful.shape
+    assert height > 200 and width > 1000 and colourful.mean() > 0.005
+    bent_up, bent_down = (
+        np.nonzero(colourful[: height // 2, half])[0].mean()
+        for half in (slice(0, width // 2), slice(width // 2, None))
+    )
+    assert bent_up < bent_down - 10  # pixels, counted from above
+
+
+@needs_xvfb
+def test_shape_of_zeros_is_drawn(tmp_path):
+    from matplotlib.image import imread
+
+    space = space_on("triangle")
+    zero = 0 * of_space(space, 2)
+    picture = imread(rendering.picture_modes(tmp_path / "modes.png", space, {"1V": zero}))[..., :3]
+    body = picture[: len(picture) // 2] - np.array([68, 1, 84]) / 255  # the colour of zero
+    assert (np.abs(body).max(axis=2) < 0.06).sum() > 1000
+
+
+def test_shapes_without_renderer_warn_and_write_nothing(tmp_path, monkeypatch):
+    """A process that dies, as VTK does without a display, is survived."""
+    monkeypatch.setattr(rendering.shutil, "which", lambda name: None)
+    monkeypatch.setattr(rendering.sys, "executable", shutil.which("false") or "/bin/false")
+    space = space_on("triangle")
+    with pytest.warns(UserWarning, match=r"modes\.png was not drawn: no display and no Xvfb.*\.$"):
+        assert (
+            rendering.picture_modes(tmp_path / "modes.png", space, {"u": of_space(space, 2)})
+            is None
+        )
+    assert not os.listdir(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor"),
+    [
+        (0.0, 1),
+        (0.5, 1),
+        (0.06, 1),
+        (0.05, 2),
+        (0.04, 5),
+        (0.02, 10),
+        (1.01e-3, 100),
+        (4e-5, 5000),
+        (2e-8, 1e7),
+    ],
+)
+def test_magnification_is_round_number(largest, factor):
+    """A body of 2 m: to scale from 0.06 m on, else to at most 0.2 m."""
+    assert drawing.magnification(largest, 2.0) == pytest.approx(factor)
+    assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
+
+
+def swing(space, size, frames=4):
+    """Times, a displacement that swings up, to rest, down and to rest, and a contact point at the
+    tip that goes with it."""
+    x = space.tabulate_dof_coordinates()
+    up = np.zeros((len(x), space.mesh.geometry.dim))
+    up[:, 1] = size * (x[:, 0] / LENGTH) ** 2
+    phase = np.sin(np.pi / 2 * (1 + np.arange(frames)))
+    tip = np.zeros((frames, 1, 3))
+    tip[:, 0, 1] = size * phase
+    state = np.array([[1], [0], [1], [0]], dtype=np.int8)[:frames]
+    marks = (
+        np.array([[LENGTH, HEIGHT / 2, 0.0]]),
+        {"displacement": tip, "state": state, "gap": tip[..., 0]},
+    )
+    return np.linspace(0.1, 0.4, frames), lambda k: phase[k] * up.ravel(), marks
+
+
+@pytest.mark.slow
+@needs_xvfb
+@pytest.mark.parametrize(("cell", "size"), [("quadrilateral", 0.2), ("tetrahedron", 1e-4)])
+def test_animation_without_display_shows_motion_and_states(tmp_path, monkeypatch, cell, size):
+    """The tip is where it swings to, in the colour of its state; body and mark move together,
+    magnified or not."""
+    from PIL import Image
+
+    from fenicsrom.post.style import STATES
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    space = space_on(cell)
+    gif = rendering.animate(tmp_path / "motion.gif", space, *swing(space, size))
+    assert gif == tmp_path / "motion.gif" and os.listdir(tmp_path) == ["motion.gif"]
+    with Image.open(gif) as film:
+        assert film.n_frames == 4 and film.info["loop"] == 0
+        assert film.info["duration"] == pytest.approx(1e3 * drawing.FILM_SECONDS / 4)
+        frames = []
+        for k in range(4):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")).astype(int))
+    tips = []
+    for frame, state in zip(frames, (1, 0, 1, 0), strict=True):
+        colour = np.array(drawing._rgb(STATES[state][1]))
+        near = (np.abs(frame - colour).max(axis=2) <= 5)[
+            40:-70, 600:
+        ]  # without legend and colour bar
+        assert near.sum() >= 10
+        tips.append(np.nonzero(near)[0].mean())
+    up, rest, down, again = tips
+    assert rest == pytest.approx(again, abs=0.6) and up + down == pytest.approx(2 * rest, abs=4)
+    travel = (
+        2 * size * drawing.magnification(size, LENGTH) / LENGTH
+    )  # of the length, which is about 650 pixels long
+    assert down - up == pytest.approx(650 * travel, rel=0.15)
+
+
+def test_animation_without_renderer_warns_and_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(rendering.shutil, "which", lambda name: None)
+    monkeypatch.setattr(rendering.sys, "executable", shutil.which("false") or "/bin/false")
+    space = space_on("triangle")
+    with pytest.warns(UserWarning, match=r"motion\.gif was not drawn: no display and no Xvfb.*\.$"):
+        assert rendering.animate(tmp_path / "motion.gif", space, *swing(space, 0.2)) is None
+    assert not os.listdir(tmp_path)
+
+
+def test_film_frames_show_pictures_with_their_times():
+    images = [np.full((100, 300, 3), shade, dtype=np.uint8) for shade in (0, 200, 200)]
+    frames = drawing.film_frames(images, [0.1, 0.2, 0.3], "displacements to scale", 0.02, True)
+    assert len({frame.shape for frame in frames}) == 1 and frames[0].dtype == np.uint8
+    assert frames[0].shape[1] == 720
+    shades = zip(frames, (0, 200, 200), strict=True)
+    dark, light, later = (np.count_nonzero((frame == shade).all(axis=2)) for frame, shade in shades)
+    assert dark > 0.3 * 720 * 240 and light == later > 0.3 * 720 * 240
+    changed = np.flatnonzero((frames[1] != frames[2]).any(axis=(1, 2)))
+    assert changed.size and np.ptp(changed) < 30  # the line of the time, and nothing else

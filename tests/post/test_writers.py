@@ -1,0 +1,105 @@
+"""Tables, HTML pages and the files of the writers."""
+
+import json
+import re
+import resource
+import signal
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+from motions import jenkins
+
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.post.figures import plot_motion
+from fenicsrom.post.html_page import html_report
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_rows, write_summary
+
+
+def test_text_table_aligns_columns():
+    rows = [
+        ["model", "amplitude, mm", "steady"],
+        ["full", 157.60321, True],
+        ["reduced", 9, False],
+        ["beam", None, True],
+    ]
+    lines = text_table(rows).split("\n")
+    assert lines == [
+        "model    amplitude, mm  steady",
+        "───────  ─────────────  ──────",
+        "full             157.6  yes",
+        "reduced              9  no",
+        "beam                 –  yes",
+    ]
+
+
+def test_html_report_is_one_well_formed_page(tmp_path):
+    figure = plot_motion({"full": jenkins()})
+    figure.savefig(tmp_path / "a.png")
+    (tmp_path / "a.gif").write_bytes(b"GIF89a")
+    page = html_report(
+        "slip & lift-off",
+        [
+            ("Motion", ["a < b", figure, tmp_path / "a.png", tmp_path / "a.gif"]),
+            ("Table", [[["model", "amplitude, mm"], ["full <1>", 157.6]]]),
+        ],
+    )
+    assert (
+        page.startswith("<!doctype html>")
+        and "slip &amp; lift-off" in page
+        and "<p>a &lt; b</p>" in page
+    )
+    assert (
+        page.count("data:image/png;base64,iVBOR") == 2
+        and page.count("data:image/gif;base64,R0lG") == 1
+    )
+    assert "<td>full &lt;1&gt;</td><td class=n>157.6</td>" in page
+    assert (
+        not re.search(r"(src|href)=(?!\"data:)", page)
+        and "@import" not in page
+        and "{{" not in page
+    )
+    body = page[page.index("<body>") : page.index("</html>")]
+    ElementTree.fromstring(
+        re.sub(r"class=(\w+)", r'class="\1"', re.sub(r"(<img [^>]*)>", r"\1/>", body))
+    )
+
+
+def test_summary_keeps_order_and_refuses_nan(tmp_path):
+    path = tmp_path / "summary.json"
+    write_summary(
+        path,
+        {"b": np.float64(1.5), "a": {"z": np.arange(2), "y": (np.bool_(True), None)}, "p": path},
+    )
+    assert list(json.loads(path.read_text())) == ["b", "a", "p"]
+    assert json.loads(path.read_text())["a"] == {"z": [0, 1], "y": [True, None]}
+    before = path.read_bytes()
+    for bad, key in (
+        ({"response": {"full": {"tangential": [1.0, np.nan]}}}, "response.full.tangential[1]"),
+        ({"x": np.float32("inf")}, "x"),
+    ):
+        with pytest.raises(AccuracyError) as caught:
+            write_summary(path, bad)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.NOT_FINITE, key)
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["summary.json"]
+
+
+def test_csv_of_different_rows_has_all_columns(tmp_path):
+    path = write_rows(tmp_path / "rows.csv", [{"a": 1, "b": "x, y"}, {"a": None, "c": 2.5}])
+    assert path.read_bytes() == b'a,b,c\n1,"x, y",\n,,2.5\n'
+
+
+def test_summary_on_full_disk_leaves_no_file_and_names_it(tmp_path):
+    """A limit on the size of files stands for the full disk."""
+    path = tmp_path / "summary.json"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, limits[1]))
+        with pytest.raises(OSError, match=r"summary\.json"):
+            write_summary(path, {"x": list(range(100_000))})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert list(tmp_path.iterdir()) == []

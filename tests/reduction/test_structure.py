@@ -1,0 +1,72 @@
+"""The reduction of a structure that needs no dolfinx: the 1D beam."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import beam_scene
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction.beam import BeamStructure, beam_structure
+from fenicsrom.reduction.modes import close_frequency_groups, component_modes
+from fenicsrom.reduction.protocols import Structure
+from fenicsrom.reduction.stages import Reduction
+from fenicsrom.scene import Basis, Scene
+
+
+def scene_with(**basis: object) -> Scene:
+    section = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
+    scene = beam_scene(2, reference={"beam": True, "beam_section": section})
+    return replace(scene, basis=replace(scene.basis, **basis))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def beam() -> BeamStructure:
+    return beam_structure(scene_with())
+
+
+def test_beam_satisfies_structure(beam: BeamStructure) -> None:
+    structure: Structure = beam  # checked by mypy
+    assert component_modes(structure, Basis(modes=2)).labels == ("1V", "2V", "1S", "2S")
+
+
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_enriched_basis_of_beam_keeps_contact_displacements(method: str) -> None:
+    scene = scene_with(method=method, modes=2, derivatives="all", elastic_force="projection")
+    beam = beam_structure(scene)
+    basis = Reduction(beam, scene, lambda stage: nullcontext()).basis
+    identity = np.eye(2, basis.size)
+    np.testing.assert_allclose(beam.contact_rows @ basis.vectors, identity, atol=1e-9)
+
+
+def test_all_modes_of_beam_have_its_exact_frequencies(beam: BeamStructure) -> None:
+    import scipy.linalg
+
+    exact = scipy.linalg.eigh(beam.stiffness, beam.mass, eigvals_only=True)[:3]
+    found = component_modes(beam, Basis(modes=3)).omega ** 2
+    np.testing.assert_allclose(found, exact, rtol=1e-6)
+
+
+def test_polynomial_of_beam_is_refused_with_its_key() -> None:
+    scene = scene_with(modes=1, derivatives="none", elastic_force="polynomial")
+    reduction = Reduction(beam_structure(scene), scene, lambda stage: nullcontext())
+    with pytest.raises(SceneError) as caught:
+        _ = reduction.model
+    assert caught.value.kind is ErrorKind.CONFLICT
+    assert caught.value.key == "basis.elastic_force"
+
+
+def test_more_modes_than_unknowns_are_refused(beam: BeamStructure) -> None:
+    with pytest.raises(SceneError) as caught:
+        component_modes(beam, Basis(modes=31))
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.RANGE, "basis.modes")
+
+
+def test_close_frequencies_form_one_group() -> None:
+    omega = np.array([1.0, 1.004, 2.0, 3.0, 3.001, 3.002])
+    groups = close_frequency_groups(omega, 5e-3)
+    assert groups == [slice(0, 2), slice(2, 3), slice(3, 6)]
+    assert close_frequency_groups(np.zeros(0), 5e-3) == []

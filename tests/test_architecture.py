@@ -1,0 +1,169 @@
+"""The packages import one another in one direction, and the light ones import nothing heavy."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import fenicsrom
+
+PACKAGE = Path(fenicsrom.__file__).parent
+
+MESH = {"dolfinx", "basix", "ufl", "ffcx", "mpi4py", "petsc4py", "slepc4py", "gmsh", "meshio"}
+PICTURES = {"pyvista", "vtk", "matplotlib"}
+FORBIDDEN = {
+    "arrays": MESH | PICTURES | {"numba", "scipy"},
+    "errors": MESH | PICTURES | {"numba", "scipy", "numpy"},
+    "files": MESH | PICTURES | {"numba", "scipy"},
+    "scene": MESH | PICTURES | {"numba"},
+    "online": MESH | PICTURES,
+    "reduction": MESH | PICTURES,
+    "fem": PICTURES,
+    "assess": PICTURES,
+}
+
+
+def package_order(docstring: str) -> list[str]:
+    """The names on the line with `<` in the docstring of the package, from left to right."""
+    (line,) = [line for line in docstring.splitlines() if "<" in line]
+    return re.findall(r"\w+", line)
+
+
+PLACE = {name: place for place, name in enumerate(package_order(fenicsrom.__doc__ or ""))}
+
+
+def imported_modules(source: str, module: str) -> Iterator[tuple[int, str]]:
+    """Every import of a module: its line, and the absolute name of what it imports.
+
+    Imports inside functions and under TYPE_CHECKING count too.
+
+    Args:
+        source: the text of the module.
+        module: its name, such as "fenicsrom.online.step".
+    """
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = ".".join(filter(None, [*module.split(".")[: -node.level], base]))
+            for alias in node.names:  # `from fenicsrom import online` imports a package, too
+                yield node.lineno, f"{base}.{alias.name}"
+
+
+def back_edges(source: str, module: str) -> list[str]:
+    """The imports of a module that run against the order of the packages."""
+    own = PLACE[module.split(".")[1]]
+    found = []
+    for line, name in imported_modules(source, module):
+        parts = name.split(".")
+        if parts[0] != "fenicsrom" or name == "fenicsrom.__version__":
+            continue
+        if len(parts) == 1 or parts[1] not in PLACE:
+            found.append(f"{module}:{line} imports {name}, which has no place in the order")
+        elif PLACE[parts[1]] > own:
+            found.append(f"{module}:{line} imports {name}, which is to its right")
+    return found
+
+
+def heavy_imports(source: str, module: str) -> list[str]:
+    """The imports of a module that its package must do without."""
+    forbidden = FORBIDDEN.get(module.split(".")[1], set())
+    return [
+        f"{module}:{line} imports {name}"
+        for line, name in imported_modules(source, module)
+        if name.split(".")[0] in forbidden
+    ]
+
+
+def module_name(path: Path) -> str:
+    """The dotted name of a file of the package."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {
+    module_name(path): path.read_text()
+    for path in sorted(PACKAGE.rglob("*.py"))
+    if path.parent != PACKAGE or path.stem not in ("__init__", "__main__")
+}
+
+
+def test_package_order_names_every_package_and_nothing_else() -> None:
+    on_disk = {name.split(".")[1] for name in MODULES}
+    assert set(PLACE) == on_disk
+
+
+@pytest.mark.parametrize("name", sorted(PLACE))
+def test_package_imports_only_from_its_left(name: str) -> None:
+    found = [
+        edge
+        for module, source in MODULES.items()
+        if module.split(".")[1] == name
+        for edge in back_edges(source, module)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("name", sorted(FORBIDDEN))
+def test_package_imports_nothing_heavy(name: str) -> None:
+    found = [
+        use
+        for module, source in MODULES.items()
+        if module.split(".")[1] == name
+        for use in heavy_imports(source, module)
+    ]
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import fenicsrom.study",
+        "from fenicsrom.study import run",
+        "from fenicsrom import study",
+        "from fenicsrom import run",
+        "import fenicsrom",
+        "from .. import study",
+        "from ..study import run",
+        "def f():\n    from fenicsrom.study import run",
+        "if TYPE_CHECKING:\n    from fenicsrom.study import Study",
+    ],
+)
+def test_import_against_the_order_is_found_in_every_form(source: str) -> None:
+    assert len(back_edges(source, "fenicsrom.online.step")) == 1
+
+
+def test_import_from_the_left_is_allowed() -> None:
+    for source in ("from fenicsrom.scene import Scene", "from fenicsrom import __version__"):
+        assert not back_edges(source, "fenicsrom.online.step")
+
+
+def test_heavy_import_is_found_in_every_form() -> None:
+    for source in ("import dolfinx.fem", "from mpi4py import MPI", "def f():\n    import pyvista"):
+        assert len(heavy_imports(source, "fenicsrom.online.step")) == 1
+        assert not heavy_imports(source, "fenicsrom.post.export")
+
+
+LIGHT = """
+import importlib, sys
+for name in {blocked!r}:
+    sys.modules[name] = None  # an import of it raises
+for name in {modules!r}:
+    importlib.import_module(name)
+"""
+
+
+def test_light_packages_import_without_mesh_and_picture_modules() -> None:
+    light = [name for name in MODULES if name.split(".")[1] in ("scene", "online", "reduction")]
+    code = LIGHT.format(blocked=sorted(MESH | PICTURES), modules=light)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
