@@ -30,9 +30,7 @@ def _order_by_real_part(compare: Any, sign: str) -> None:
     """Let numba compare complex numbers by their real parts, also inside min and max."""
 
     def choose(a, b):  # type: ignore[no-untyped-def]
-        return (
-            (lambda a, b: compare(a.real, b.real)) if _numbers_with_complex(a, b) else None
-        )
+        return (lambda a, b: compare(a.real, b.real)) if _numbers_with_complex(a, b) else None
 
     overload(compare)(choose)
 
@@ -71,7 +69,9 @@ def as_complex(values: Any, fields: tuple[str, ...] | None = None) -> Any:
     """A named tuple with its real arrays (or those of the named fields) copied as complex ones."""
     return type(values)(
         *(
-            array.astype(np.complex128)
+            as_complex(array)
+            if isinstance(array, tuple) and hasattr(array, "_fields")
+            else array.astype(np.complex128)
             if isinstance(array, np.ndarray)
             and array.dtype == np.float64
             and (fields is None or name in fields)

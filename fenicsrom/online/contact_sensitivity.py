@@ -1,7 +1,7 @@
 """Derivative of the contact law over a step, by complex steps through the law itself.
 
 Over a step from x0 to x1 the law gives the mean force F of a point and its slider w1 at the end,
-as functions of (x0, x1, w0, lean, parameter). What else the law reads of the start of the step
+as functions of (x0, x1, w0, blending, parameter). What else the law reads of the start of the step
 follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
 """
 
@@ -21,8 +21,12 @@ from fenicsrom.online.contact_state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact_step import over_step, settle
-from fenicsrom.online.surfaces import PLANE, Contacts, direction, penetration
+from fenicsrom.online.contact_step import (
+    commit_contact_state,
+    contact_force,
+    trial_normal_force,
+)
+from fenicsrom.online.surfaces import PLANE, Contacts, gap_discrete_gradient
 
 # the parameters of the contacts by which a motion can be differentiated
 PARAMETERS = (
@@ -41,13 +45,13 @@ PARAMETERS = (
 class LawDerivative(NamedTuple):
     """Complex arrays in which the law is evaluated, and its derivatives.
 
-    The columns of the derivatives are [x0 (d), x1 (d), w0 (d), lean, parameter].
+    The columns of the derivatives are [x0 (d), x1 (d), w0 (d), blending, parameter].
 
     Attributes:
         contacts: the parameters with the imaginary parts of the perturbation.
         start: the state of the points at the start of the step.
         end: the state at its end.
-        room: scratch arrays.
+        scratch: scratch arrays.
         force: (P, d, 3 d + 2) derivative of the mean force.
         slider: (P, d, 3 d + 2) derivative of the slider at the end.
     """
@@ -55,7 +59,7 @@ class LawDerivative(NamedTuple):
     contacts: Contacts
     start: ContactState
     end: ContactState
-    room: ContactScratch
+    scratch: ContactScratch
     force: Array
     slider: Array
 
@@ -94,22 +98,24 @@ def perturb(contacts: Contacts, p: int, base: Contacts, drift: Contacts, size: f
 
 @part
 def state_of(
-    contacts: Contacts, p: int, time: complex, here: ContactState, room: ContactScratch
+    contacts: Contacts, p: int, time: complex, here: ContactState, scratch: ContactScratch
 ) -> None:
     """Write what follows from the displacement and the slider of point p: N n, T = k_t P (x - w).
 
     Nothing is projected on the limit of friction: the slider is that of an accepted state.
     """
-    d = len(room.space)
-    x, slider, n = here.x[p], here.slider[p], room.vectors[0]
-    trial = contacts.preload[p] + contacts.normal_stiffness[p] * penetration(contacts, p, x, time)
-    here.raw[p] = trial
+    d = len(scratch.space)
+    x, slider, n = here.x[p], here.slider[p], scratch.point.normal
+    trial = trial_normal_force(contacts, p, x, time)
+    here.trial_normal_force[p] = trial
     if contacts.kind[p] == PLANE:
         for k in range(d):
             n[k] = 0.0
         n[0] = 1.0
     else:
-        direction(contacts, p, x, x, time, n, room.matrices[0], room.vectors[1])
+        gap_discrete_gradient(
+            contacts, p, x, x, time, n, scratch.point.normal_derivative, scratch.point.work
+        )
         size = n[0] * n[0]
         for k in range(1, d):
             size += n[k] * n[k]
@@ -135,12 +141,12 @@ def differentiate_law(
     begin: complex,
     end: complex,
     start_weight: float,
-    line: bool,
+    discrete_gradient: bool,
     p: int,
     x0: Array,
     x1: Array,
     w0: Array,
-    lean: float,
+    blending: float,
 ) -> None:
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
@@ -152,31 +158,33 @@ def differentiate_law(
             parameter.
         end: end of the step, likewise.
         start_weight: a of the scheme.
-        line: see `fenicsrom.online.contact_state.Interval`.
+        discrete_gradient: see `fenicsrom.online.contact_state.Interval`.
         p: the point.
         x0: (d,) displacement at the start, m.
         x1: (d,) displacement at the end, m.
         w0: (d,) slider at the start, m.
-        lean: of the normal force to the end of the step.
+        blending: weight of the normal force at the end of the step.
     """
     d = x0.size
-    start, finish, room = law.start, law.end, law.room
+    start, finish, scratch = law.start, law.end, law.scratch
     perturb(law.contacts, p, contacts, drift, 0.0)
-    interval = Interval(complex(begin.real, 0.0), complex(end.real, 0.0), start_weight, line)
+    interval = Interval(
+        complex(begin.real, 0.0), complex(end.real, 0.0), start_weight, discrete_gradient
+    )
     for c in range(3 * d + 2):
         if c == 3 * d + 1:
             perturb(law.contacts, p, contacts, drift, STEP)
-            interval = Interval(begin, end, start_weight, line)
+            interval = Interval(begin, end, start_weight, discrete_gradient)
         for k in range(d):
             start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
             finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
             start.slider[p, k] = complex(w0[k], STEP if c == 2 * d + k else 0.0)
-        room.lean[p] = complex(lean, STEP if c == 3 * d else 0.0)
-        state_of(law.contacts, p, interval.begin, start, room)
-        over_step(law.contacts, interval, p, start, finish, room)
-        settle(law.contacts, interval, p, start, finish, room)
+        scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
+        state_of(law.contacts, p, interval.begin, start, scratch)
+        contact_force(law.contacts, interval, p, start, finish, scratch)
+        commit_contact_state(law.contacts, interval, p, start, finish, scratch)
         for k in range(d):
-            law.force[p, k, c] = room.mean[p, k].imag / STEP
+            law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
             law.slider[p, k, c] = finish.slider[p, k].imag / STEP
 
 
@@ -194,17 +202,17 @@ def differentiate_rest(
     Its columns are [x (d), w (d), 0 .., parameter].
     """
     d = x.size
-    here, room = law.end, law.room
+    here, scratch = law.end, law.scratch
     for c in range(2 * d + 1):
         perturb(law.contacts, p, contacts, drift, STEP if c == 2 * d else 0.0)
         for k in range(d):
             here.x[p, k] = complex(x[k], STEP if c == k else 0.0)
             here.slider[p, k] = complex(w[k], STEP if c == d + k else 0.0)
             here.friction[p, k] = 0.0
-        room.lean[p] = 0.0
+        scratch.blending[p] = 0.0
         interval = Interval(0j, 0j, 0.0, False)
-        over_step(law.contacts, interval, p, here, here, room)
-        settle(law.contacts, interval, p, here, here, room)
+        contact_force(law.contacts, interval, p, here, here, scratch)
+        commit_contact_state(law.contacts, interval, p, here, here, scratch)
         column = 3 * d + 1 if c == 2 * d else c
         for k in range(d):
             law.slider[p, k, column] = here.slider[p, k].imag / STEP

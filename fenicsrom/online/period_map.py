@@ -1,23 +1,22 @@
 """The period map of the time stepping and its derivative (the monodromy matrix).
 
 The map takes the start of a period to its end by the steps of `fenicsrom.online.step`. Its
-variables are z = (q, v, a, w): coordinates, velocities, accelerations (not of the discrete gradient,
-which has none) and the sliders of the contact points. The normal component of a slider before a
-plane has no meaning and is left out. The derivative of every accepted step is taken with the step
-(`fenicsrom.online.step_sensitivity`), so that one march gives the end and the derivative by z and by
-one parameter.
+variables are z = (q, v, a, w): coordinates, velocities, accelerations and the sliders of the
+contact points. The discrete gradient has no accelerations. The normal component of a slider before
+a plane has no meaning and is left out. The derivative of every accepted step is taken with the step
+(`fenicsrom.online.step_sensitivity`), so that one march gives the end and its derivatives by z and
+by one parameter.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import compiled, kernel
+from fenicsrom.online.compiled import borrowed, compiled, kernel
 from fenicsrom.online.complex_step import STEP as COMPLEX_STEP
 from fenicsrom.online.complex_step import as_complex
 from fenicsrom.online.contact_sensitivity import (
@@ -26,11 +25,20 @@ from fenicsrom.online.contact_sensitivity import (
     law_derivative,
 )
 from fenicsrom.online.contact_step import at_rest
-from fenicsrom.online.march import SMALLEST_STEP, write
+from fenicsrom.online.dense import copy_to_points, copy_vector
+from fenicsrom.online.loop import SMALLEST_STEP, write
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.operations import borrowed, contact_displacement, keep, load, put
 from fenicsrom.online.scheme import Scheme
-from fenicsrom.online.state import ITERATIONS, LAST, STEP, TIME, Record, State, no_record, no_state
+from fenicsrom.online.state import (
+    ITERATIONS,
+    LAST_STEP,
+    STEP,
+    TIME,
+    Record,
+    State,
+    no_record,
+    no_state,
+)
 from fenicsrom.online.step import accept, attempt, measure
 from fenicsrom.online.step_sensitivity import (
     Drift,
@@ -57,7 +65,7 @@ def start_derivatives(
 ) -> None:
     """Set the derivatives at the start of the period, where `at_rest` has accepted the sliders."""
     n, k = s.q.shape
-    points, d = state.touch.x.shape
+    points, d = state.contact.x.shape
     m = points * d
     first = 3 * n if with_a else 2 * n
     for c in range(k):
@@ -71,7 +79,7 @@ def start_derivatives(
     for c in range(memory.size):
         s.force[memory[c], first + c] = 1.0
     for p in range(points):
-        differentiate_rest(s.law, contacts, drift.contacts, p, state.touch.x[p], sliders[p])
+        differentiate_rest(s.law, contacts, drift.contacts, p, state.contact.x[p], sliders[p])
         by = s.law.slider[p]
         for i in range(d):
             for c in range(k):
@@ -79,7 +87,7 @@ def start_derivatives(
                 for j in range(d):
                     value += by[i, j] * s.x[p * d + j, c] + by[i, d + j] * s.force[p * d + j, c]
                 s.w[p * d + i, c] = value
-    write_load_derivative(model, s, 0j, s.load[1])
+    write_load_derivative(model, s, 0j, s.load_derivative[1])
 
 
 @compiled
@@ -89,21 +97,23 @@ def begin_period(  # type: ignore[no-untyped-def]
     """Set the state, and its derivatives, at the start of a period; arguments as `march_period`."""
     scalars = state.scalars
     for i in range(scalars.size):
-        if i != LAST:
+        if i != LAST_STEP:
             scalars[i] = 0.0
     scalars[TIME] = time
-    keep(state.q, start[0])
-    keep(state.v, start[1])
-    keep(state.a, start[2])
-    keep(state.rate, start[3])
-    keep(state.growth, start[4])
-    keep(state.load, load(model, time))
-    put(state.touch.x, contact_displacement(model, state.q))
+    copy_vector(state.q, start[0])
+    copy_vector(state.v, start[1])
+    copy_vector(state.a, start[2])
+    copy_vector(state.mean_velocity, start[3])
+    copy_vector(state.mean_acceleration, start[4])
+    copy_vector(state.load_vector, model.load(time))
+    copy_to_points(state.contact.x, model.contact_displacement(state.q))
     state.friction_dissipation[:] = 0.0
-    at_rest(contacts, state.touch.x.copy(), sliders, time, state.touch, state.trial.room)
-    measure(model, contacts, scheme, state)
+    at_rest(contacts, state.contact.x.copy(), sliders, time, state.contact, state.trial.scratch)
+    measure(model, contacts, state)
     if derive:
-        start_derivatives(model, contacts, drift, state, s, sliders, memory, not scheme.line)
+        start_derivatives(
+            model, contacts, drift, state, s, sliders, memory, not scheme.discrete_gradient
+        )
 
 
 @compiled
@@ -111,7 +121,7 @@ def try_step(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
     """Try a step of size h: whether it converged."""
     model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
     state = borrowed(state)
-    load_ahead = load(model, state.scalars[TIME] + h)
+    load_ahead = model.load(state.scalars[TIME] + h)
     converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
     state.scalars[ITERATIONS] += iterations
     return converged
@@ -122,7 +132,7 @@ def take_step(model, contacts, scheme, state, h, record, row):  # type: ignore[n
     """Accept the step of size h that has converged, and keep it as a row of the record."""
     model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
     state, record = borrowed(state), borrowed(record)
-    load_ahead = load(model, state.scalars[TIME] + h)
+    load_ahead = model.load(state.scalars[TIME] + h)
     accept(model, contacts, scheme, state, h, load_ahead)
     write(model, contacts, state, record, row)
 
@@ -234,7 +244,7 @@ class PeriodMap:
         kinds = np.repeat(contacts.kind, dimension)
         axis = np.tile(np.arange(dimension), points)
         self.memory = np.flatnonzero((kinds != PLANE) | (axis > 0))
-        self.blocks = 2 if plan.line else 3
+        self.blocks = 2 if plan.discrete_gradient else 3
         self.size = self.blocks * n + self.memory.size
         k, m = self.size + 1, points * dimension
         self._state = no_state(n, points, dimension)
@@ -255,12 +265,13 @@ class PeriodMap:
             *(np.zeros((n, n)) for _ in range(3)),
             np.zeros((2, n)),
             np.zeros((m, n)),
+            np.zeros(dimension),
             np.zeros(n, dtype=np.int64),
             law_derivative(contacts, points, dimension),
         )
 
     def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
-        """The variables z (N,) of coordinates, velocities, accelerations (n,) and sliders (P, d)."""
+        """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d)."""
         parts = [q, v, a][: self.blocks]
         return np.concatenate([*parts, sliders.reshape(-1)[self.memory]])
 
@@ -309,7 +320,7 @@ class PeriodMap:
         start = np.zeros((5, n))
         start[:3] = self.coordinates(z)
         start[3:] = np.stack([start[1], np.zeros(n)]) if guess is None else guess
-        state.scalars[LAST] = last_step
+        state.scalars[LAST_STEP] = last_step
         s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
         times = period * self.fractions
         # a new factor is due where a linear model or its step has changed
@@ -319,21 +330,18 @@ class PeriodMap:
         begin_period(
             model, contacts, plan, 0.0, start, sliders, self.memory, state, drift, s, derive
         )
-        status, rows = _compiled_march_period(
+        status, count = _compiled_march_period(
             model, contacts, plan, times, state, self._record, drift, s, derive
         )
-        end = self.pack(state.q, state.v, state.a, state.touch.slider)
-        size = self.size if derive else 0
-        whole = np.concatenate([s.q, s.v, s.a][: self.blocks] + [s.w[self.memory]])[:, :size]
-        column = np.concatenate(
-            [s.q[:, -1], s.v[:, -1], s.a[:, -1]][: self.blocks] + [s.w[self.memory, -1]]
-        )
-        record = Record._make(array[:rows].copy() for array in self._record)
+        end = self.pack(state.q, state.v, state.a, state.contact.slider)
+        rows = [*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]]
+        derivative = np.concatenate(rows)
+        record = Record._make(array[:count].copy() for array in self._record)
         return status, PeriodEnd(
             end,
-            whole.copy() if derive else np.zeros((0, 0)),
-            column if derive else np.zeros(0),
+            derivative[:, :-1].copy() if derive else np.zeros((0, 0)),
+            derivative[:, -1].copy() if derive else np.zeros(0),
             record,
-            np.stack([state.rate, state.growth]),
-            float(state.scalars[LAST]),
+            np.stack([state.mean_velocity, state.mean_acceleration]),
+            float(state.scalars[LAST_STEP]),
         )

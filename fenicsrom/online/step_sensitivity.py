@@ -3,12 +3,15 @@
 The step solves R(dq; q0, v0, a0, w0, p) = 0 for dq = q1 - q0, with F the mean contact forces and
 p the parameter:
 
-    R = M (inertia dq + from_v v0 + from_a a0) + Gamma (drag dq + drag_v v0 + drag_a a0)
+    R = M (mass dq + inertia_v v0 + inertia_a a0)
+        + Gamma (gyroscopic dq + velocity_v v0 + velocity_a a0)
         + f_mean(q0, dq) + B F(x0, x1, w0, p) - load
 
-so that with x = B^T q and S = inertia M + drag Gamma + df_mean/d(dq) + B dF/dx1 B^T
+with the coefficients of `fenicsrom.online.step.StepCoefficients`. With x = B^T q and
+S = mass M + gyroscopic Gamma + df_mean/d(dq) + B dF/dx1 B^T
 
-    S d(dq) = -[df_mean/dq0 dq0 + M (from_v dv0 + from_a da0) + Gamma (drag_v dv0 + drag_a da0)
+    S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
+                + Gamma (velocity_v dv0 + velocity_a da0)
                 + B (dF/dx0 + dF/dx1) dx0 + B dF/dw0 dw0 + dR/dp dp].
 
 One factorisation of S serves all columns. The end of the step follows from dq by the formulas of
@@ -33,6 +36,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.state import State
+from fenicsrom.online.step import step_coefficients
 from fenicsrom.online.surfaces import Contacts
 
 
@@ -68,7 +72,7 @@ class Sensitivity(NamedTuple):
         before: the state at the start of the step: q (n,), v (n,), a (n,), load (n,).
         x0: (P, d) contact displacements there.
         w0: (P, d) sliders there.
-        load: (2, n) derivative of the load vector by the parameter at both ends of the step.
+        load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
         factors: (loads,) complex time factors of the loads.
         histories: complex load histories.
         by_start: (n, n) derivative of the mean elastic force by q0.
@@ -76,6 +80,7 @@ class Sensitivity(NamedTuple):
         tangent: (n, n) tangent at a point of the step.
         vectors: (2, n) scratch.
         rows: (m, n) of the contact displacements, weighted.
+        column: (d,) scratch.
         pivots: (n,)
         law: derivative of the contact law.
     """
@@ -91,7 +96,7 @@ class Sensitivity(NamedTuple):
     before: Array
     x0: Array
     w0: Array
-    load: Array
+    load_derivative: Array
     factors: Array
     histories: LoadHistories
     by_start: Array
@@ -99,19 +104,14 @@ class Sensitivity(NamedTuple):
     tangent: Array
     vectors: Array
     rows: Array
+    column: Array
     pivots: NDArray[np.int64]
     law: LawDerivative
 
 
-class Weights(NamedTuple):
-    """Factors of a step of one size: of dq, v0 and a0 in the balance and at the end of the step."""
+class EndCoefficients(NamedTuple):
+    """How velocity and acceleration at the end of a step depend on dq, v0 and a0."""
 
-    inertia: float
-    from_v: float
-    from_a: float
-    drag: float
-    drag_v: float
-    drag_a: float
     v_dq: float
     v_v: float
     v_a: float
@@ -121,25 +121,34 @@ class Weights(NamedTuple):
 
 
 @part
-def step_weights(scheme: Scheme, damping: float, h: float) -> Weights:
-    """The factors of a step of size h, for real or complex numbers."""
-    am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
-    drag = (1.0 - af) * gamma / (beta * h)
-    drag_v = (1.0 - af) * (1.0 - gamma / beta) + af + 0.0 * h
-    drag_a = (1.0 - af) * h * (1.0 - 0.5 * gamma / beta)
-    return Weights(
-        (1.0 - am) / (beta * h * h) + damping * drag,
-        -(1.0 - am) / (beta * h) + damping * drag_v,
-        am - (1.0 - am) * (0.5 / beta - 1.0) + damping * drag_a,
-        drag,
-        drag_v,
-        drag_a,
+def end_coefficients(scheme: Scheme, h: float) -> EndCoefficients:
+    """The factors of a step of size h, real or complex."""
+    beta, gamma = scheme.beta, scheme.gamma
+    return EndCoefficients(
         gamma / (beta * h),
         1.0 - gamma / beta + 0.0 * h,
         h * (1.0 - 0.5 * gamma / beta),
         1.0 / (beta * h * h),
         -1.0 / (beta * h),
         1.0 - 0.5 / beta + 0.0 * h,
+    )
+
+
+@part
+def with_damping(scheme: Scheme, damping: complex) -> Scheme:
+    """The scheme with another damping, which may be complex."""
+    return Scheme(
+        scheme.alpha_m,
+        scheme.alpha_f,
+        scheme.beta,
+        scheme.gamma,
+        scheme.discrete_gradient,
+        scheme.start_weight,
+        scheme.points,
+        scheme.weights,
+        damping,
+        scheme.linear,
+        scheme.gyroscopic,
     )
 
 
@@ -188,10 +197,10 @@ def keep_start(state: State, s: Sensitivity) -> None:
         s.before[0, i] = state.q[i]
         s.before[1, i] = state.v[i]
         s.before[2, i] = state.a[i]
-    for p in range(state.touch.x.shape[0]):
-        for i in range(state.touch.x.shape[1]):
-            s.x0[p, i] = state.touch.x[p, i]
-            s.w0[p, i] = state.touch.slider[p, i]
+    for p in range(state.contact.x.shape[0]):
+        for i in range(state.contact.x.shape[1]):
+            s.x0[p, i] = state.contact.x[p, i]
+            s.w0[p, i] = state.contact.slider[p, i]
 
 
 @kernel
@@ -211,56 +220,59 @@ def linearise_step(
         False if the matrix of the step is singular.
     """
     n, k = s.q.shape
-    points, d = state.touch.x.shape
+    points, d = state.contact.x.shape
     last = k - 1
     dq = state.trial.dq
     q0, v0, a0 = s.before[0], s.before[1], s.before[2]
-    room, law = state.trial.room, s.law
+    scratch, law = state.trial.scratch, s.law
     end = begin + h
     complex_h = complex(h, STEP * h * drift.period)
     ahead = complex(end, STEP * end * drift.period)
     behind = complex(begin, STEP * begin * drift.period)
-    f = step_weights(scheme, scheme.damping, h)
-    g = step_weights(scheme, complex(scheme.damping, STEP * drift.damping), complex_h)
+    f = step_coefficients(scheme, h)
+    g = step_coefficients(
+        with_damping(scheme, complex(scheme.damping, STEP * drift.damping)), complex_h
+    )
     # structure
     elastic_tangents(model, scheme, q0, dq, s)
-    with_a = not scheme.line
+    with_a = not scheme.discrete_gradient
     matrix, right = s.by_step, s.dq
     for i in range(n):
         for c in range(k):
             right[i, c] = 0.0
-            s.combined[i, c] = f.from_v * s.v[i, c]
+            s.combined[i, c] = f.inertia_v * s.v[i, c]
         if with_a:
             for c in range(k):
-                s.combined[i, c] += f.from_a * s.a[i, c]
+                s.combined[i, c] += f.inertia_a * s.a[i, c]
         s.combined[i, last] += (
-            g.from_v.imag * v0[i] + g.from_a.imag * a0[i] + g.inertia.imag * dq[i]
+            g.inertia_v.imag * v0[i] + g.inertia_a.imag * a0[i] + g.mass.imag * dq[i]
         ) / STEP
         for j in range(n):
-            matrix[i, j] += f.inertia * model.mass[i, j]
+            matrix[i, j] += f.mass * model.mass[i, j]
     add_combined_rows(model.mass, s.combined, right)
     add_combined_rows(s.by_start, s.q, right)
     if scheme.gyroscopic:
         for i in range(n):
             for c in range(k):
-                s.combined[i, c] = f.drag_v * s.v[i, c]
+                s.combined[i, c] = f.velocity_v * s.v[i, c]
             if with_a:
                 for c in range(k):
-                    s.combined[i, c] += f.drag_a * s.a[i, c]
+                    s.combined[i, c] += f.velocity_a * s.a[i, c]
             s.combined[i, last] += (
-                g.drag_v.imag * v0[i] + g.drag_a.imag * a0[i] + g.drag.imag * dq[i]
+                g.velocity_v.imag * v0[i] + g.velocity_a.imag * a0[i] + g.gyroscopic.imag * dq[i]
             ) / STEP
             for j in range(n):
-                matrix[i, j] += f.drag * model.gyroscopic_matrix[i, j]
+                matrix[i, j] += f.gyroscopic * model.gyroscopic_matrix[i, j]
         add_combined_rows(model.gyroscopic_matrix, s.combined, right)
     for i in range(n):
-        s.load[0, i] = s.load[1, i]
-    write_load_derivative(model, s, ahead, s.load[1])
+        s.load_derivative[0, i] = s.load_derivative[1, i]
+    write_load_derivative(model, s, ahead, s.load_derivative[1])
     for i in range(n):
-        right[i, last] -= scheme.alpha_f * s.load[0, i] + (1.0 - scheme.alpha_f) * s.load[1, i]
+        load_start, load_end = s.load_derivative[0, i], s.load_derivative[1, i]
+        right[i, last] -= scheme.alpha_f * load_start + (1.0 - scheme.alpha_f) * load_end
     # contact
     for p in range(points):
-        if room.motion[p] == OPEN:
+        if scratch.mode[p] == OPEN:
             continue
         differentiate_law(
             law,
@@ -269,12 +281,12 @@ def linearise_step(
             behind,
             ahead,
             scheme.alpha_f,
-            scheme.line,
+            scheme.discrete_gradient,
             p,
             s.x0[p],
-            state.touch.x[p],
+            state.contact.x[p],
             s.w0[p],
-            room.lean[p],
+            scratch.blending[p],
         )
         force, row = law.force[p], p * d
         for i in range(d):
@@ -304,22 +316,23 @@ def linearise_step(
     if not lu_factor(matrix, s.pivots, n):
         return False
     lu_solve(matrix, s.pivots, right, n)
-    advance_derivatives(model, scheme, f, g, state, s)
+    advance_derivatives(scheme, h, complex_h, state, s)
     advance_sliders(model, state, s)
     return True
 
 
 @kernel
 def advance_derivatives(
-    model: ReducedModel, scheme: Scheme, f: Weights, g: Weights, state: State, s: Sensitivity
+    scheme: Scheme, h: float, complex_h: complex, state: State, s: Sensitivity
 ) -> None:
     """Add the step to the derivatives of coordinates, velocities and accelerations."""
+    f, g = end_coefficients(scheme, h), end_coefficients(scheme, complex_h)
     n, k = s.q.shape
     last, dq, v0, a0 = k - 1, state.trial.dq, s.before[1], s.before[2]
     for i in range(n):
         for c in range(k):
             s.q[i, c] += s.dq[i, c]
-        if scheme.line:
+        if scheme.discrete_gradient:
             for c in range(k):
                 s.v[i, c] = f.v_dq * s.dq[i, c] + f.v_v * s.v[i, c]
         else:
@@ -327,9 +340,7 @@ def advance_derivatives(
                 v, a = s.v[i, c], s.a[i, c]
                 s.v[i, c] = f.v_dq * s.dq[i, c] + f.v_v * v + f.v_a * a
                 s.a[i, c] = f.a_dq * s.dq[i, c] + f.a_v * v + f.a_a * a
-            s.a[i, last] += (
-                g.a_dq.imag * dq[i] + g.a_v.imag * v0[i] + g.a_a.imag * a0[i]
-            ) / STEP
+            s.a[i, last] += (g.a_dq.imag * dq[i] + g.a_v.imag * v0[i] + g.a_a.imag * a0[i]) / STEP
         s.v[i, last] += (g.v_dq.imag * dq[i] + g.v_v.imag * v0[i] + g.v_a.imag * a0[i]) / STEP
 
 
@@ -340,7 +351,7 @@ def advance_sliders(model: ReducedModel, state: State, s: Sensitivity) -> None:
     A point that is open all the time forgets its slider, which follows the point.
     """
     k = s.q.shape[1]
-    points, d = state.touch.x.shape
+    points, d = state.contact.x.shape
     last, x1 = k - 1, s.force
     for r in range(points * d):
         for c in range(k):
@@ -348,7 +359,7 @@ def advance_sliders(model: ReducedModel, state: State, s: Sensitivity) -> None:
     add_combined_rows(model.contact_rows, s.q, x1)
     for p in range(points):
         row = p * d
-        if state.trial.room.motion[p] == OPEN:
+        if state.trial.scratch.mode[p] == OPEN:
             for i in range(d):
                 for c in range(k):
                     s.w[row + i, c] = x1[row + i, c]
@@ -363,9 +374,9 @@ def advance_sliders(model: ReducedModel, state: State, s: Sensitivity) -> None:
                         + by[i, d + j] * x1[row + j, c]
                         + by[i, 2 * d + j] * s.w[row + j, c]
                     )
-                s.law.room.vectors[i, 0] = value
+                s.column[i] = value
             for i in range(d):
-                s.w[row + i, c] = s.law.room.vectors[i, 0].real
+                s.w[row + i, c] = s.column[i]
         for i in range(d):
             s.w[row + i, last] += by[i, 3 * d + 1]
     for r in range(points * d):
