@@ -26,6 +26,7 @@ from fenicsrom.online.contact_step import (
     contact_force,
     trial_normal_force,
 )
+from fenicsrom.online.friction import positive
 from fenicsrom.online.surfaces import PLANE, Contacts, gap_discrete_gradient
 
 # the parameters of the contacts by which a motion can be differentiated
@@ -108,6 +109,7 @@ def state_of(
     x, slider, n = here.x[p], here.slider[p], scratch.point.normal
     trial = trial_normal_force(contacts, p, x, time)
     here.trial_normal_force[p] = trial
+    pressed, size = positive(trial), 1.0 + 0.0 * trial
     if contacts.kind[p] == PLANE:
         for k in range(d):
             n[k] = 0.0
@@ -120,14 +122,13 @@ def state_of(
         for k in range(1, d):
             size += n[k] * n[k]
         size = np.sqrt(size)
-        for k in range(d):
-            n[k] /= size
+    for k in range(d):
+        here.normal[p, k] = pressed * n[k]
+        n[k] /= size
     across = n[0] * (x[0] - slider[0])
     for k in range(1, d):
         across += n[k] * (x[k] - slider[k])
-    pressed = max(trial, 0.0)
     for k in range(d):
-        here.normal[p, k] = pressed * n[k]
         here.friction[p, k] = contacts.tangential_stiffness[p] * (x[k] - slider[k] - across * n[k])
         if not trial > 0.0:
             here.friction[p, k] = 0.0
@@ -150,6 +151,9 @@ def differentiate_law(
 ) -> None:
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
+    The slider of a point that is open at the start, or has no friction, follows the point. Its
+    derivatives by w0 are zero and those by x0 are taken with w0 = x0: the law has a kink there.
+
     Args:
         law: the arrays.
         contacts: the parameters.
@@ -171,14 +175,22 @@ def differentiate_law(
     interval = Interval(
         complex(begin.real, 0.0), complex(end.real, 0.0), start_weight, discrete_gradient
     )
+    state_of(law.contacts, p, interval.begin, start, scratch)
+    follows = not start.trial_normal_force[p] > 0.0 or contacts.friction[p] == 0.0
     for c in range(3 * d + 2):
+        if follows and 2 * d <= c < 3 * d:
+            for k in range(d):
+                law.force[p, k, c] = 0.0
+                law.slider[p, k, c] = 0.0
+            continue
         if c == 3 * d + 1:
             perturb(law.contacts, p, contacts, drift, STEP)
             interval = Interval(begin, end, start_weight, discrete_gradient)
         for k in range(d):
             start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
             finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
-            start.slider[p, k] = complex(w0[k], STEP if c == 2 * d + k else 0.0)
+            moved = (c == 2 * d + k and not follows) or (c == k and follows)
+            start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
         scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
         state_of(law.contacts, p, interval.begin, start, scratch)
         contact_force(law.contacts, interval, p, start, finish, scratch)

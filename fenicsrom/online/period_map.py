@@ -72,6 +72,8 @@ def start_derivatives(
         for i in range(n):
             s.q[i, c] = 1.0 if c == i else 0.0
             s.v[i, c] = 1.0 if c == n + i else 0.0
+            s.mean_velocity[i, c] = 0.0
+            s.mean_acceleration[i, c] = 0.0
             s.a[i, c] = 1.0 if with_a and c == 2 * n + i else 0.0
         for r in range(m):
             s.x[r, c] = model.contact_rows[r, c] if c < n else 0.0
@@ -170,10 +172,13 @@ def march_period(model, contacts, scheme, times, state, record, drift, s, derive
             h = goal - begin
         if try_step(model, contacts, scheme, state, h):
             if derive:
-                keep_start(state, s)
+                keep_start(state, s, h)
+            last_step = scalars[LAST_STEP]
             take_step(model, contacts, scheme, state, h, record, rows)
             rows += 1
-            if derive and not linearise_step(model, contacts, scheme, drift, state, s, begin, h):
+            if derive and not linearise_step(
+                model, contacts, scheme, drift, state, s, begin, h, last_step
+            ):
                 return SINGULAR, rows
             scalars[STEP] = 2.0 * h
             if lands:
@@ -256,7 +261,10 @@ class PeriodMap:
             np.zeros((n, k)),
             np.zeros((m, k)),
             np.zeros((n, k)),
-            np.zeros((3, n)),
+            np.zeros((n, k)),
+            np.zeros((points, k)),
+            np.zeros((n, k)),
+            np.zeros((6, n)),
             np.zeros((points, dimension)),
             np.zeros((points, dimension)),
             np.zeros((2, n)),
@@ -266,6 +274,7 @@ class PeriodMap:
             np.zeros((2, n)),
             np.zeros((m, n)),
             np.zeros(dimension),
+            np.zeros((3, n)),
             np.zeros(n, dtype=np.int64),
             law_derivative(contacts, points, dimension),
         )
@@ -308,8 +317,8 @@ class PeriodMap:
             z: (N,) variables at the start.
             drift: derivatives of the data by the parameter; none if not given.
             derive: whether to find the derivatives.
-            guess: (2, n) mean velocity of the step before the start and its growth; the velocity
-                and zero if not given.
+            guess: (2, n) mean velocity of the step before the start and its growth; zero if not
+                given.
             last_step: size of that step, s.
 
         Returns:
@@ -319,7 +328,8 @@ class PeriodMap:
         drift = no_drift(model, contacts) if drift is None else drift
         start = np.zeros((5, n))
         start[:3] = self.coordinates(z)
-        start[3:] = np.stack([start[1], np.zeros(n)]) if guess is None else guess
+        if guess is not None:
+            start[3:] = guess
         state.scalars[LAST_STEP] = last_step
         s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
         times = period * self.fractions

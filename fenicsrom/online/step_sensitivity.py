@@ -28,16 +28,22 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel, part
 from fenicsrom.online.complex_step import STEP
-from fenicsrom.online.contact_sensitivity import LawDerivative, differentiate_law
+from fenicsrom.online.contact_sensitivity import LawDerivative, differentiate_law, perturb
 from fenicsrom.online.contact_state import OPEN
 from fenicsrom.online.dense import add_combined_rows, lu_factor, lu_solve
 from fenicsrom.online.load_histories import LoadHistories, write_factors
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
-from fenicsrom.online.state import State
+from fenicsrom.online.state import LAST_STEP, State
 from fenicsrom.online.step import step_coefficients
-from fenicsrom.online.surfaces import Contacts
+from fenicsrom.online.surfaces import Contacts, gap_discrete_gradient
+
+BLENDING_RESOLVED = 1e-5
+"""Weight of the implicit blending below which its changes are neglected.
+
+They change a contact force by less than this part of it.
+"""
 
 
 class Drift(NamedTuple):
@@ -68,8 +74,12 @@ class Sensitivity(NamedTuple):
         w: (m, k) of the sliders.
         dq: (n, k) of the step.
         force: (m, k) of the mean contact force without the part by the end of the step.
+        mean_velocity: (n, k) of the mean velocity of the last step.
+        mean_acceleration: (n, k) of its growth.
+        blending: (P, k) of the weight of the implicit blending.
         combined: (n, k) sum of velocities and accelerations to be multiplied by a matrix.
-        before: the state at the start of the step: q (n,), v (n,), a (n,), load (n,).
+        before: (6, n) at the start of the step: q, v, a, mean velocity of the last step, its
+            growth, and the first guess of dq.
         x0: (P, d) contact displacements there.
         w0: (P, d) sliders there.
         load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
@@ -81,6 +91,7 @@ class Sensitivity(NamedTuple):
         vectors: (2, n) scratch.
         rows: (m, n) of the contact displacements, weighted.
         column: (d,) scratch.
+        blending_vectors: (3, n) scratch.
         pivots: (n,)
         law: derivative of the contact law.
     """
@@ -92,6 +103,9 @@ class Sensitivity(NamedTuple):
     w: Array
     dq: Array
     force: Array
+    mean_velocity: Array
+    mean_acceleration: Array
+    blending: Array
     combined: Array
     before: Array
     x0: Array
@@ -105,6 +119,7 @@ class Sensitivity(NamedTuple):
     vectors: Array
     rows: Array
     column: Array
+    blending_vectors: Array
     pivots: NDArray[np.int64]
     law: LawDerivative
 
@@ -191,9 +206,13 @@ def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, ou
 
 
 @kernel
-def keep_start(state: State, s: Sensitivity) -> None:
-    """Keep the start of a step that is about to be accepted."""
+def keep_start(state: State, s: Sensitivity, h: float) -> None:
+    """Keep the start of a step of size h that is about to be accepted."""
+    ahead = 0.5 * h * (h + state.scalars[LAST_STEP])
     for i in range(state.q.size):
+        s.before[3, i] = state.mean_velocity[i]
+        s.before[4, i] = state.mean_acceleration[i]
+        s.before[5, i] = h * state.mean_velocity[i] + ahead * state.mean_acceleration[i]
         s.before[0, i] = state.q[i]
         s.before[1, i] = state.v[i]
         s.before[2, i] = state.a[i]
@@ -213,6 +232,7 @@ def linearise_step(
     s: Sensitivity,
     begin: float,
     h: float,
+    last_step: float,
 ) -> bool:
     """Carry the derivatives over the step of size h that was just accepted into the state.
 
@@ -288,11 +308,14 @@ def linearise_step(
             s.w0[p],
             scratch.blending[p],
         )
+        differentiate_blending(
+            model, contacts, scheme, drift, state, s, p, behind, h, last_step, g.mass
+        )
         force, row = law.force[p], p * d
         for i in range(d):
             for c in range(k):
-                s.force[row + i, c] = 0.0
-            s.force[row + i, last] = force[i, 3 * d + 1]
+                s.force[row + i, c] = force[i, 3 * d] * s.blending[p, c]
+            s.force[row + i, last] += force[i, 3 * d + 1]
             for j in range(d):
                 by_x, by_w = force[i, j] + force[i, d + j], force[i, 2 * d + j]
                 for c in range(k):
@@ -317,6 +340,7 @@ def linearise_step(
         return False
     lu_solve(matrix, s.pivots, right, n)
     advance_derivatives(scheme, h, complex_h, state, s)
+    advance_extrapolation(drift, h, last_step, state, s)
     advance_sliders(model, state, s)
     return True
 
@@ -367,7 +391,7 @@ def advance_sliders(model: ReducedModel, state: State, s: Sensitivity) -> None:
         by = s.law.slider[p]
         for c in range(k):
             for i in range(d):
-                value = 0.0
+                value = by[i, 3 * d] * s.blending[p, c]
                 for j in range(d):
                     value += (
                         by[i, j] * s.x[row + j, c]
@@ -382,3 +406,136 @@ def advance_sliders(model: ReducedModel, state: State, s: Sensitivity) -> None:
     for r in range(points * d):
         for c in range(k):
             s.x[r, c] = x1[r, c]
+
+
+@kernel
+def advance_extrapolation(
+    drift: Drift, h: float, last_step: float, state: State, s: Sensitivity
+) -> None:
+    """Carry the derivatives of the mean velocity and its growth, which extrapolate, over a step."""
+    n, k = s.q.shape
+    last, factor = k - 1, 2.0 / (h + last_step)
+    for i in range(n):
+        for c in range(k):
+            rate = s.dq[i, c] / h
+            if c == last:
+                rate -= drift.period * state.trial.dq[i] / h
+            change = rate - s.mean_velocity[i, c]
+            if c == last:
+                change -= drift.period * (state.trial.dq[i] / h - s.before[3, i])
+            s.mean_acceleration[i, c] = factor * change
+            s.mean_velocity[i, c] = rate
+
+
+@kernel
+def differentiate_blending(
+    model: ReducedModel,
+    contacts: Contacts,
+    scheme: Scheme,
+    drift: Drift,
+    state: State,
+    s: Sensitivity,
+    p: int,
+    behind: complex,
+    h: float,
+    last_step: float,
+    by_mass: complex,
+) -> None:
+    """Write the derivatives of the implicit blending of point p to s.blending.
+
+    The weight is b = r^2/(1 + r^2), r = k_n n^T G n. With u = S^-1 B n the flexibility changes by
+
+        d(n^T G n) = 2 dn^T G n - u^T dS u,
+
+    where the last iteration gives u, and S is that of the first guess of dq (G is taken as
+    symmetric, which it is without gyroscopic forces). The elastic part of
+    u^T dS u needs the second derivative of the force along u. As the force is cubic,
+    A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give it exactly.
+    """
+    n, k = s.q.shape
+    d = state.contact.x.shape[1]
+    last, row, law = k - 1, p * d, s.law
+    for c in range(k):
+        s.blending[p, c] = 0.0
+    weight = state.trial.scratch.blending[p]
+    if not weight > BLENDING_RESOLVED:
+        return
+    ratio = np.sqrt(weight / (1.0 - weight))
+    by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
+    perturb(law.contacts, p, contacts, drift.contacts, STEP)
+    for i in range(d):
+        law.start.x[p, i] = s.x0[p, i]
+    point = law.scratch.point
+    x0, bend = law.start.x[p], point.gradient_derivative
+    gap_discrete_gradient(law.contacts, p, x0, x0, behind, point.gradient, bend, point.work)
+    u = s.blending_vectors[0]
+    for a in range(n):
+        u[a] = 0.0
+        for i in range(d):
+            u[a] += point.gradient[i].real * model.work.block[a, 1 + row + i]
+    for i in range(d):
+        along = 0.0
+        for a in range(n):
+            along += model.contact_rows[row + i, a] * u[a]
+        s.blending[p, last] += 2.0 * along * point.gradient[i].imag / STEP
+        for j in range(d):
+            for c in range(k):
+                s.blending[p, c] += 4.0 * along * bend[i, j].real * s.x[row + j, c]
+    quadratic = 0.0
+    for a in range(n):
+        for b in range(n):
+            quadratic += by_mass.imag * u[a] * model.mass[a, b] * u[b]
+    s.blending[p, last] -= quadratic / STEP
+    if not scheme.linear:
+        add_elastic_blending(model, drift, s, p, h, last_step)
+    for c in range(k):
+        s.blending[p, c] *= by_flexibility
+    stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
+    s.blending[p, last] += 2.0 * ratio**2 / (1.0 + ratio**2) ** 2 * stiffness
+
+
+@kernel
+def add_elastic_blending(
+    model: ReducedModel, drift: Drift, s: Sensitivity, p: int, h: float, last_step: float
+) -> None:
+    """Subtract the elastic part of u^T dS u from s.blending; S at the discrete gradient's guess."""
+    n, k = s.q.shape
+    last, work = k - 1, model.work
+    u, scaled, force = s.blending_vectors[0], s.vectors[0], s.vectors[1]
+    by_start, by_step = s.blending_vectors[1], s.blending_vectors[2]
+    q0, guess = s.before[0], s.before[5]
+    size, length = 0.0, 0.0
+    for i in range(n):
+        size += q0[i] ** 2
+        length += u[i] ** 2
+    scale = np.sqrt(max(size, 1e-12) / length)
+    ahead, behind = s.by_start, s.tangent
+    for sign in range(2):
+        for i in range(n):
+            scaled[i] = scale * u[i] if sign == 0 else -scale * u[i]
+        elastic_force_with(
+            model.elastic,
+            work.columns,
+            work.points,
+            work.products,
+            scaled,
+            force,
+            ahead if sign == 0 else behind,
+        )
+    # the mean over the step of s T'(q0 + s dq), and of s^2 T' for the part by dq
+    for i in range(n):
+        quadratic, at_start, at_step = 0.0, 0.0, 0.0
+        for j in range(n):
+            both = (ahead[i, j] + behind[i, j] - 2.0 * model.elastic.stiffness[i, j]) / scale**2
+            quadratic += 0.5 * (ahead[i, j] - behind[i, j]) / scale * u[j]
+            at_start += both * (0.5 * q0[j] + guess[j] / 3.0)
+            at_step += both * (q0[j] / 3.0 + 0.25 * guess[j])
+        by_start[i] = 0.5 * quadratic + at_start
+        by_step[i] = quadratic / 3.0 + at_step
+    growth = 0.5 * h * (h + last_step)
+    for i in range(n):
+        for c in range(k):
+            moved = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
+            s.blending[p, c] -= by_start[i] * s.q[i, c] + by_step[i] * moved
+        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
+        s.blending[p, last] -= by_step[i] * drift.period * moved
