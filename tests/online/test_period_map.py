@@ -48,7 +48,7 @@ def shaken(dimension: int = 2, n: int = 4, *, nonlinear: bool = True) -> Reduced
 
 
 def curved(contacts: Contacts, kind: int, spin: float) -> Contacts:
-    """Contacts before the inside of a surface of radius 3 m that turns and, a cylinder, has waves."""
+    """Contacts before the inside of a turning surface of radius 3 m; a cylinder has waves."""
     d = contacts.centre.shape[1]
     waves = 2 if kind == CYLINDER else 0
     centre = np.zeros_like(contacts.centre)
