@@ -148,11 +148,12 @@ def differentiate_law(
     x1: Array,
     w0: Array,
     blending: float,
+    follows: bool,
 ) -> None:
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
-    The slider of a point that is open at the start, or has no friction, follows the point. Its
-    derivatives by w0 are zero and those by x0 are taken with w0 = x0: the law has a kink there.
+    A slider that follows the point has no derivative of its own: the law has a kink at w0 = x0.
+    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero.
 
     Args:
         law: the arrays.
@@ -168,6 +169,7 @@ def differentiate_law(
         x1: (d,) displacement at the end, m.
         w0: (d,) slider at the start, m.
         blending: weight of the normal force at the end of the step.
+        follows: whether the slider follows the point at the start: open, or without friction.
     """
     d = x0.size
     start, finish, scratch = law.start, law.end, law.scratch
@@ -175,8 +177,6 @@ def differentiate_law(
     interval = Interval(
         complex(begin.real, 0.0), complex(end.real, 0.0), start_weight, discrete_gradient
     )
-    state_of(law.contacts, p, interval.begin, start, scratch)
-    follows = not start.trial_normal_force[p] > 0.0 or contacts.friction[p] == 0.0
     for c in range(3 * d + 2):
         if follows and 2 * d <= c < 3 * d:
             for k in range(d):

@@ -173,7 +173,8 @@ class CurvePoint:
         z: (N,) variables at the start of the period.
         s: (N,) scaled variables.
         tangent: (N + 1,) unit tangent of the curve in (s / size, p / range).
-        amplitude: (P, d) half of peak-to-peak of the contact displacement (or (1, d), the probe), m.
+        amplitude: (P, d) half of peak-to-peak of the contact displacement, or (1, d) of the probe
+            without contact, m.
         peak_force: (P,) largest normal force, N.
         friction_dissipation: energy dissipated by friction in the period, J.
         multipliers: (N,) Floquet multipliers, the largest first.

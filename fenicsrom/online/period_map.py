@@ -267,6 +267,7 @@ class PeriodMap:
             np.zeros((6, n)),
             np.zeros((points, dimension)),
             np.zeros((points, dimension)),
+            np.zeros(points),
             np.zeros((2, n)),
             np.zeros(histories.spans.shape[0], dtype=np.complex128),
             as_complex(histories, ("sines",)),

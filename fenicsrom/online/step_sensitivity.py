@@ -82,6 +82,7 @@ class Sensitivity(NamedTuple):
             growth, and the first guess of dq.
         x0: (P, d) contact displacements there.
         w0: (P, d) sliders there.
+        trial_normal_force: (P,) there.
         load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
         factors: (loads,) complex time factors of the loads.
         histories: complex load histories.
@@ -110,6 +111,7 @@ class Sensitivity(NamedTuple):
     before: Array
     x0: Array
     w0: Array
+    trial_normal_force: Array
     load_derivative: Array
     factors: Array
     histories: LoadHistories
@@ -217,6 +219,7 @@ def keep_start(state: State, s: Sensitivity, h: float) -> None:
         s.before[1, i] = state.v[i]
         s.before[2, i] = state.a[i]
     for p in range(state.contact.x.shape[0]):
+        s.trial_normal_force[p] = state.contact.trial_normal_force[p]
         for i in range(state.contact.x.shape[1]):
             s.x0[p, i] = state.contact.x[p, i]
             s.w0[p, i] = state.contact.slider[p, i]
@@ -307,6 +310,7 @@ def linearise_step(
             state.contact.x[p],
             s.w0[p],
             scratch.blending[p],
+            not s.trial_normal_force[p] > 0.0 or contacts.friction[p] == 0.0,
         )
         differentiate_blending(
             model, contacts, scheme, drift, state, s, p, behind, h, last_step, g.mass
