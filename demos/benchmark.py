@@ -1,13 +1,12 @@
-"""How many times faster the reduced model is: ratios of run time over the same steps, on this
-machine.
+"""Measure how many times faster the reduced model is than the full one, on this machine.
 
     python3 demos/benchmark.py
 
-Medians of five runs of one period from rest (200 steps; three of 300 for the blade, whose full
-model takes a quarter of a second for a step), of 25 for the reduced model, one after the other,
-compiled code warm, one thread unless OMP_NUM_THREADS says otherwise; the spread is half the
-distance of the quartiles. Models of one body take the same steps; the largest difference of their
-tip displacements is printed beside the ratio.
+Both models take the same steps: one period from rest, 200 steps (300 for the blade). The ratio is
+that of the median run times, of 25 runs of the reduced model and of five of the other (three for
+the blade, whose full model takes a quarter of a second for a step). The runs follow one another,
+with compiled code warm, on one thread unless OMP_NUM_THREADS says otherwise. The spread is half the
+distance of the quartiles. "apart" is the largest difference of the tip displacements.
 """
 
 from __future__ import annotations
@@ -39,13 +38,13 @@ SIX = {
 
 
 def run(model: Any, scene: Scene, count: int = 5) -> tuple[Motion, list[float]]:
-    """A motion of one period, and the seconds of each run."""
+    """Return a motion of one period and the seconds of each run."""
     motions = [simulate(model, scene) for _ in range(count)]
     return motions[0], [motion.seconds for motion in motions]
 
 
 def compare(name: str, fast: tuple[Motion, list[float]], slow: tuple[Motion, list[float]]) -> None:
-    """Print how many times faster one is than the other."""
+    """Print how many times faster the first model is than the second."""
     (quick, few), (long, many) = fast, slow
     assert quick.steps == long.steps
     apart = np.abs(quick.displacement - long.displacement).max() / np.abs(long.displacement).max()
@@ -55,7 +54,8 @@ def compare(name: str, fast: tuple[Motion, list[float]], slow: tuple[Motion, lis
     ]
     print(
         f"{name}: {np.median(many) / np.median(few):.0f} times (spread {spread[0]}, {spread[1]}; "
-        f"{long.steps} steps, {long.newton_iterations} and {quick.newton_iterations} iterations, apart {apart:.1e})",
+        f"{long.steps} steps, {long.newton_iterations} and {quick.newton_iterations} iterations, "
+        f"apart {apart:.1e})",
         flush=True,
     )
 

@@ -1,8 +1,8 @@
 """Hand the matrices of a reduced model to another program, and integrate them there.
 
 The model of open_2d.toml (a cantilever without contact) is written as plain arrays to
-`open_2d_matrices.npz` (and with scipy's `savemat` for Matlab or Octave). Then `solve_ivp` of scipy,
-which knows nothing of fenicsrom, integrates
+`out/open_2d_matrices.npz`; `scipy.io.savemat` writes the same arrays for Matlab or Octave. Then
+scipy's `solve_ivp`, which knows nothing of fenicsrom, integrates
 
     M q'' + C q' + f0 + K q + 1/2 A q q + 1/6 B q q q = L sin(omega t)
 
@@ -50,7 +50,8 @@ probe = arrays.probe_offset + solution.y[: stored.size].T @ arrays.probe_rows.T
 difference = np.abs(probe - motion.displacement[:, 0]).max() / np.abs(probe).max()
 
 if __name__ == "__main__":
-    np.savez("open_2d_matrices.npz", **arrays.asdict())
+    Path("out").mkdir(exist_ok=True)
+    np.savez("out/open_2d_matrices.npz", **arrays.asdict())
     for name, array in arrays.asdict().items():
         print(f"{name:15} {array.shape}")
     print(f"largest difference of the probe: {difference:.1e} of its displacement")

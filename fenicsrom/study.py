@@ -489,6 +489,7 @@ def _solid(run: Run) -> None:
 
     from fenicsrom.fem.solid import solid_of
 
+    assert run.mesh is not None
     solid = run.study.solid = solid_of(run.study.scene, run.mesh)
     if solid.loaded:
         deflection = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)

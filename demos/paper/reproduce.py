@@ -1,11 +1,11 @@
-"""Every number and curve the paper prints, on the beam and on the 2D solid: the tables of
-README.md, and pictures.
+"""Recompute every number and curve of the paper on the beam and on the 2D solid.
 
     python3 demos/paper/reproduce.py --output out/paper
 
-The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; all else
-is computed. The elastic force of the beam is no polynomial: its reduced models are intrusive
-projections. Parts may be named to make them alone; README.md then keeps its other tables.
+The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; the
+rest is computed. The results are the tables of README.md and pictures. The elastic force of the
+beam is not a polynomial, so its reduced models are intrusive projections. Name parts to make only
+these; README.md then keeps its other tables.
 """
 
 from __future__ import annotations
@@ -88,9 +88,7 @@ def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
 
 
 def error(outcome: Outcome) -> str:
-    """Error of the tip amplitude and, in brackets, the size; a star where the motion never
-    repeats.
-    """
+    """Give the error of the tip amplitude and (the size); a star marks an unsteady motion."""
     if outcome.motion is None:
         return "stops"
     value = outcome.errors["amplitude_tangential"]
@@ -180,9 +178,7 @@ def table_3() -> Table:
 
 
 def selection_table(name: str, modes: Sequence[int]) -> Table:
-    """Errors and sizes with derivatives chosen by MMI and MMI-NLS, for each number of normal
-    modes.
-    """
+    """Tabulate errors and sizes of MMI and MMI-NLS selections by the number of normal modes."""
     head = [
         f"{kind}, {method}: MMI / MMI-NLS"
         for kind in BODIES
@@ -225,8 +221,9 @@ def plain_table(name: str, modes: Sequence[int]) -> Table:
 
 
 def threshold_table() -> Table:
-    """Where MMI-NLS beats MMI: Rubin under 333.3 N, by threshold; the derivatives only MMI-NLS
-    keeps.
+    """Compare MMI with MMI-NLS by threshold, Rubin's method under 333.3 N.
+
+    The last column lists the derivatives that only MMI-NLS keeps.
     """
     head = [f"{kind}: {what}" for kind in BODIES for what in ("MMI", "MMI-NLS", "in MMI-NLS alone")]
     found: Table = [["threshold", "normal modes", *head]]
@@ -244,8 +241,9 @@ def threshold_table() -> Table:
 
 
 def third_order_table() -> Table:
-    """What the beam lacks under 333.3 N: all derivatives of 1V, 1S, 2S, and the same with one
-    vector of third order.
+    """Show what the beam lacks under 333.3 N: one vector of third order.
+
+    The first row has all derivatives of 1V, 1S and 2S; the second row adds the vector.
     """
     of = scene("high_load")
     beam = body("beam", of)
@@ -316,8 +314,9 @@ def at(of: Scene, frequency: float, preload: float) -> Scene:
 
 @functools.cache
 def response(preload: int) -> dict[str, Any]:
-    """Amplitude by frequency, stepped up and down (each run goes on from the last), and a few
-    full-model points.
+    """Compute the amplitude by frequency, stepped up and down, and a few full-model points.
+
+    Each run starts from the end of the previous one.
     """
     of = scene("slip_liftoff", "time.steady_tolerance=1e-4")
     solid = body("solid", of)
@@ -429,9 +428,7 @@ def deflection_figure(kind: str, name: str) -> Any:
 
 @styled
 def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) -> Any:
-    """Figs. 8, 9 and 14: error against size, with and without derivatives, on the beam and the
-    solid.
-    """
+    """Draw Figs. 8, 9 and 14: error by size, with and without derivatives, for both bodies."""
     figure = new_figure(4.2 * len(parts) + 1.0, 6.4)
     axes = figure.subplots(2, len(parts), sharey=True, squeeze=False)
     colours = {"none": COLOURS[0], "mmi": COLOURS[1], "mmi-nls": COLOURS[2]}

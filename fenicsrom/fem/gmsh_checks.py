@@ -20,7 +20,7 @@ DEGENERATE = 1e-12
 """Jacobian determinant, relative to the size of the cell to the power d, that counts as zero."""
 
 STRAIGHT = 1e-6
-"""Distance of a node from its place in the straight cell, relative to its size, that is accepted."""
+"""Accepted distance of a node from its place in the straight cell, relative to the cell."""
 
 PLANAR = 1e-9
 """Variation of z in a 2D mesh, relative to the extent, that counts as none."""

@@ -44,7 +44,8 @@ class CleanModel:
     Attributes:
         groups: dimension and tags of each group by its name.
         facets: number of facets in the file of each facet group.
-        nodes: vertices (n,) and ends of the edges (k, 2) of each node group, as node numbers from 0.
+        nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of each
+            node group.
         warnings: sentences for the user.
     """
 

@@ -49,7 +49,9 @@ def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> li
     for name, motion in motions.items():
         r = response_summary(motion)
         tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
-        fraction = [f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")]
+        fraction: list[str | None] = [
+            f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")
+        ]
         if motion.force.shape[1] == 0:
             fraction = [None, None, None]
         rows.append(
@@ -166,8 +168,10 @@ def study_sentences(study: Study) -> list[str]:
 
 def mode_lines(study: Study) -> list[str]:
     """List the frequencies of the normal modes and the labels of the derivatives."""
-    frequencies = study.modes.frequencies_hz if study.modes is not None else []
-    lines = [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
+    lines = []
+    if study.modes is not None:
+        frequencies = study.modes.frequencies_hz
+        lines += [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
     if study.derivatives is not None and study.derivatives.labels:
         lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
     return lines

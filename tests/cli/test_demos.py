@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from support import scene_of
 
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import build_solid

@@ -28,9 +28,11 @@ pytest.importorskip("dolfinx")
 
 import ufl
 from dolfinx import fem
+from fenicsrom.study import stages as plan
+from fenicsrom.post.results import stored_model
 
 from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import StoredModel, load_model, save_model
+from fenicsrom.online.archive import StoredModel, changed_key, load_model, rescene, save_model
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.equilibrium import _Statics
 from fenicsrom.online.measures import (
@@ -40,15 +42,12 @@ from fenicsrom.online.measures import (
     peak_total_normal_force,
 )
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import simulate
-from fenicsrom.post.record import Study
-from fenicsrom.post.summary import stored_model
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis, Scene, read_scene
-from fenicsrom.study import Stopwatch, plan, run
+from fenicsrom.study import Stopwatch, Study, run
 
 Array = NDArray[np.float64]
 
@@ -472,7 +471,7 @@ def test_plan_of_a_rub() -> None:
     need."""
 
     def stages(scene: Scene) -> dict[str, tuple[bool, str]]:
-        return {stage.name: (stage.needed, stage.reason) for stage in plan(scene)}
+        return {stage.name: (stage.runs, stage.why) for stage in plan(scene)}
 
     found = stages(blade())
     assert found["static modes"] == (True, "interface modes, at most 10")
@@ -509,6 +508,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, 
     found = Reduction(solid, scene_of(solid), Stopwatch(lambda line: None))
     study = Study(
         scene_of(solid),
+        [],
         solid,
         found.modes,
         found.selection,
@@ -553,8 +553,7 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
         "contacts.0.surface.spin=-200.0",
         "contacts.0.surface.waves=[[3, 1e-4, 0.5]]",
     ]
-    changed = read.with_overrides(changes)
-    model, scene = changed.model, changed.scene
+    model, scene = rescene(read, changes)
     after = simulate(model, scene)
     fresh = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']", *changes))
     np.testing.assert_allclose(

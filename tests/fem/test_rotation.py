@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
+from fenicsrom.study import stages as plan
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
@@ -36,12 +37,11 @@ from fenicsrom.assess import campbell as diagram
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, SceneError
 from fenicsrom.fem.full import FullModel
+from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
-from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, scene_table
-from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
 
@@ -120,17 +120,17 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
     frame, q = spun.rotation, directions
     assert_tangent(
         lambda s: frame.energy(s @ q),
-        lambda s: -q @ frame.force(s @ q),
+        lambda s: -q @ frame.centrifugal_force(s @ q),
         np.ones(3),
         step=0.5,
         tolerance=1e-10,
     )
     softening = spun.stiffness.copy()
     softening.zeroEntries()
-    frame.soften(softening, 0.5)
+    frame.add_spin_softening(softening, 0.5)
     keep = free_unknowns(spun)
     assert_tangent(
-        lambda s: -0.5 * (q @ frame.force(s @ q)),
+        lambda s: -0.5 * (q @ frame.centrifugal_force(s @ q)),
         lambda s: (q[:, keep] @ dense(softening, keep)) @ q[:, keep].T,
         np.ones(3),
         step=0.5,
@@ -199,12 +199,12 @@ def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
     assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
     stages = {stage.name: stage for stage in plan(scene_of(tiny_still))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert not stages[name].needed
+        assert not stages[name].runs
     stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert stages[name].needed
+        assert stages[name].runs
     quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
-    assert {stage.name: stage.needed for stage in plan(quiet)}["gyroscopic term"] is False
+    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
     assert make_solid(quiet).gyroscopic is None
 
 
@@ -541,7 +541,7 @@ def test_the_reduced_model_moves_as_the_full_one(small: Path, tmp_path: Path) ->
         "test",
         Path.cwd(),
     )
-    at_rest = component_modes(make_solid(still), "rubin", 1).frequencies_hz[0]
+    at_rest = component_modes(make_solid(still), Basis(method="rubin", modes=1)).frequencies_hz[0]
     assert found["frequencies_hz"][0] > 1.05 * at_rest
 
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contact_cases import casing
 from support import beam_scene, linear_model, one_contact, random_model
-from test_contact import casing
 
 from fenicsrom.cli import main
 from fenicsrom.errors import SceneError
