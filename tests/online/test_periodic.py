@@ -73,22 +73,6 @@ def test_duffing_orbits_converge_with_second_order(
     assert fine.verdict == verdict
 
 
-def test_duffing_saddle_is_unstable_by_a_fold() -> None:
-    # between the stable orbits: found from the straight line between them
-    model, period = duffing(0.05, 1.0, 0.3, 1.5)
-    for share in np.linspace(0.3, 0.9, 13):
-        start = np.array([-0.24849689, 0.02338837]) + share * np.array([1.55571716, 0.84967934])
-        try:
-            found = periodic_motion(model, no_contacts(), settings(800), period, start)
-        except ConvergenceError:
-            continue
-        if not found.stable:
-            break
-    assert found.verdict == "fold"
-    np.testing.assert_allclose(np.sort(found.multipliers.real), [0.381762, 2.124463], rtol=2e-4)
-    np.testing.assert_allclose(np.prod(found.multipliers).real, np.exp(-0.05 * period), rtol=1e-4)
-
-
 def curve(**options: Any) -> Curve:
     """Frequency response of the Duffing oscillator from 0.05 to 0.4 Hz."""
     model, period = duffing(0.05, 1.0, 0.3, 2.0 * np.pi * 0.08)
@@ -104,20 +88,6 @@ def curve(**options: Any) -> Curve:
         (0.05, 0.4),
         **options,
     )
-
-
-def test_duffing_response_has_two_folds_with_multiplier_one() -> None:
-    found = curve()
-    assert found.reason == "end of the range"
-    folds = [point for point in found.special if point.kind == "fold"]
-    assert len(folds) == 2
-    for fold in folds:
-        assert np.min(np.abs(fold.multipliers - 1.0)) < 1e-4
-        assert abs(fold.tangent[-1]) < 1e-4
-    unstable = [point.parameter for point in found.points if not point.stable]
-    low, high = sorted(fold.parameter for fold in folds)
-    assert low < min(unstable) and max(unstable) < high
-    assert {point.verdict for point in found.points if not point.stable} == {"fold"}
 
 
 def test_points_of_a_curve_are_periodic_motions() -> None:
@@ -150,17 +120,6 @@ def rubbing(preload: float, damping: float = 0.1) -> tuple[ReducedModel, Any, fl
 
 
 START = np.zeros(4), np.zeros(4), np.zeros((1, 2))
-
-
-def test_stuck_point_has_a_free_slider_and_the_nearest_is_taken() -> None:
-    model, contacts, period = rubbing(100.0)
-    for slider in (0.0, 0.2):
-        start = START[0], START[1], np.array([[0.0, slider]])
-        found = periodic_motion(model, contacts, settings(100), period, start)
-        assert found.free_sliders == 1
-        assert found.stuck_points == (0,)
-        assert found.stable
-        assert found.z[-1] == pytest.approx(slider, abs=0.02 + 0.3 * slider)
 
 
 def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
