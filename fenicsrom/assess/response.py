@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,7 @@ from fenicsrom.scene import (
 
 START_PERIODS = (5, 20, 80, 320)  # marched before Newton's method tries to start a curve
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
+GROWTH = 2.0  # of the motion after which its steps are measured by its new size
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
 
 
@@ -277,6 +278,10 @@ def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None
         curve.seconds = clock.perf_counter() - begin
 
 
+class _Grown(Exception):
+    """The motion is much larger than where the continuation began."""
+
+
 def _follow_piece(
     stored: StoredModel,
     family: Family,
@@ -286,34 +291,71 @@ def _follow_piece(
     piece: Piece,
     say: Callable[[str], None],
 ) -> None:
-    """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`."""
+    """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
+
+    The steps along a curve are measured by the size of the motion where it starts. Where the motion
+    has grown by `GROWTH`, the continuation begins again with its present size.
+
+    Raises:
+        ConvergenceError: the first point was not found.
+    """
     table, problem = response_table(stored.scene), family(value)
     shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+    report = _reporter(table, piece, say)
+    piece.reason = "interrupted"
     s = shooting.scaled(start.z)
     path = _Kept(shooting, family, table.first, table.last, float(np.linalg.norm(s)))
     path.piece = piece
-    first = path.at_parameter(s, value)
-    if first is None:
+    begin = path.at_parameter(s, value)
+    if begin is None:
         raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
-    piece.points.append(first)
-    piece.reason = "interrupted"
-    last = clock.perf_counter()
+    piece.points.append(begin)
 
     def keep(point: CurvePoint) -> None:
-        nonlocal last
         piece.points.append(point)
+        report()
+        if float(np.linalg.norm(point.s)) > GROWTH * path.size:
+            raise _Grown
+
+    while True:
+        try:
+            left = table.points - len(piece.points) + 1
+            found = path.run(
+                begin, direction, largest_step=LARGEST_STEP, points=left, progress=keep
+            )
+            break
+        except _Grown:
+            begin, direction = _rescaled(path, piece.points[-1])
+    piece.reason = found.reason
+    if found.points[-1] is not piece.points[-1]:  # `run` reports no point at the end of the range
+        piece.points.append(found.points[-1])
+    say(f"{len(piece.points)} points, {piece.reason}")
+
+
+def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
+    """Set the size to that of the last point; the point with its new tangent, and its direction."""
+    tangent = last.tangent.copy()
+    size = float(np.linalg.norm(last.s))
+    tangent[:-1] *= path.size / size
+    path.size = size
+    tangent /= np.linalg.norm(tangent)
+    return replace(last, tangent=tangent), float(np.sign(tangent[-1]) or 1.0)
+
+
+def _reporter(table: ResponseTable, piece: Piece, say: Callable[[str], None]) -> Callable[[], None]:
+    """Make a function that says where a piece stands, at most every `REPORT_INTERVAL`."""
+    last = clock.perf_counter()
+
+    def report() -> None:
+        nonlocal last
         if clock.perf_counter() - last > REPORT_INTERVAL:
-            last = clock.perf_counter()
+            last, point = clock.perf_counter(), piece.points[-1]
             say(
                 f"{len(piece.points)} points, {table.parameter} = {point.parameter:.5g}, amplitude "
                 f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
 
-    found = path.run(
-        first, direction, largest_step=LARGEST_STEP, points=table.points, progress=keep
-    )
-    piece.points, piece.special, piece.reason = found.points, found.special, found.reason
-    say(f"{len(piece.points)} points, {piece.reason}")
+    return report
 
 
 def family_of(stored: StoredModel) -> Family:

@@ -107,7 +107,9 @@ def figure(found: Response) -> Figure:
         axes[1].set_yscale("log")
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
-    drawn.legend(handles=_legend(found), loc="outside upper center", ncols=4)
+    handles = _legend(found)
+    if handles:
+        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 5))
     return drawn
 
 
@@ -120,7 +122,7 @@ def _draw(axis: Axes, found: Response, value: Callable[[CurvePoint], float]) -> 
                 axis.plot(
                     [point.parameter for point in part],
                     [value(point) for point in part],
-                    "-" if stable else (0, (4, 2)),
+                    linestyle="-" if stable else (0, (4, 2)),
                     color=colour,
                     zorder=3 if stable else 2,
                 )
@@ -165,7 +167,7 @@ def _legend(found: Response) -> list[Any]:
         for stable, _ in stretches(in_order(piece))
     ]
     for stable, word, style in ((True, "stable", "-"), (False, "unstable", (0, (4, 2)))):
-        if stable in parts:
+        if stable in parts and False in parts:
             handles.append(Line2D([], [], color=INK, linestyle=style, label=word))
     kinds = {point.kind for curve in found.curves for point in curve.special}
     for kind, marker in MARKERS.items():
