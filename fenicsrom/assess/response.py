@@ -223,7 +223,7 @@ def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
             stored if families is None else stored.with_overrides([f"{families.key}={value!r}"])
         )
         try:
-            _follow(current, curve, lambda line, key=key: say(f"{key}{line}"))
+            _follow(current, curve, _prefixed(say, key))
         except (ConvergenceError, AccuracyError) as error:
             found.warnings.append(f"{key}{error}")
             found.unfinished = found.unfinished or error
@@ -235,12 +235,18 @@ def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
     return found
 
 
+def _prefixed(say: Callable[[str], None], prefix: str) -> Callable[[str], None]:
+    """Make a callback that says each line with a prefix."""
+    return lambda line: say(f"{prefix}{line}")
+
+
 class _Kept(Continuation):
     """A continuation that keeps what it finds in a `Piece`, in case of an interrupt."""
 
     piece: Piece
 
     def _locate(self, a: CurvePoint, b: CurvePoint, tangent: Array) -> list[CurvePoint]:
+        """The bifurcations between two points, also kept."""
         found = super()._locate(a, b, tangent)
         self.piece.special.extend(found)
         return found

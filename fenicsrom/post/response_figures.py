@@ -172,6 +172,11 @@ def _legend(found: Response) -> list[Any]:
     kinds = {point.kind for curve in found.curves for point in curve.special}
     for kind, marker in MARKERS.items():
         if kind in kinds:
-            look = {"linestyle": "", "color": INK, "markerfacecolor": "white", "markersize": 5}
+            look: dict[str, Any] = {
+                "linestyle": "",
+                "color": INK,
+                "markerfacecolor": "white",
+                "markersize": 5,
+            }
             handles.append(Line2D([], [], marker=marker, label=kind, **look))
     return handles

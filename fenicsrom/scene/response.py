@@ -28,12 +28,12 @@ class Parameter(NamedTuple):
 
     Attributes:
         table: "loads", "contacts", "material", or "" for the frequency.
-        index: of the load or contact; 0 without.
+        number: of the load or contact; 0 without.
         name: the key in the table.
     """
 
     table: str
-    index: int
+    number: int
     name: str
 
 
