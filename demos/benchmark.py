@@ -3,8 +3,8 @@
     python3 demos/benchmark.py
 
 Both models take the same steps: one period from rest, 200 steps (300 for the blade). The ratio is
-that of the median run times, of 25 runs of the reduced model and of five of the other (three for
-the blade, whose full model takes a quarter of a second for a step). The runs follow one another,
+that of the median run times of 25 runs of the reduced model and five runs of the full model (three
+for the blade, whose full model takes a quarter of a second per step). The runs follow one another,
 with compiled code warm, on one thread unless OMP_NUM_THREADS says otherwise. The spread is half the
 distance of the quartiles. "apart" is the largest difference of the tip displacements.
 """

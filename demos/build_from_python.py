@@ -1,7 +1,7 @@
 """A model without any file: the geometry from gmsh in memory, the scene from a Python table.
 
 An L-shaped bracket of steel, 10 mm thick, is clamped at the end of one leg. The other end is shaken
-along x and rubs on a floor under it, against which it is pressed with 50 N.
+along x, pressed on a floor with 50 N, and rubs on this floor.
 """
 
 import gmsh

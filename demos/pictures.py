@@ -54,7 +54,7 @@ LIGHT = np.array([0.3, -0.5, 0.8]) / np.linalg.norm([0.3, -0.5, 0.8])
 
 
 def run_missing(runs: Path) -> None:
-    """Run every demo, and the comparison, that has no output folder in `runs` yet."""
+    """Run the demos and the comparison that have no output folder in `runs` yet."""
     wanted = {name: (command, name) for name, command in COMMANDS.items()}
     wanted["compare"] = ("compare", "slip_liftoff_2d")
     for folder, (command, scene) in wanted.items():
@@ -136,7 +136,7 @@ def draw_history(axes: Axes, folder: Path) -> None:
 
 
 def beam_picture(folder: Path) -> Figure:
-    """Draw the path of the tip and the friction loop, or the motion where there is no contact."""
+    """Draw the path of the tip and the friction loop, or the motion if there is no contact."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(6.4, 2.3), layout="constrained")
     draw_path(left, folder)
     if folder.name == "open_2d":
@@ -270,7 +270,7 @@ def rub_picture(folder: Path) -> Figure:
 
 
 def campbell_picture(folder: Path) -> Figure:
-    """Draw the frequencies over the speed, the engine orders and where they meet."""
+    """Draw the frequencies over the speed, the engine orders and the critical speeds."""
     data = json.loads((folder / "campbell.json").read_text())
     speeds, hertz = np.array(data["speeds_rpm"]), np.array(data["frequencies_hz"])
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
@@ -306,7 +306,7 @@ def response_picture(folder: Path) -> Figure:
 
 
 def draw_front(axes: Axes, folder: Path) -> None:
-    """Draw the error of every basis against its online time, without the full model's."""
+    """Draw the error of every basis against its online time, without the full model."""
     data = json.loads((folder / "comparison.json").read_text())
     for one in data["combinations"]:
         axes.plot(

@@ -53,7 +53,7 @@ _termination = {"requested": False}
 
 
 def _is_terminated() -> bool:
-    """Tell whether SIGTERM arrived; asked between stages and after each period."""
+    """Tell whether SIGTERM arrived; the run asks between stages and after each period."""
     return _termination["requested"]
 
 
@@ -248,9 +248,9 @@ def _run(options: argparse.Namespace) -> int:
         return _rerun(options)
     if options.scene is None:
         if options.resume:
-            sentence = "fenicsrom run: --resume also needs the scene file or --from MODEL"
+            sentence = "--resume also needs the scene file or --from MODEL"
         else:
-            sentence = "fenicsrom run: give a scene file or --from MODEL"
+            sentence = "run: give a scene file or --from MODEL"
         raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
     comm, say, scene, folder = _start(options)
     from fenicsrom import study
@@ -269,7 +269,7 @@ def _run(options: argparse.Namespace) -> int:
         _results(scene, table, found.warnings, sentences.study_sentences(found))
         _files(found.files)
     if found.unfinished:
-        comm.barrier()  # the first rank finishes its files
+        comm.barrier()  # wait until the first rank has written its files
         raise found.unfinished[1]
     return 0
 

@@ -38,7 +38,7 @@ class ErrorKind(Enum):
 
 
 def printable(text: str) -> str:
-    """Give a text in which every character that a terminal would act on is escaped."""
+    """Escape every character of a text that a terminal would interpret."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -56,7 +56,7 @@ class SceneError(ValueError):
     def __init__(
         self, message: str, *, kind: ErrorKind = ErrorKind.INPUT, key: str = "", source: str = ""
     ):
-        """Store the sentence and what it is about."""
+        """Store the sentence, the kind, the key and the source."""
         super().__init__(printable(message))
         self.kind = kind
         self.key = key
@@ -90,7 +90,7 @@ class AccuracyError(RuntimeError):
     Attributes:
         partial: what was computed, for inspection (a `Motion`), or None.
         kind: which check failed.
-        key: the dotted key of the scene that would help, such as "time.steps_per_period", or "".
+        key: the dotted key of the scene to change, such as "time.steps_per_period", or "".
     """
 
     def __init__(

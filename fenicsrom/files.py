@@ -103,7 +103,7 @@ def write_archive(
         compress: whether to compress the arrays.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     write = np.savez_compressed if compress else np.savez
     with atomic_write(path) as temporary, open(temporary, "wb") as file:
@@ -130,7 +130,7 @@ def read_archive(
         The header, and the arrays by their names.
 
     Raises:
-        SceneError: the file is missing, damaged or of another format; the message is one line that
+        SceneError: the file is missing, damaged or of another format. The message is one line that
             begins with the path.
     """
     try:

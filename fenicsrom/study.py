@@ -38,7 +38,7 @@ def never() -> bool:
 
 
 class Stopwatch:
-    """Times stages and announces each one.
+    """Times stages, and announces each stage.
 
     Attributes:
         say: receives one line at a time.
@@ -84,7 +84,7 @@ class Item:
     """One line of the plan.
 
     Attributes:
-        name: of a stage, or of a part of the stage above it.
+        name: name of a stage, or of a part of the stage above this line.
         needed: whether the scene needs it.
         reason: why, in a few words.
     """
@@ -100,7 +100,7 @@ class Stage(Item):
 
     Attributes:
         run: executes the stage and stores its result in the study.
-        parts: what the stage consists of; a part that is not needed is skipped inside the stage.
+        parts: the parts of the stage; the stage skips a part that is not needed.
         writes: whether the stage only writes files. Such a stage runs even if a motion failed.
     """
 
@@ -119,7 +119,7 @@ class Run:
         watch: times the stages.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
-        stop: asked between stages and after each period; the run ends where it returns True.
+        stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None until it is made.
         snapshots: the deflections by which modes and derivatives are selected.
         reduction: the stages from the modes to the reduced model.
@@ -297,7 +297,7 @@ def _mode_parts(scene: Scene) -> tuple[Item, ...]:
 
 
 def _static_modes_reason(scene: Scene) -> str:
-    """Say for which contact displacements there are static modes."""
+    """Describe the contact displacements that have static modes."""
     masters = scene.basis.masters
     if not scene.contacts:
         return "no contact"
@@ -310,7 +310,7 @@ def _static_modes_reason(scene: Scene) -> str:
     if not regions:
         return f"{points * each} {what}"
     parts = [f"{points * each}"] if points else []
-    parts += [f"{each} of each node of contacts[{k}]" for k in regions]
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
     return f"{what}: {', '.join(parts)}"
 
 
@@ -363,7 +363,7 @@ def _newton_item(scene: Scene) -> Item:
     """Say whether a time step iterates."""
     nonlinear = scene.geometrically_nonlinear
     reason = (
-        "nonlinear elastic force" if nonlinear else f"{_elastic_reason(scene)}: one solve a step"
+        "nonlinear elastic force" if nonlinear else f"{_elastic_reason(scene)}: one solve per step"
     )
     return Item("Newton iterations", nonlinear, reason)
 
@@ -391,8 +391,8 @@ def run(
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
-        stop: asked between stages and after each period; the run ends where it returns True.
-        mesh: the mesh; None makes or reads the one of the scene.
+        stop: called between stages and after each period; the run ends when it returns True.
+        mesh: the mesh; None makes or reads the mesh of the scene.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
@@ -428,7 +428,7 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
 
     Args:
         scene: the scene.
-        mesh: the mesh; None makes or reads the one of the scene.
+        mesh: the mesh; None makes or reads the mesh of the scene.
         comm: MPI communicator; by default all ranks.
 
     Returns:
@@ -581,7 +581,7 @@ def _selection(run: Run) -> None:
     study = run.study
     assert study.modes is not None
     selection = study.selection = run.reduction.selection
-    study.derivatives = Derivatives((), study.modes.normal[:, :0])  # until they are computed
+    study.derivatives = Derivatives((), study.modes.normal[:, :0])  # placeholder
     if not selection.derivatives:
         run.reduction.derivatives = study.derivatives
     threshold = study.scene.basis.threshold
@@ -660,7 +660,7 @@ def _model(study: Study, name: str) -> Any:
 
 
 def _checkpoints(run: Run) -> dict[str, Any]:
-    """Load the checkpoint to resume from, write the model, and prepare to write checkpoints.
+    """Load the checkpoint to resume from, write the model, and prepare the next checkpoints.
 
     Raises:
         SceneError: the checkpoint does not belong to this model and scene.
@@ -694,7 +694,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 
 def _stop_where_asked(stop: Callable[[], bool]) -> None:
-    """End the run if it is asked to stop.
+    """End the run if `stop` asks for it.
 
     Raises:
         KeyboardInterrupt: `stop` returned True.
@@ -721,7 +721,7 @@ def check(study: Study) -> None:
         if scene.contacts:
             study.errors["peak force by the time step"] = force
         check_time_error(scene, study.errors["time step"], is_unsteady(motion))
-        if has_settled(motion):
+        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
             richer = richer_basis(
                 study.solid,
                 scene,
@@ -838,7 +838,7 @@ def rerun(
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
         say: receives the progress, one line at a time; by default nobody.
-        stop: asked between stages and after each period; the run ends where it returns True.
+        stop: called between stages and after each period; the run ends when it returns True.
 
     Raises:
         SceneError: the checkpoint cannot be used.

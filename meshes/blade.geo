@@ -1,9 +1,9 @@
 // A thin twisted and tapered fan blade, span along x: 0 <= x <= span, clamped at x = 0. Sections are NACA four-digit
 // profiles in planes x = const, their thickness perpendicular to the camber line and blunt at both edges. The chord of a
 // section runs from the leading to the trailing edge along y at stagger 0, and is turned about x by its stagger, from y
-// towards z. Middles of the chords lie on the curve y = sweep*(x/span)^2, z = lean*(x/span)^2. Everything else is linear in x.
-// With a tip_radius the tip is ground to a cylinder about an axis along y, as a casing asks for, and the sections bend with it,
-// the less the nearer they are to the root.
+// towards z. The middles of the chords lie on the curve y = sweep*(x/span)^2, z = lean*(x/span)^2. Everything else is linear in x.
+// A tip_radius grinds the tip to a cylinder about an axis along y, to fit a casing. The sections then bend like the tip,
+// but less and less towards the root.
 // Groups: solid (the body), root (the face x = 0), tip (the face x = span), load (the section x = load_at*span), pressure
 // and suction (the hollow and the bulging side); of nodes: tip_nodes (the edge of the tip on the pressure side, from the
 // leading to the trailing edge).
@@ -12,18 +12,18 @@ DefineConstant[
   span = 0.7,             // m
   chord = 0.2,            // m, at the root
   tip_chord = 0.15,       // m
-  thickness = 0.08,       // at the root, the largest, as a fraction of the chord
-  tip_thickness = 0.03,   // the same at the tip
-  camber = 0.04,          // the largest, as a fraction of the chord
-  camber_at = 0.4,        // its place, as a fraction of the chord
+  thickness = 0.08,       // largest thickness at the root, as a fraction of the chord
+  tip_thickness = 0.03,   // largest thickness at the tip, as a fraction of the chord there
+  camber = 0.04,          // largest camber, as a fraction of the chord
+  camber_at = 0.4,        // place of the largest camber, as a fraction of the chord
   edge = 0.25,            // thickness at the leading and trailing edges, as a fraction of the largest
   stagger = 15,           // degrees, at the root
   twist = 35,             // degrees, from the root to the tip
   sweep = 0.03,           // m, at the tip, along y
   lean = 0,               // m, at the tip, along z
-  tip_radius = 0,         // m, of the cylinder about (span - tip_radius, 0, 0) that the tip lies on; 0: a plane tip
+  tip_radius = 0,         // m, radius of the cylinder about (span - tip_radius, 0, 0) on which the tip lies; 0: a plane tip
   elements_along = 12,    // along the span; the section `load` follows element round(load_at*elements_along)
-  elements_across = 8,    // along the chord; a thinner blade of curved tetrahedra needs more, both ways
+  elements_across = 8,    // along the chord; a thinner blade of curved tetrahedra needs more elements in both directions
   elements_through = 1,   // through the thickness
   load_at = 0.75,         // place of the section `load`, as a fraction of the span
   structured = 1          // 1: hexahedra, 0: each cut into tetrahedra
@@ -73,7 +73,7 @@ If (wrong)
   Abort;
 EndIf
 
-// One section for each layer of elements, and between each two the four corners alone, so that the edges bend. A section
+// One section for each layer of elements, and only the four corners between two sections, so that the edges bend. A section
 // has points 0 to m on its pressure side (s = 0) and on its suction side (s = 1), closer together at the edges.
 m = 4*elements_across;
 layers = 2*elements_along;

@@ -338,6 +338,7 @@ def on_ranks(
     paths = [
         str(Path(fenicsrom.__file__).parents[1]),
         str(Path(__file__).parent),
+        str(Path(__file__).parent / "fem"),
         os.environ.get("PYTHONPATH", ""),
     ]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))

@@ -76,6 +76,15 @@ def test_pictures_are_small_and_shown() -> None:
         assert picture.name in shown, picture
 
 
+def test_pages_and_continuous_integration_give_one_test_command() -> None:
+    (command,) = re.findall(r"(?m)^    (docker/run .*pytest.*)$", (ROOT / "README.md").read_text())
+    assert (ROOT / ".ci" / "run").read_text().splitlines().count(command) == 1
+    for page in ("CONTRIBUTING.md", "tests/README.md", "docker/README.md"):
+        given = re.findall(r"(?m)^    (docker/run .*pytest[^#\n]*)", (ROOT / page).read_text())
+        assert command in map(str.strip, given), page
+        assert {line.strip() for line in given} <= {command, f'{command} -m "not slow"'}, page
+
+
 def test_every_demo_is_in_the_gallery() -> None:
     gallery = (ROOT / "demos" / "README.md").read_text()
     for scene in sorted((ROOT / "demos").glob("*.toml")):

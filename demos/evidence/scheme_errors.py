@@ -1,17 +1,17 @@
-"""The errors of the time integration schemes by their steps: the evidence for the default scheme.
+"""The errors of the time integration schemes by step size: the evidence for the default scheme.
 
 A model runs to its steady state by every scheme, with every number of steps per period and every
-tolerance. Each run is made and checked as a user would do it
+tolerance. Each run is made and checked like a run of a user
 (`fenicsrom.assess.verdicts.rejection_reason`), and compared with a run of `REFERENCE` steps per
 period of the discrete gradient, which the other schemes confirm. Four relative errors are measured
 (`Errors`). The order p of error = c h^p is fitted to each of them over the short steps. Every
 scheme is of second order where the motion is smooth; a scheme keeps that order at contact events
 only if it locates them.
 
-A steady amplitude is read at the steps: the largest of them misses the peak by up to
-(pi/steps)^2/2, even of an exact motion. The orders of a scheme are therefore fitted to the
-displacements at equal instants: over the last period (`cycle`), and over the first periods from
-rest (`path`), where no phase error of the steady state adds up.
+A steady amplitude is read at the steps. Even for an exact motion, the largest value misses the peak
+by up to (pi/steps)^2/2. The orders of a scheme are therefore fitted to the displacements at equal
+instants: over the last period (`cycle`), and over the first periods from rest (`path`), where no
+phase error of the steady state adds up.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ from fenicsrom.scene.step_size import with_time
 SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")
 STEPS = (25, 50, 100, 200, 400, 800)  # a period
 TOLERANCES = (1e-2, 1e-3, 1e-4)
-REFERENCE = 6400  # steps a period of what all is compared with
+REFERENCE = 6400  # steps per period of the reference of all runs
 PATH = 4  # periods from rest, in which each of the paper's cases slips, and all but one lift off
-ASYMPTOTIC = 100  # steps a period from which on the order is fitted
+ASYMPTOTIC = 100  # the order is fitted from this number of steps per period on
 CLEAR = (
-    3.0  # an error is fitted if it is this many times what the references of the schemes differ by
+    3.0  # an error is fitted if it exceeds this multiple of the difference between the references
 )
-USUAL = 200  # steps a period, the default of a scene
+USUAL = 200  # steps per period, the default of a scene
 SECOND = 1.8  # a fitted order below this is not called second order
 
 
@@ -57,11 +57,11 @@ class Errors(NamedTuple):
     """Relative errors of a motion; None where there is nothing to compare.
 
     Attributes:
-        amplitude: of the amplitudes that a run prints; of the root mean squares if the motion has
+        amplitude: error of the printed amplitudes, or of the root mean squares if the motion has
             not settled.
-        cycle: of the displacements at the same instants of the last period, root mean square.
-        force: of the largest normal force of the last period.
-        path: of the displacements at the same instants of the first `PATH` periods, root mean
+        cycle: error of the displacements at the same instants of the last period, root mean square.
+        force: error of the largest normal force of the last period.
+        path: error of the displacements at the same instants of the first `PATH` periods, root mean
             square.
     """
 
@@ -79,16 +79,16 @@ class Run:
         scheme: its name.
         steps: per period; None with a tolerance.
         tolerance: None with a number of steps.
-        refused: why there is no result or why it is rejected; empty if it is accepted.
-        kind: of the error, if it is refused.
-        errors: of the motion, if there is one.
-        imbalance: of its energy ledger, relative.
-        created: the part of it that is created energy; the other part is lost.
+        refused: the reason why there is no result, or why it is rejected; empty if it is accepted.
+        kind: kind of the error, if the run is refused.
+        errors: errors of the motion, if there is a motion.
+        imbalance: relative imbalance of the energy ledger.
+        created: the part of the imbalance that is created energy; the rest is lost energy.
         settled: whether its amplitudes repeat.
         steady: whether the motion repeats.
         periods: number of periods run.
         taken: mean number of steps per period.
-        seconds: of the integration.
+        seconds: run time of the integration.
     """
 
     scheme: str
@@ -111,12 +111,12 @@ class Series:
     """All runs of a model.
 
     Attributes:
-        name: of the case.
-        runs: by schemes, steps and then tolerances.
+        name: name of the case.
+        runs: the runs, ordered by scheme, number of steps and tolerance.
         agreement: the largest errors of the other schemes at `REFERENCE` steps: the uncertainty of
             the errors.
-        events: changes of contact state on the path, by kind.
-        failure: why there are no runs; empty if there are.
+        events: number of changes of the contact state on the path, by kind.
+        failure: the reason why there are no runs; empty if there are runs.
     """
 
     name: str
@@ -144,7 +144,7 @@ class Series:
 
 
 def fitted_order(steps: Sequence[float], errors: Sequence[float]) -> float:
-    """The p of errors = c steps^-p, by least squares of the logarithms."""
+    """The order p in errors = c steps^-p, by least squares of the logarithms."""
     return -float(
         np.polyfit(np.log(np.asarray(steps, float)), np.log(np.asarray(errors, float)), 1)[0]
     )
@@ -164,16 +164,16 @@ def series(
     """Run a model by every scheme.
 
     Args:
-        name: of the case.
+        name: name of the case.
         model: the model, which does not depend on the time integration.
         scene: its scene; the scheme and the steps of its [time] table are replaced.
-        steps: numbers of steps a period.
-        tolerances: of adaptive steps.
-        reference: number of steps a period to compare with.
+        steps: numbers of steps per period.
+        tolerances: tolerances of adaptive steps.
+        reference: number of steps per period of the reference.
 
     Returns:
-        The runs; or, as the failure of the series, why none can be compared: the loads do not
-        repeat, or the reference is refused.
+        The runs, or a series with the failure: the loads do not repeat, or the reference is
+        refused.
     """
     instants = math.gcd(reference, *steps)
     try:
@@ -206,7 +206,7 @@ def series(
 def with_steps(
     scene: Scene, scheme: str, steps: int | None, tolerance: float | None = None
 ) -> Scene:
-    """The scene with another scheme and another number of steps a period, or a tolerance.
+    """The scene with another scheme and another number of steps per period, or a tolerance.
 
     Raises:
         SceneError: the loads do not repeat, so that there is no period.
@@ -217,7 +217,7 @@ def with_steps(
 
 
 def _run(model: Any, scene: Scene, exact: Motion, instants: int) -> Run:
-    """A run of a scene, checked as a user's run, and compared with the exact motion.
+    """A run of a scene, checked like a run of a user, and compared with the exact motion.
 
     Args:
         model: the model.
@@ -268,8 +268,8 @@ def errors_of(motion: Motion, exact: Motion, instants: int | None) -> Errors:
 
     Args:
         motion: the motion.
-        exact: what it is compared with.
-        instants: number of instants a period at which both have a step; None if there are none.
+        exact: the reference motion.
+        instants: number of instants per period at which both have a step; None if there are none.
     """
     cycle = path = None
     if instants is not None:
@@ -293,7 +293,7 @@ def _at(motion: Motion, first: int, last: int, instants: int) -> Array:
 
 
 def _apart(values: Array, exact: Array) -> float | None:
-    """Norm of the difference relative to that of the exact values."""
+    """Norm of the difference, relative to the norm of the exact values."""
     size = float(np.linalg.norm(exact))
     return float(np.linalg.norm(values - exact)) / size if size > 0.0 else None
 

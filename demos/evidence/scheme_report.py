@@ -41,7 +41,7 @@ def _cell(run: Run, measure: str) -> str | None:
 
 
 def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]]:
-    """An error in percent by case, scheme and steps per period, the head first.
+    """An error in percent by case, scheme and steps per period; the first row is the header.
 
     The last columns hold the fitted orders of this error and of the path.
     """
@@ -66,7 +66,7 @@ def table(found: Sequence[Series], measure: str = "amplitude") -> list[list[Any]
 
 
 def tolerances(found: Sequence[Series]) -> list[list[Any]]:
-    """Error of the amplitude in percent and steps per period by tolerance, the head first."""
+    """Error of the amplitude in percent and steps per period by tolerance, below a header row."""
     asked = list(
         dict.fromkeys(run.tolerance for s in found for run in s.runs if run.tolerance is not None)
     )
@@ -97,7 +97,7 @@ def sentences(found: Sequence[Series]) -> list[str]:
 
 
 def _about_scheme(groups: Sequence[tuple[Run, ...]], k: int) -> str:
-    """How often scheme k settles, is refused and is the nearest of the three."""
+    """How often scheme k settles, is refused, and has the smallest error of the three."""
     runs = [group[k] for group in groups]
     usual = [run for run in runs if run.steps is not None and run.steps >= USUAL]
     returned = [run for run in runs if not run.refused]
@@ -126,7 +126,7 @@ def _about_scheme(groups: Sequence[tuple[Run, ...]], k: int) -> str:
 
 
 def _loses(run: Run) -> bool:
-    """Whether a run that is refused for its energy loses energy and creates none."""
+    """Whether a run that was refused for its energy only loses energy."""
     if run.imbalance is None or run.created is None:
         return False
     return run.created <= ENERGY_ERROR < run.imbalance
@@ -142,7 +142,7 @@ def _size(run: Run) -> float:
 
 
 def _about_orders(found: Sequence[Series]) -> str:
-    """How many fitted orders of the path are of second order, and which are not."""
+    """How many fitted orders of the path are two, and which are lower."""
     orders = {(s.name, scheme): s.order(scheme, "path") for s in found for scheme in SCHEMES}
     known = {key: order for key, order in orders.items() if order is not None}
     low = {key: order for key, order in known.items() if order < SECOND}
@@ -261,7 +261,7 @@ def figure(found: Sequence[Series]) -> Any:
             if k == 0:
                 axis.set_ylabel(f"error, {words}")
         axes[0, k].set_title(s.name)
-        axes[-1, k].set_xlabel("steps a period")
+        axes[-1, k].set_xlabel("steps per period")
         counts = [run.steps for run in s.of(SCHEMES[0])]
         axes[-1, k].set_xticks(counts, [str(count) for count in counts], fontsize=8)
         axes[-1, k].minorticks_off()
@@ -314,7 +314,7 @@ def _line(axis: Any, runs: Sequence[Run], measure: str, colour: str, marker: str
     lost = [run.steps for run in runs if run.refused and getattr(run.errors, measure) is None]
     place = 0.98 - 0.035 * MARKERS.index(
         marker
-    )  # one below the other, where more have no motion at the same steps
+    )  # one below the other if several runs have no motion at the same steps
     axis.plot(
         lost,
         [place] * len(lost),
@@ -328,7 +328,7 @@ def _line(axis: Any, runs: Sequence[Run], measure: str, colour: str, marker: str
 def _triangle(axis: Any, least: float) -> None:
     """Draw a triangle of slope two from the least number of steps to three times as many."""
     low, high = axis.get_ylim()
-    high *= 5.0  # for the marks of runs without a motion
+    high *= 5.0  # space for the marks of runs without a motion
     x0, x1 = least, 3.0 * least
     y1 = low * (high / low) ** 0.06
     y0 = y1 * (x1 / x0) ** 2
@@ -399,7 +399,7 @@ def _tables(found: Sequence[Series], picture: Path) -> list[Any]:
 
 
 def every_run(lines: Sequence[dict[str, Any]]) -> list[list[Any]]:
-    """All runs as a table, the head first."""
+    """All runs as a table; the first row is the header."""
     return [[key.replace("_", " ") for key in lines[0]], *(list(line.values()) for line in lines)]
 
 
@@ -409,6 +409,6 @@ def terminal(found: Sequence[Series]) -> str:
     head = (
         []
         if len(lines) == 1
-        else ["Error of the amplitude in % by steps a period:", text_table(lines), ""]
+        else ["Error of the amplitude in % by steps per period:", text_table(lines), ""]
     )
     return "\n".join([*head, *sentences(found)])

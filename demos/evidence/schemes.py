@@ -1,9 +1,9 @@
-"""The errors of the three time integration schemes on the demo beam, by their steps.
+"""The errors of the three time integration schemes on the demo beam, by step size.
 
     python3 demos/evidence/schemes.py --output DIR
 
-The paper's three contact cases, a hard case and an impact run by every scheme with 25 to 800 steps
-per period and with three tolerances. Two processes need about ten minutes.
+The paper's three contact cases, a hard case and an impact are run by every scheme with 25 to 800
+steps per period and with three tolerances. Two processes need about ten minutes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def study(job: tuple[str, Sequence[str], Mapping[str, Any], str, Path]) -> Serie
 
 def main() -> int:
     """Run all cases by all schemes and write the report."""
-    parser = argparse.ArgumentParser(description="The errors of the schemes by their steps.")
+    parser = argparse.ArgumentParser(description="The errors of the schemes by step size.")
     parser.add_argument("--output", default="out/schemes", type=Path, metavar="DIR")
     parser.add_argument("--case", action="append", help="run this case only; may be repeated")
     options = parser.parse_args()

@@ -37,7 +37,7 @@ CRITICAL = (
 WALL = (
     CONTACT + "normal=[0.0, 1.0]",
     CONTACT + "preload=0",
-)  # across the swing: the tip hits it at speed
+)  # the plane is across the swing: the tip hits it at speed
 PAPER = {
     "slip and lift-off": (),
     "stick and slip": (LOAD + "frequency=8.1", CONTACT + "preload=250"),
@@ -216,7 +216,7 @@ RICHER_AXES = {
     "preload through buckling": ("1.01 times the buckling load", "2 times the buckling load"),
 }
 
-# axis -> value: runs that the full model and the beam make too
+# axis -> values: the full model and the beam run these cases too
 OTHER_MODELS: dict[str, tuple[str, ...]] = {
     "the scene": tuple(PAPER),
     "contact stiffness": ("1e+08 N/m", "1e+12 N/m"),
@@ -231,7 +231,7 @@ OTHER_MODELS: dict[str, tuple[str, ...]] = {
 def slender(ratio: float) -> tuple[str, ...]:
     """The beam with another L/h, at the same frequency ratio and the same relative loads."""
     s = 100.0 / ratio
-    bending = s**3  # factor of the bending stiffness; the width stays
+    bending = s**3  # factor of the bending stiffness; the width is unchanged
     values = {
         "geometry.parameters.height": 0.0254 * s,
         "reference.beam_section.height": 0.0254 * s,
@@ -246,7 +246,7 @@ def slender(ratio: float) -> tuple[str, ...]:
 
 
 def in_units(length: float, mass: float, time: float) -> tuple[str, ...]:
-    """The beam of the scene in units of these many m, kg and s."""
+    """The beam of the scene in units of this many m, kg and s."""
     force = mass * length / time**2
     stress = force / length**2
     values = {
@@ -269,7 +269,7 @@ def in_units(length: float, mass: float, time: float) -> tuple[str, ...]:
 
 
 def solid_beam(width: float) -> tuple[str, ...]:
-    """The same beam in 3D; with the width of its height every bending frequency is double."""
+    """The same beam in 3D; if width and height are equal, every bending frequency is double."""
     return (
         f"geometry={{mesh='beam3d.geo', dimension=3, parameters={{width={width!r}}}}}",
         LOAD + "direction=[0.0, 1.0, 0.0]",
@@ -297,7 +297,7 @@ SHIFTS = (0.2, 0.45, 0.6)  # in cell lengths: cells are inverted beyond 0.5
 
 
 def cases(folder: Path) -> Iterator[Case]:
-    """The whole matrix; `folder` takes the distorted meshes."""
+    """All cases; the distorted meshes are written to `folder`."""
     for axis, values in AXES.items():
         for value, changes in values.items():
             yield Case(

@@ -1,11 +1,11 @@
-"""Recompute every number and curve of the paper on the beam and on the 2D solid.
+"""Recompute every number and curve of the paper, for the beam and for the 2D solid.
 
     python3 demos/paper/reproduce.py --output out/paper
 
-The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. What it prints is typed here; the
-rest is computed. The results are the tables of README.md and pictures. The elastic force of the
-beam is not a polynomial, so its reduced models are intrusive projections. Name parts to make only
-these; README.md then keeps its other tables.
+The paper is Mashayekhi and Zucca, Appl. Sci. 14 (2024) 3936. The numbers printed in the paper are
+constants of this script; the rest is computed. The results are the tables of README.md and
+pictures. The elastic force of the beam is not a polynomial, so its reduced models are intrusive
+projections. If parts are named, only these parts are made, and README.md keeps its other tables.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def table_1() -> Table:
 
 
 def table_2() -> Table:
-    """Errors of bases of chosen derivatives, both loads."""
+    """Errors of bases with given derivatives, both loads."""
     rows = [
         ("rubin", ["1V1V"], ("4.03", "42")),
         ("rubin", ["1V1V", "1V1S", "1V2S"], ("0.41", "4.2")),
@@ -250,8 +250,8 @@ def third_order_table() -> Table:
     modes = component_modes(beam, replace(of.basis, method="rubin", modes=1))
     labels = tuple(all_pairs(modes.labels))
     derivatives = differentiate(beam, of.basis, modes, labels)
-    # the odd part of the nonlinear static deflection along the first mode, less its linear part, is
-    # of third order
+    # the odd part of the nonlinear static deflection along the first mode, without its linear part,
+    # is of third order
     force = beam.stiffness_times(modes.normal[:, :1])[:, 0] * (
         0.02 * beam.beam.length / beam.largest(modes.normal)[0]
     )
@@ -522,7 +522,7 @@ def markdown(table: Table) -> str:
 
 
 def fill(readme: Path, name: str, text: str) -> None:
-    """Replace what stands between the markers of a part."""
+    """Replace the text between the markers of a part."""
     page = readme.read_text(encoding="utf-8")
     pattern = re.compile(rf"(<!-- {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
     if not pattern.search(page):
@@ -534,7 +534,7 @@ def fill(readme: Path, name: str, text: str) -> None:
 
 
 def main() -> None:
-    """Make the parts named, or all."""
+    """Make the named parts, or all."""
     parser = argparse.ArgumentParser(description="Reproduce the paper's tables and figures.")
     parser.add_argument(
         "parts", nargs="*", help=f"parts to make: {', '.join(PARTS)} (default: all)"

@@ -1,4 +1,4 @@
-"""How well motions agree, and whether a reduced model pays: arithmetic without any model."""
+"""Errors between motions, rank correlation, break-even and Pareto front."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float |
     """Spearman's rank correlation; equal values share their mean rank.
 
     Returns:
-        The correlation, None if one of the two does not vary.
+        The correlation; None if all values of one list are equal.
     """
     ranks = np.array([scipy.stats.rankdata(values) for values in (first, second)])
     deviation = ranks - ranks.mean(axis=1, keepdims=True)
@@ -27,7 +27,7 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float |
 
 
 def break_even(offline: float, online: float, full: float) -> int | None:
-    """Number of runs after which the offline stage pays.
+    """Number of runs after which the offline stage has saved time.
 
     It is the least n with offline + n online <= n full, in seconds.
 
@@ -38,7 +38,7 @@ def break_even(offline: float, online: float, full: float) -> int | None:
 
 
 def pareto_front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
-    """Indices of the points that no other beats in both cost and error, the cheapest first."""
+    """Indices of the points that no other point beats in both cost and error, cheapest first."""
     front: list[int] = []
     for k in sorted(range(len(costs)), key=lambda k: (costs[k], errors[k])):
         if not front or errors[k] < errors[front[-1]]:
@@ -47,13 +47,13 @@ def pareto_front(costs: Sequence[float], errors: Sequence[float]) -> list[int]:
 
 
 def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
-    """Errors of the last period against that of a reference, percent.
+    """Errors of the last period against the last period of a reference, percent.
 
     Returns:
         The errors of `fenicsrom.online.measures.errors_percent`; `history`: L2 norm of the
         difference of the displacements at equal phases, relative to the reference, of all points
-        and directions; `state`: part of the period in another contact state. None where the
-        reference has nothing to compare with.
+        and directions; `state`: part of the period in which the contact state differs. An error is
+        None if the reference value is zero or missing.
     """
     shift, other = (on_phases(m, m.displacement) for m in (motion, reference))
     size = float(np.linalg.norm(other))
@@ -66,16 +66,17 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
 def on_phases(motion: Motion, values: Array) -> Array:
     """Values (ns, ...) at `PHASES` equal phases of the last period: (`PHASES`, columns).
 
-    Without period the whole motion takes the place of the last period.
+    A motion without a period is taken as a whole.
     """
     phases = 1.0 - np.arange(PHASES) / PHASES
     return interpolated(motion, values, times_before_end(motion, phases))
 
 
 def wrong_state(motion: Motion, reference: Motion) -> float:
-    """Part of the last period in another contact state than the reference, percent.
+    """Part of the last period in which the contact state differs from the reference, percent.
 
-    It is averaged over the contact points. Between two steps the state is that of the nearest step.
+    The part is averaged over the contact points. Between two steps, the nearest step gives the
+    state.
     """
     phases = 1.0 - (np.arange(PHASES) + 0.5) / PHASES
     codes = []

@@ -1,8 +1,8 @@
 """The axes along which `fenicsrom stability` drives a scene to its extremes.
 
-Every axis has no unit: it is a factor on a value of the scene, or on a scale of its reduced model
-(`fenicsrom.assess.scales`). The same physical scene in other units has the same axes. An axis of
-something the scene does not have is left out, with a sentence that says why.
+No axis has a unit: its values are factors on a value of the scene, or on a scale of its reduced
+model (`fenicsrom.assess.scales`). The same physical scene in other units has the same axes. An axis
+is left out, with the reason, if the scene lacks the feature that it varies.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")
 
 @dataclass(frozen=True)
 class Case:
-    """A run of the matrix.
+    """One run of the stability matrix.
 
     Attributes:
-        axis: what is driven to its extreme.
-        value: how far, in a few words.
-        overrides: of the scene.
+        axis: name of the axis that is varied.
+        value: the value on this axis, in a few words.
+        overrides: the overrides of the scene.
         model: "reduced", "full" or "beam".
         richer: overrides of a richer basis to compare with; empty for no comparison.
-        scale: length in m of the unit of the scene. If it is not 1, the run must agree with that of
-            the plain scene.
+        scale: length in m of the unit of the scene. If it is not 1, the run must agree with the run
+            in metres.
     """
 
     axis: str
@@ -44,7 +44,7 @@ class Case:
 
 
 class LeftOut(Exception):
-    """The scene lacks what an axis is about; the message says what."""
+    """The scene lacks the feature that an axis varies; the message names it."""
 
 
 def cases_of(
@@ -55,7 +55,7 @@ def cases_of(
     Args:
         scene: the scene.
         scales: its scales.
-        axes: names of the axes to run; all of them without it.
+        axes: names of the axes to run; by default all.
     """
     chosen = set(axes) or set(AXES)
     cases, left_out = [], []
@@ -96,6 +96,11 @@ def contacts_with(scene: Scene, **values: Callable[[int], Any]) -> Overrides:
     for key, value in values.items():
         made += each(scene.contacts, "contacts", key, value)
     return made
+
+
+def _constant(value: float) -> Callable[[int], float]:
+    """The same value for every contact."""
+    return lambda k: value
 
 
 def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
@@ -151,12 +156,13 @@ def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
 
 def _friction(scene: Scene, scales: Scales) -> Values:
     values = (0.0, 0.01, 1.0, 3.0, 10.0)
-    return {f"{mu:g}": contacts_with(scene, friction=lambda k, mu=mu: mu) for mu in values}
+    return {f"{mu:g}": contacts_with(scene, friction=_constant(mu)) for mu in values}
 
 
 def _preload(scene: Scene, scales: Scales) -> Values:
     if scales.preload is not None:
-        unit, factors = "the buckling load", (0.0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2.0)
+        unit = "the buckling load"
+        factors: tuple[float, ...] = (0.0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2.0)
     else:
         unit, factors = "the preload", (0.0, 0.1, 3.0, 10.0, 30.0)
     return {f"{x:g} times {unit}": preload(scene, scales, x) for x in factors}
@@ -165,10 +171,11 @@ def _preload(scene: Scene, scales: Scales) -> Values:
 def _gap(scene: Scene, scales: Scales) -> Values:
     if scene.contacts and not any(contact.gap for contact in scene.contacts):
         raise LeftOut("no contact has a gap")
-    return {
-        f"{x:g} times": contacts_with(scene, gap=lambda k, x=x: x * scene.contacts[k].gap)
-        for x in (0.5, 0.9, 1.1, 2.0)
-    }
+
+    def scaled(factor: float) -> Overrides:
+        return contacts_with(scene, gap=lambda k: factor * scene.contacts[k].gap)
+
+    return {f"{x:g} times": scaled(x) for x in (0.5, 0.9, 1.1, 2.0)}
 
 
 def _approach(scene: Scene, scales: Scales) -> Values:
@@ -213,7 +220,7 @@ def _frequency(scene: Scene, scales: Scales) -> Values:
 
 
 def _damping(scene: Scene, scales: Scales) -> Values:
-    """Ratios of the first mode: alpha = 2 ratio omega_1."""
+    """Damping ratios of the first mode: alpha = 2 ratio omega_1."""
     return {
         f"ratio {ratio:g}": (f"material.mass_damping={2.0 * ratio * scales.omega!r}",)
         for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)
@@ -277,7 +284,7 @@ def _speed(scene: Scene, scales: Scales) -> Values:
     if scene.rotation is None or not scene.rotation.speed_rpm:
         raise LeftOut("the body does not rotate")
     speed, other = scene.rotation.speed_rpm, not scene.rotation.coriolis
-    found = {
+    found: Values = {
         f"{x:g} times": (f"rotation.speed_rpm={x * speed!r}",) for x in (0.01, 0.1, 0.5, 0.9, 1.1)
     }
     word = "with" if other else "without"
@@ -349,5 +356,5 @@ AXES: dict[str, Callable[[Scene, Scales], Values]] = {
     "long run": _long_run,
     "worst pairs": _pairs,
 }
-# axes that may drive a motion out of the reach of its basis
+# axes on which the basis may become too small for the motion
 RICHER = ("load", "preload", "modes", "derivatives")

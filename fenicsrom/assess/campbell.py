@@ -13,8 +13,8 @@ MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Engine order k excites k times per revolution. A critical speed Omega is a root of
 f(Omega)^2 = (k Omega / 2 pi)^2, where f^2 is a cubic spline of the speed (Southwell: f^2 is nearly
-linear in Omega^2). Modes that veer exchange their shapes: speeds close together follow the curves
-of the frequencies, speeds far apart follow the shapes.
+linear in Omega^2). Modes that veer exchange their shapes: closely spaced speeds track the curves of
+the frequencies, widely spaced speeds track the shapes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 Shapes = NDArray[Any]  # real, or complex with the Coriolis force
 
-EXTRA_MODES = 4  # modes tracked beyond the requested ones, which may cross them
+EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
 # relative distance of frequencies below which the modes span one eigenspace
 COINCIDENT = 1e-4
 LEAST_MAC = 0.5  # a mode with a smaller MAC counts as lost
@@ -56,9 +56,9 @@ class Critical:
 
     Attributes:
         mode: number of the mode, from 1.
-        order: excitations a revolution.
-        speed_rpm: where.
-        frequency_hz: of the mode and of the engine order there.
+        order: excitations per revolution.
+        speed_rpm: the critical speed.
+        frequency_hz: common frequency of the mode and of the engine order at this speed.
     """
 
     mode: int
@@ -83,7 +83,7 @@ class Campbell:
         unknowns: free unknowns of the mesh.
         seconds: run time.
         warnings: sentences for the user.
-        unfinished: the error that stopped it, None if all speeds were reached.
+        unfinished: the error that stopped the computation; None if all speeds were reached.
     """
 
     scene: Scene
@@ -108,12 +108,14 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
     """Compute the frequencies of a scene's body at the speeds of its [campbell] table.
 
     Args:
-        scene: with a [rotation]; its speed counts only if the table names no speeds.
+        scene: a scene with [rotation]; `rotation.speed_rpm` is used only if [campbell] has no
+            speeds.
         comm: MPI communicator.
         say: called with one line of progress at a time.
 
     Returns:
-        The frequencies; `unfinished` holds the error that stopped it before the last speed.
+        The frequencies; `unfinished` holds an error that stopped the computation before the last
+        speed.
 
     Raises:
         SceneError: no rotation, no speed, or more modes than unknowns.
@@ -173,7 +175,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
 
 
 class _Tracked:
-    """The modes of a body at one speed after the other, in the order of those at the first."""
+    """The modes of a body at successive speeds, in the order of the modes at the first speed."""
 
     def __init__(self, count: int):
         self.count = count
@@ -191,7 +193,7 @@ class _Tracked:
         """
         values, vectors, change = modes_at_speed(solid, self.count)
         if self._shapes is None:
-            common = np.ones(self.count)
+            common: Array = np.ones(self.count)
         else:
             values, vectors, common = follow(solid, self.squares[-1], self._shapes, values, vectors)
         self._shapes = vectors
@@ -215,7 +217,7 @@ def speeds_rpm(scene: Scene) -> Array:
             source=scene.source,
         )
     if scene.campbell.speeds_rpm is not None:
-        return np.array(scene.campbell.speeds_rpm)
+        return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
     if not scene.rotation.speed_rpm > 0.0:
         raise SceneError(
             f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "
@@ -224,11 +226,11 @@ def speeds_rpm(scene: Scene) -> Array:
             key="campbell.speeds_rpm",
             source=scene.source,
         )
-    return np.linspace(0.0, scene.rotation.speed_rpm, 13)
+    return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
 
 
 def _warnings(found: Campbell) -> list[str]:
-    """One sentence for each mode that was lost, and for each that is unstable."""
+    """One sentence for each mode that was lost, and one for each unstable mode."""
     warnings = []
     for mode in range(found.squares.shape[1]):
         lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)
@@ -237,7 +239,7 @@ def _warnings(found: Campbell) -> list[str]:
             warnings.append(
                 f"mode {mode + 1} was lost between {found.speeds_rpm[k - 1]:g} and "
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
-                "take speeds that are closer together"
+                "use speeds that are closer together"
             )
         unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
         if unstable.size:
@@ -295,7 +297,7 @@ def modes_at_speed(solid: Solid, count: int) -> tuple[Array, Shapes, float]:
 def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, Shapes]:
     """The complex modes within an M-orthonormal space (local, k).
 
-    With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. Times i that matrix is Hermitian,
+    With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. That matrix times i is Hermitian,
     and its eigenvalues come in pairs +-omega.
 
     Returns:
@@ -314,10 +316,10 @@ def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, S
 
 
 def _extended(solid: Solid, space: Array, vectors: Array) -> Array:
-    """Extend an M-orthonormal space by vectors, without those that it already contains."""
+    """Extend an M-orthonormal space by the vectors that it does not contain yet."""
     sizes = np.sqrt(np.diag(solid.mass_inner(vectors, vectors)))
     vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
-    for _ in range(2):  # the second pass removes what rounding left
+    for _ in range(2):  # the second pass removes the rounding errors of the first
         vectors = vectors - space @ solid.mass_inner(space, vectors)
     values, turn = np.linalg.eigh(solid.mass_inner(vectors, vectors))
     keep = values > DEPENDENCE**2
@@ -337,13 +339,13 @@ def _hermitian(solid: Solid, a: Shapes, b: Shapes) -> Shapes:
     return inner[:k, :n] + inner[k:, n:] + 1j * (inner[:k, n:] - inner[k:, :n])
 
 
-# ---------------------------------------------------------------------- following
+# ---------------------------------------------------------------------- tracking
 
 
 def follow(
     solid: Solid, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
 ) -> tuple[Array, Shapes, Array]:
-    """Put the modes of a speed in the order of those of the previous speed.
+    """Sort the modes at one speed in the order of the modes at the previous speed.
 
     Args:
         solid: the body.

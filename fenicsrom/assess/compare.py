@@ -3,7 +3,7 @@
 The full model runs once; its motion is kept in the user's cache folder
 (`fenicsrom.assess.full_cache`). The combinations share the mesh, the solid with its factor, the
 modes and the snapshots. The offline seconds of a combination are the sum of the stages it needs, as
-if it were made alone (its modes are the first of the largest requested number). The indicator
+if it were the only one (its modes are the first of the largest requested number). The indicator
 (`fenicsrom.assess.residual`) needs no full run.
 """
 
@@ -34,7 +34,7 @@ from fenicsrom.scene.step_size import with_time
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
 
-# a run of more seconds is repeated over two periods only, scaled by the number of steps
+# a run of more seconds is timed over two periods only; the time is scaled by the number of steps
 SLOW = 1.0
 SHORT_PERIODS = 2
 
@@ -66,16 +66,16 @@ class Outcome:
 
     Attributes:
         combination: the combination.
-        labels: of its coordinates.
+        labels: labels of its coordinates.
         offline: seconds by stage, as if made alone.
         online: seconds of each timed run.
         timed_periods: periods of a timed run that is scaled to the whole run by its steps; None if
             the whole run was timed.
-        motion: its motion, without coordinates.
-        errors: against the full model, in percent; empty without one.
+        motion: the motion, without coordinates.
+        errors: errors against the full model, in percent; empty without a full model.
         indicator: residual in the energy norm, relative to the loads.
         residual: plain norm of the residual, relative to the loads.
-        failure: why there is no motion; empty if there is.
+        failure: the reason why there is no motion; empty if there is a motion.
     """
 
     combination: Combination
@@ -91,12 +91,12 @@ class Outcome:
 
     @property
     def offline_seconds(self) -> float:
-        """All stages."""
+        """Seconds of all offline stages."""
         return sum(self.offline.values())
 
     @property
     def online_seconds(self) -> float:
-        """Median of the timed runs."""
+        """Median run time of the timed runs, s."""
         return float(np.median(self.online)) if self.online else float("nan")
 
 
@@ -110,7 +110,7 @@ class Comparison:
         full: motion of the full model; None if it was not asked for.
         full_run: when and where the full model ran, and whether its motion came from the cache.
         unknowns: free unknowns of the full model.
-        compilation: seconds of compilation and warming up, which no other number contains.
+        compilation: seconds of compilation and warming up; no other number contains them.
         warnings: sentences for the user.
     """
 
@@ -137,7 +137,7 @@ class Comparison:
         return rank_correlation(*zip(*pairs, strict=True)) if len(pairs) > 2 else None
 
     def speed_up(self, outcome: Outcome) -> float | None:
-        """How many times faster than the full model a combination runs online."""
+        """Ratio of the run times of the full model and of a combination online."""
         return self.full.seconds / outcome.online_seconds if self.full and outcome.online else None
 
     def break_even(self, outcome: Outcome) -> int | None:
@@ -184,7 +184,7 @@ class Workshop:
         Args:
             body: the structure.
             scene: its scene.
-            seconds: of its stages.
+            seconds: run times of its stages.
             largest: the largest number of normal modes that will be requested.
         """
         self.body, self._seconds, self._largest = body, dict(seconds), largest
@@ -222,9 +222,9 @@ class Workshop:
         return *self._modes[method, count], seconds
 
     def _taken(self, snapshots: Snapshots, key: tuple[str, int, str]) -> float:
-        """Seconds that these snapshots took; they are made on the first call.
+        """Seconds that these snapshots took; the first call computes the snapshots.
 
-        They always use the scheme of the scene itself.
+        The snapshots always use the scheme of the scene itself.
         """
         if key not in self._taking:
             spent: dict[str, float] = {}
@@ -236,7 +236,7 @@ class Workshop:
 
 @contextmanager
 def timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    """Add the run time of the body of a `with` to a stage."""
+    """Add the run time of a `with` block to a stage."""
     begin = clock.perf_counter()
     yield
     seconds[stage] = seconds.get(stage, 0.0) + clock.perf_counter() - begin
@@ -339,7 +339,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         warm_up(warm, scenes[0])
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
-    full, full_run = None, {}
+    full: Motion | None = None
+    full_run: dict[str, Any] = {}
     if scene.compare.full:
         full, full_run = full_motion(solid, scene, say)
     outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
@@ -363,7 +364,7 @@ def compare_bases(
     say: Callable[[str], None],
     timing: bool = True,
 ) -> list[Outcome]:
-    """Try every combination, and say after each its result and the time that is left."""
+    """Run every combination; after each, report its result and the remaining time."""
     wanted = combinations(scene)
     spent: dict[str, list[float]] = {}
     outcomes = []

@@ -1,4 +1,4 @@
-"""Estimates of the error of a motion by its time step and by its basis."""
+"""Estimates of the error of a motion due to its time step and due to its basis."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ MORE_DERIVATIVES = 15  # largest number of derivatives added to a basis
 
 
 class StepErrors(NamedTuple):
-    """Estimates of relative errors by the time step.
+    """Estimates of relative errors due to the time step.
 
     Attributes:
-        amplitude: of the amplitudes of a motion that has settled, of the root mean squares of any
-            other motion; infinite if no other motion could be computed.
-        peak_force: of the largest normal force; infinite too where the step does not resolve the
-            contact.
+        amplitude: error of the amplitudes if the motion has settled, otherwise of the root mean
+            squares; infinite if the run with twice the step failed.
+        peak_force: error of the largest normal force; also infinite where the step does not resolve
+            the contact.
     """
 
     amplitude: float
@@ -51,19 +51,19 @@ class StepErrors(NamedTuple):
 
 
 def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
-    """Estimate the errors of a motion by its time step, from a run with twice the step.
+    """Estimate the errors of a motion due to its time step, from a run with twice the step.
 
-    The estimate is twice the difference of the amplitudes if both motions settle, or of the root
-    mean squares. That is six times the error of a scheme of second order, and twice the error of
-    one of first order, which contacts that switch may cause. Impacts make the amplitudes of
-    successive steps jump in both directions: the estimate is at least a third of the distance of
-    the last periods. The peak force of a stiff contact that lasts a few steps is not resolved: its
-    error is unknown where the contact blends towards the end of the step by half or more
-    (`fenicsrom.online.contact_step`).
+    The estimate is twice the difference of the amplitudes if both motions settle, and otherwise
+    twice the difference of the root mean squares. That is six times the error of a scheme of second
+    order, and twice the error of one of first order, which contacts that switch may cause. Impacts
+    make the amplitudes of successive steps jump in both directions: the estimate is at least a
+    third of the distance of the last periods. The peak force of a stiff contact that lasts a few
+    steps is not resolved: its error is unknown where the contact blends towards the end of the step
+    by half or more (`fenicsrom.online.contact_step`).
 
     Args:
         model: the model that was integrated.
-        scene: of the motion.
+        scene: the scene of the motion.
         motion: the motion.
     """
     coarse = coarser(scene)
@@ -101,7 +101,7 @@ def _force_error(motion: Motion, other: Motion) -> float:
 
 
 def _amplitude_error(motion: Motion, other: Motion) -> float:
-    """Estimated relative error of the amplitudes of a motion that has settled, as the other has."""
+    """Estimated relative error of the amplitudes, if both motions have settled."""
     size = float(np.linalg.norm(amplitude(motion)))
     if not size > 0.0:
         return 0.0
@@ -128,9 +128,9 @@ def richer_basis(
 ) -> ReducedBasis | None:
     """A richer basis to compare with, or None if there is none.
 
-    It adds the derivatives that were left out, those of the largest weight first. If none were left
-    out, or if the preload has buckled the model and moved it far from the state of its basis, it
-    has `MORE_MODES` more normal modes and all derivatives.
+    The richer basis adds the derivatives that were left out, the largest weights first. If no
+    derivative was left out, or if the preload has buckled the model and moved it far from the state
+    of its basis, the richer basis has `MORE_MODES` more normal modes and all derivatives.
 
     Args:
         body: the structure.
@@ -171,14 +171,14 @@ def _with_more_modes(body: Structure, scene: Scene) -> ReducedBasis | None:
 
 
 def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
-    """Estimate the relative error of a settled motion by its basis.
+    """Estimate the relative error of a settled motion due to its basis.
 
-    It is the relative distance of the amplitudes from those of a richer model; if the preload has
-    buckled the model, also that of the displacements at the start.
+    The estimate is the relative distance of the amplitudes from those of a richer model. If the
+    preload has buckled the model, the distance of the initial displacements counts too.
 
     Args:
-        richer: a model of a richer basis.
-        scene: of the motion.
+        richer: a model with a richer basis.
+        scene: the scene of the motion.
         motion: the motion.
 
     Returns:

@@ -73,7 +73,7 @@ def full_motion(
         try:
             write_cached(path, key, motion, note)
         except OSError as error:
-            say(f"the motion of the full model was not kept: {error}")
+            say(f"the motion of the full model was not stored in the cache: {error}")
     return motion, note | {"cached": False}
 
 
@@ -112,7 +112,7 @@ def write_cached(path: Path, key: str, motion: Motion, note: dict[str, Any]) -> 
     """Write a motion to a file that appears only when it is complete.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     header = {"format": key, "note": note, **{name: getattr(motion, name) for name in _NUMBERS}}
     write_archive(path, header, {name: getattr(motion, name) for name in _ARRAYS}, compress=True)

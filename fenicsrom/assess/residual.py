@@ -2,14 +2,14 @@
 
 At some steps of the steady state the balance of the full model's own time step is evaluated at the
 reduced motion, with its contact forces. The residual r is zero where the basis contains the full
-motion. It is measured by its work on the linear structure, relative to that of the amplitude p of
-the loads,
+motion. Its size is its work on the linear structure, relative to the work of the load amplitude p,
 
     indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
 
-the energy norm of the displacement that belongs to the residual. It has no unit. Neither the mesh
-nor the mix of stiff axial and soft transverse forces changes its meaning, as they change that of
-the plain norm |r|/|p|. The plain norm is kept beside it, to compare how well both rank the bases.
+the energy norm of the displacement that belongs to the residual. The indicator has no unit. Its
+meaning does not depend on the mesh, nor on the mix of stiff axial and soft transverse forces; the
+meaning of the plain norm |r|/|p| depends on both. The plain norm is kept to compare how well the
+two norms rank the bases.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
         body: the solid or the beam.
         vectors: (local, n) the basis R.
         motion: the reduced motion, with the coordinates of its last period.
-        scene: of the motion.
+        scene: the scene of the motion.
 
     Returns:
         (local, k) residuals at `INSTANTS` steps, N.
@@ -81,7 +81,7 @@ def indicators(
     """Root mean squares of the residual, relative to the amplitude of the loads.
 
     Returns:
-        In the energy norm, and in the plain norm.
+        The value in the energy norm, and the value in the plain norm.
     """
     found = residuals(body, vectors, motion, scene)
     varying = [not load.static for load in scene.loads]

@@ -1,4 +1,4 @@
-"""The scales of a scene: what its own values are measured by, read off its reduced model."""
+"""The scales of a scene, by which its values are measured: computed from its reduced model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.scene import Scene
 
-# a buckling factor whose inverse is below this part of the largest is rounding
+# inverse buckling factors below this part of the largest are rounding
 LEAST_INVERSE_FACTOR = 1e-9
 
 
@@ -22,11 +22,11 @@ class Scales:
     """The scales of a scene, in its units.
 
     Attributes:
-        normal_stiffness: of each contact, the `normal_stiffness` at which the contact is as stiff
+        normal_stiffness: for each contact, the `normal_stiffness` at which the contact is as stiff
             as the body under it.
-        tangential_stiffness: of each contact, the same of `tangential_stiffness`, in the direction
-            in which the body is most flexible.
-        preload: of each contact, the `preload` that buckles the body; None if nothing presses on
+        tangential_stiffness: for each contact, the `tangential_stiffness` at which the contact is
+            as stiff as the body in its most flexible tangential direction.
+        preload: for each contact, the `preload` that buckles the body; None if nothing presses on
             the body, or if no preload buckles it.
         omega: first natural frequency of the reduced model about its equilibrium, rad/s.
     """
@@ -38,7 +38,7 @@ class Scales:
 
 
 def scales_of(model: ReducedModel, scene: Scene) -> Scales:
-    """Read the scales of a scene off its reduced model."""
+    """Compute the scales of a scene from its reduced model."""
     stiffness = [_body_stiffness(model, k) for k in range(len(scene.contacts))]
     squares = scipy.linalg.eigh(model.elastic.stiffness, model.mass, eigvals_only=True)
     return Scales(
@@ -92,7 +92,9 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
     force = np.zeros((model.points.contact.size, scene.geometry.dimension))
     force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
     stiffness = model.elastic.stiffness
-    q = -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1))
+    q: Array = np.asarray(
+        -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64
+    )
     # the tangent is a polynomial of second degree: this difference is exact
     geometric = 0.5 * (_tangent(model, q) - _tangent(model, -q))
     inverse_factors = scipy.linalg.eigh(-geometric, stiffness, eigvals_only=True)

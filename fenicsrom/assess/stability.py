@@ -1,14 +1,14 @@
 """How far the program can be pushed: extreme variants of a scene, and a verdict on each run.
 
-Each axis (`fenicsrom.assess.axes`) leads from the ordinary to the absurd, alone and then in the
-worst pairs. A run is made as a user would make it, and again with half the step (an eighth of the
-tolerance) and, where the basis is in question, with a richer basis. Its verdict is one of
+Each axis (`fenicsrom.assess.axes`) goes from ordinary to extreme values, first alone and then in
+the worst pairs. A run is made as a user would make it, and again with half the step (an eighth of
+the tolerance) and, where the basis is in question, with a richer basis. Its verdict is one of
 
-    converged       it settled, and differs from the refined run by no more than its own estimate
-    not steady      it does not repeat (or not yet) and says so; it is bounded, its energy balances
+    converged       the motion settles, and its error is at most its own estimate
+    not steady      a bounded motion does not repeat, the run says so, and its energy balances
     refused         no result: a SceneError, ConvergenceError or AccuracyError says why
-    silently wrong  it differs by more than its own estimate, creates energy, is unbounded, or
-                    raises any other exception
+    silently wrong  the error exceeds its own estimate, the motion creates energy or is unbounded,
+                    or any other exception is raised
 
 The estimates of a run are `fenicsrom.assess.estimates.step_errors` and `basis_error`, which
 `fenicsrom run` checks and prints too.
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 class Verdict(StrEnum):
-    """What a run came to, from the best to the worst."""
+    """The verdicts on a run, from the best to the worst."""
 
     CONVERGED = "converged"
     UNSTEADY = "not steady"
@@ -59,7 +59,7 @@ class Verdict(StrEnum):
     WRONG = "silently wrong"
 
 
-NEGLIGIBLE = 1e-3  # a relative difference that counts as none, whatever the estimate
+NEGLIGIBLE = 1e-3  # relative difference that counts as zero, whatever the estimate
 UNITS_ERROR = 1e-6  # largest relative difference between runs in different units
 # largest relative difference of the root mean squares of motions that do not settle
 UNSTEADY_ERROR = 0.5
@@ -73,17 +73,18 @@ class Finding:
     Attributes:
         case: the case.
         verdict: the verdict.
-        why: a sentence; that of the error if the run was refused.
-        amplitude: of the contact point or probe, m.
-        estimate: the run's own estimate of its relative error by the time step.
-        basis_estimate: the same by the basis.
+        why: the reason for the verdict; the error message if the run was refused.
+        amplitude: amplitude of the contact point or probe, m.
+        estimate: the run's own estimate of its relative error due to the time step.
+        basis_estimate: the run's own estimate of its relative error due to the basis.
         error: relative difference from the refined run.
         basis_error: relative difference from the richer basis.
-        force_error: relative difference of the peak normal force from that of the refined run.
-        imbalance: of the energy balance, relative.
+        force_error: relative difference between the peak normal forces of the run and the refined
+            run.
+        imbalance: relative imbalance of the energy.
         steady: whether the motion repeats to the tolerance of the scene.
         periods: number of periods run.
-        seconds: all runs of the case.
+        seconds: run time of all runs of the case.
         force_estimate: the run's own estimate of the force error, infinite where the step does not
             resolve the contact.
         buckled: number of directions in which the straight equilibrium is unstable.
@@ -113,7 +114,7 @@ class Matrix:
     Attributes:
         scene: the scene.
         findings: one for each case.
-        seconds: of all runs.
+        seconds: run time of all runs.
         left_out: a sentence for each axis that the scene does not have.
     """
 
@@ -201,7 +202,7 @@ def examine(case: Case, table: Mapping[str, Any], source: str, folder: Path) -> 
 def _examine(
     case: Case, table: Mapping[str, Any], source: str, folder: Path, numbers: dict[str, Any]
 ) -> tuple[Verdict, str]:
-    """The verdict on a case and its reason; what is measured is written into `numbers`."""
+    """The verdict on a case and its reason; the measured values are written into `numbers`."""
     scene = scene_of(table, source, folder, case.overrides)
     model, reduction, solid = build(scene, case.model)
     motion = simulate(model, scene)
@@ -238,7 +239,7 @@ def _examine(
 def _own_basis_error(
     reduction: Reduction, solid: Any, scene: Scene, motion: Motion
 ) -> float | None:
-    """The program's own estimate of the error by the basis; None if there is no richer basis.
+    """The program's own estimate of the error due to the basis; None if there is no richer basis.
 
     Raises:
         AccuracyError: the estimate is too large.
@@ -257,7 +258,7 @@ def _own_basis_error(
 
 
 def unphysical(motion: Motion, scheme: str) -> str:
-    """What in a motion is not finite or breaks a law that its scheme keeps; empty if nothing."""
+    """The reason why a motion is not physical, such as a value that is not finite, or ""."""
     arrays = (motion.displacement, motion.kinetic, motion.elastic, motion.force)
     if not all(np.all(np.isfinite(array)) for array in arrays):
         return "a result is not a finite number"
@@ -271,7 +272,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
 
     Args:
         motion: the motion.
-        fine: the same with half the step.
+        fine: the motion with half the step.
         numbers: `error`, `estimate` and `force_estimate` of the motion, and `basis_error` if it was
             compared with a richer basis.
     """
@@ -279,24 +280,24 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with half the step the motion differs by {error:.0%}"
-        return Verdict.UNSTEADY, f"it does not repeat after {motion.periods} periods"
+        return Verdict.UNSTEADY, f"the motion does not repeat after {motion.periods} periods"
     if motion.steady and not has_settled(fine):
-        return Verdict.WRONG, "steady, but with half the step it does not settle"
+        return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
         return (
             Verdict.WRONG,
-            f"differs by {error:.1e} from half the step; its own estimate is {estimate:.1e}",
+            f"error {error:.1e} against half the step, but an estimate of {estimate:.1e}",
         )
     if not has_settled(fine):
         return (
             Verdict.UNSTEADY,
-            "the amplitudes have settled but the motion has not; with half the step neither has",
+            "the amplitudes settle but the motion does not; with half the step neither settles",
         )
     if (apart := numbers.get("basis_error", 0.0)) > BASIS_ERROR:
-        return Verdict.WRONG, f"differs by {apart:.1e} from a richer basis"
+        return Verdict.WRONG, f"the amplitude differs by {apart:.1e} from that of a richer basis"
     remarks = {
-        "it starts buckled by the preload": motion.buckled > 0,
-        "small waves ring on: the amplitudes have settled, the motion has not": not motion.steady,
+        "the preload has buckled the body at the start": motion.buckled > 0,
+        "small waves persist: the amplitudes settle, the motion does not": not motion.steady,
         "the step does not resolve the contact: its peak force is unknown": not np.isfinite(
             numbers["force_estimate"]
         ),
@@ -320,7 +321,7 @@ def stability(
         path: the scene file.
         changes: overrides for every run.
         say: called with one line of progress at a time.
-        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); all of them without it.
+        axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
 
     Raises:
@@ -362,9 +363,9 @@ def run_all(
 
     Args:
         wanted: the cases.
-        table: of the scene that they change.
-        source: of the scene, for messages.
-        folder: of the scene file, where its mesh is looked for.
+        table: table of the scene that the cases change.
+        source: name of the scene file, for messages.
+        folder: folder of the scene file, to which the path of its mesh is relative.
         say: called with one line for each case.
         workers: number of processes.
     """

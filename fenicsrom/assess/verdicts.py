@@ -1,4 +1,4 @@
-"""Whether a motion can be relied on: each check raises an AccuracyError with its kind."""
+"""Checks of a finished motion: each raises an AccuracyError with its kind."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import refined, step_key
 
-# largest estimated relative error by the time step, of amplitudes
+# largest accepted relative error of the amplitudes due to the time step
 TIME_ERROR = 0.1
-# the same of root mean squares, where the motion does not settle
+# the same for the root mean squares of a motion that does not settle
 UNSETTLED_ERROR = 1.0
-# largest relative difference from the motion of a richer basis
+# largest accepted relative difference of the amplitudes from those of a richer basis
 BASIS_ERROR = 0.05
 
 
 def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
-    """Refuse a motion whose estimated error by the time step is too large.
+    """Refuse a motion whose estimated error due to the time step is too large.
 
     Args:
-        scene: of the motion.
+        scene: the scene of the motion.
         estimate: the relative error, infinite if there is no estimate.
         unsteady: whether the motion does not settle: `UNSETTLED_ERROR` applies, else `TIME_ERROR`.
 
@@ -41,12 +41,12 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     if np.isfinite(estimate):
         found, scheme = f"an error of about {100.0 * estimate:.2g} %", ""
     else:
-        found, scheme = "no motion that settles, or none", other_scheme(scene)
+        found, scheme = "a motion that does not settle, or no motion", other_scheme(scene)
     raise AccuracyError(
         f"time.{name} = {given:g}: the steps are too long: a run with "
         f"{'eight times the tolerance' if name == 'tolerance' else 'twice the step'} gives {found} "
         f"(at most {100.0 * allowed:g} % is accepted"
-        f"{' of a motion that does not settle' if unsteady else ''}): "
+        f"{' for a motion that does not settle' if unsteady else ''}): "
         f"a richer basis will not help; try {name} = {better:g}{scheme}",
         kind=ErrorKind.TIME_STEP,
         key=f"time.{name}",
@@ -64,17 +64,17 @@ def other_scheme(scene: Scene) -> str:
 
 
 def check_basis_error(scene: Scene, estimate: float) -> None:
-    """Refuse a motion whose estimated error by the basis is above `BASIS_ERROR`.
+    """Refuse a motion whose estimated error due to the basis is above `BASIS_ERROR`.
 
     Raises:
-        AccuracyError: it is.
+        AccuracyError: the error is above the limit.
     """
     if estimate <= BASIS_ERROR:
         return
     found = (
         f"amplitudes that differ by {100.0 * estimate:.2g} %"
         if np.isfinite(estimate)
-        else "no motion that settles"
+        else "a motion that does not settle"
     )
     raise AccuracyError(
         f"the basis is too small: a basis with more modes or derivatives gives {found} "
@@ -86,7 +86,7 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
 
 
 def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """The reason to reject a motion, as far as the model alone can tell, or None."""
+    """The error of a motion that fails a check without a second run, or None."""
     try:
         check_energy(motion)
         check_time_error(scene, step_errors(model, scene, motion).amplitude, is_unsteady(motion))

@@ -1,4 +1,4 @@
-"""Every branch on the version of dolfinx (0.9 to 0.11), and nothing else."""
+"""All code that depends on the version of dolfinx (0.9 to 0.11)."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ def model_to_mesh(
         model: the gmsh model on rank 0 (anything elsewhere), nodes numbered from 1 without gaps,
             every cell in exactly one physical group.
         comm: the communicator of the mesh.
-        dimension: of space, 2 or 3.
+        dimension: dimension of space, 2 or 3.
 
     Returns:
         The mesh, the tags of its cells and the tags of its facets: the tags of the physical groups.
     """
     domain, cell_tags, facet_tags = _gmsh_io.model_to_mesh(model, comm, 0, gdim=dimension)[:3]
-    if facet_tags is None:  # after 0.9, where the model has no facets
+    if facet_tags is None:  # dolfinx after 0.9, for a model without facets
         nothing = np.empty(0, dtype=np.int32)
         facet_tags = dolfinx.mesh.meshtags(domain, domain.topology.dim - 1, nothing, nothing)
     return domain, cell_tags, facet_tags

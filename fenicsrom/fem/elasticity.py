@@ -232,7 +232,8 @@ class ElasticBody:
         self._set(self._u, u)
         self._weight.value = weight
         fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
-        # PETSc drops values added after the inserted diagonal of an unfinished assembly
+        # finish the assembly: PETSc would drop values that are added after the diagonal was
+        # inserted
         matrix.assemble()
         self._weight.value = 1.0
         if self.rotation is not None:

@@ -1,7 +1,7 @@
 """Mesh files of other programs, through meshio: Abaqus .inp, Nastran .bdf and VTK .vtu.
 
-Cells come in gmsh's order of nodes, sets and integer fields as groups. What meshio would pass over
-without a word, so that the mesh were wrong, is refused.
+The nodes of a cell are in gmsh's order. Sets and integer fields become groups. A file is refused if
+meshio would silently read a wrong mesh from it.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ Ints = npt.NDArray[Any]
 Marks = list[npt.NDArray[np.bool_]]
 Floats = npt.NDArray[np.float64]
 
-PART = "\x1f"  # between the name of a set and the number of its part
+PART = "\x1f"  # separates the name of a set from the number of its part
 VALUES = 256  # a field of integers with more values than this does not mark groups
 
-# meshio's names of cells (nodes as VTK orders them) -> gmsh type, and the nodes in gmsh's order
-# where it is another
+# meshio's names of cells (nodes as VTK orders them) -> gmsh type, and gmsh's order of the nodes
+# where it differs
 CELLS: dict[str, tuple[int, list[int] | None]] = {
     "vertex": (15, None),
     "line": (1, None),
@@ -90,13 +90,13 @@ FACES = [
 
 @dataclass(frozen=True, eq=False)
 class MeshFile:
-    """What a file holds.
+    """The content of a mesh file.
 
     Attributes:
         points: coordinates of the nodes, shape (n, 3).
         blocks: gmsh type, and node indices in gmsh's order, shape (k, nodes), of the cells of each
         block.
-        groups: which cells of each block belong to each group.
+        groups: for each group, the cells of each block that belong to it.
         nodes: node indices of each node set.
     """
 
@@ -112,14 +112,14 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
     Args:
         path: the file.
         form: "abaqus", "nastran" or "vtu".
-        curved: whether the nodes that serendipity cells (of 8 and 20 nodes) lack are put in.
+        curved: whether to add the nodes that serendipity cells (of 8 and 20 nodes) lack.
 
     Returns:
-        Its mesh, as it is: cells of any dimension and mixed types.
+        The mesh as the file holds it: cells of any dimension and of mixed types.
 
     Raises:
-        SceneError: meshio is missing, the file cannot be read, or it has no cells, unknown ones, or
-            ones without nodes.
+        SceneError: meshio is missing, the file cannot be read, or it has no cells, unknown cells,
+            or cells without nodes.
     """
     mesh = _parse(path, form)
     points = np.asarray(mesh.points, dtype=np.float64).reshape(len(mesh.points), -1)
@@ -127,7 +127,7 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells if len(block.data)]
     if not blocks:
         raise SceneError(
-            f"{path}: no cells: must be a mesh", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: no cells: must contain a mesh", kind=ErrorKind.FORMAT, source=str(path)
         )
     for kind, cells in blocks:
         if kind not in CELLS:
@@ -138,13 +138,13 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
             )
         if cells.min() < 0 or cells.max() >= len(points):
             raise SceneError(
-                f"{path}: a cell has a node that is not in the file: must be a whole mesh",
+                f"{path}: a cell has a node that is not in the file: must be a complete mesh",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
     if not np.isfinite(points).all():
         raise SceneError(
-            f"{path}: a coordinate is not a finite number: must be a mesh",
+            f"{path}: a coordinate is not a number: must be finite",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -159,7 +159,7 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
 
 
 def _parse(path: Path, form: str) -> Any:
-    """Read a file with meshio, and refuse what it would read wrongly without a word."""
+    """Read a file with meshio; refuse content that meshio would silently read wrongly."""
     try:
         import meshio
     except ImportError:
@@ -180,16 +180,16 @@ def _parse(path: Path, form: str) -> Any:
         mesh = meshio.nastran.read(io.StringIO(_check_nastran(path, text)))
     except SceneError:
         raise
-    except (Exception, SystemExit) as error:  # meshio raises what the file makes it stumble over
+    except (Exception, SystemExit) as error:  # a damaged file makes meshio raise any kind of error
         reason = " ".join(str(error).split()) or type(error).__name__
         raise SceneError(
-            f"{path}: cannot be read, it may be cut off or damaged: {reason}",
+            f"{path}: cannot be read; the file may be truncated or damaged: {reason}",
             kind=ErrorKind.FORMAT,
             source=str(path),
         ) from error
     if np.any(mesh.point_data.get("nastran:ref", 0)):
         raise SceneError(
-            f"{path}: a GRID has a coordinate system: must be in the basic one, field 3 empty or 0",
+            f"{path}: a GRID has a coordinate system: must be the basic system (field 3 empty, 0)",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -217,7 +217,7 @@ def _check_abaqus(path: Path, text: str) -> str:
         )
     if "*INCLUDE" in keywords:
         raise SceneError(
-            f"{path}: *INCLUDE: must be one file", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: *INCLUDE: must be a single file", kind=ErrorKind.FORMAT, source=str(path)
         )
     block = ""
     for index, line in enumerate(lines):
@@ -226,7 +226,7 @@ def _check_abaqus(path: Path, text: str) -> str:
             if block in (
                 "*NSET",
                 "*ELSET",
-            ):  # a set goes on where it is given again: meshio would keep the last part
+            ):  # a set may be given in several parts: meshio would keep only the last one
                 lines[index] = re.sub(
                     r"(,\s*N?E?L?SET\s*=\s*[^,]*)",
                     rf"\g<1>{PART}{index}",
@@ -258,10 +258,10 @@ def _element_sets(mesh: Any, text: str) -> None:
 
 
 def _check_nastran(path: Path, text: str) -> str:
-    """Refuse a bulk data file that is cut off; give it with the line that meshio begins at."""
+    """Refuse a truncated bulk data file; return its text with the line that meshio looks for."""
     if not re.search(r"^ENDDATA", text, flags=re.MULTILINE):
         raise SceneError(
-            f"{path}: cannot be read, it may be cut off or damaged: must end with ENDDATA",
+            f"{path}: cannot be read; the file may be truncated: must end with ENDDATA",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -269,13 +269,13 @@ def _check_nastran(path: Path, text: str) -> str:
         r"^[A-Z]+\*? *,? *[0-9]", text.partition("BEGIN BULK")[2] or text, flags=re.MULTILINE
     ):
         raise SceneError(
-            f"{path}: no cells: must be a mesh", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: no cells: must contain a mesh", kind=ErrorKind.FORMAT, source=str(path)
         )
     return text if re.search(r"^ *BEGIN BULK", text, flags=re.MULTILINE) else "BEGIN BULK\n" + text
 
 
 def _groups(mesh: Any, form: str) -> dict[str, Marks]:
-    """Which cells each group has, block by block: cell sets, and integer fields of the cells."""
+    """The cells of each group, block by block, from cell sets and integer fields of the cells."""
     blocks = [block for block in mesh.cells if len(block.data)]
     kept = [index for index, block in enumerate(mesh.cells) if len(block.data)]
     found: dict[str, Marks] = {}
@@ -308,12 +308,12 @@ def _node_sets(mesh: Any) -> dict[str, Ints]:
 
 
 def _set_name(name: str) -> str:
-    """The name of a set from that of one of its parts, without quotes."""
+    """The name of the set to which a part belongs, without quotes."""
     return str(name).partition(PART)[0].strip().strip('"')
 
 
 def _marked(form: str, name: str, field: list[Ints]) -> Iterator[tuple[str, Marks]]:
-    """The groups that an integer field makes: itself if it is 0 or 1, else one for each value."""
+    """The groups of an integer field: one if its values are 0 and 1, else one for each value."""
     if any(part.ndim != 1 or part.dtype.kind not in "iub" for part in field):
         return
     values = np.unique(np.concatenate(field))

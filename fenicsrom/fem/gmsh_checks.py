@@ -37,62 +37,102 @@ def check_cells(
         solid: the entities of the cells.
 
     Returns:
-        The kind of the cells, that of the straight cell, and warnings.
+        The kind of the cells, the kind of the straight cell, and warnings.
 
     Raises:
         SceneError: the cells cannot be used.
     """
     source, d = str(geometry.mesh), geometry.dimension
+    given, kind = _cell_kinds(gmsh, geometry, solid)
+    numbers, points = model_nodes(gmsh)
+    cells = [
+        points[np.searchsorted(numbers, elements_of(gmsh, d, [entity], given))] for entity in solid
+    ]
+    cells = [x for x in cells if len(x)]
+    spread = np.ptp([[x.min(axis=(0, 1)), x.max(axis=(0, 1))] for x in cells], axis=(0, 1))
+    if d == 2 and spread[2] > PLANAR * spread.max():
+        raise SceneError(
+            f"{source}: z differs by {spread[2]:g} m: "
+            "must be constant where geometry.dimension = 2",
+            kind=ErrorKind.MESH,
+            key="geometry.dimension",
+            source=source,
+        )
+    moved = _check_shapes(gmsh, geometry, given, kind, [x[:, :, :d] for x in cells])
+    warnings = [
+        f"{source}: {line[9:]}" for line in gmsh.logger.get() if line.startswith("Warning: ")
+    ]
+    if not geometry.curved and moved > STRAIGHT:
+        warnings.append(
+            f"{source}: curved cells are made straight, a node moves by up to "
+            f"{100 * moved:.2g} % of the size of its cell: geometry.curved = true keeps the curves"
+        )
+    return given, kind, tuple(warnings)
+
+
+def _cell_kinds(gmsh: Any, geometry: Geometry, solid: list[int]) -> tuple[int, int]:
+    """Find the one kind of the cells and the kind of the straight cell.
+
+    Raises:
+        SceneError: the kinds are mixed, unsupported, or not the ones that the scene asks for.
+    """
+    source, d = str(geometry.mesh), geometry.dimension
+
+    def error(reason: str, kind: ErrorKind = ErrorKind.MESH, key: str = "") -> SceneError:
+        return SceneError(f"{source}: {reason}", kind=kind, key=key, source=source)
+
     types = sorted(
         {int(kind) for entity in solid for kind in gmsh.model.mesh.getElementTypes(d, entity)}
     )
     properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
     names = ", ".join(entry[0] for entry in properties)
     if len(types) != 1:
-        raise SceneError(
-            f"{source}: cells {names or '(none)'}: must be of one type",
-            kind=ErrorKind.MESH,
-            source=source,
-        )
-    given, reference, vertices = types[0], np.reshape(properties[0][4], (-1, d)), properties[0][5]
+        raise error(f"cells {names or '(none)'}: must be of one type")
+    given, vertices = types[0], properties[0][5]
     kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
     if kind is None:
-        raise SceneError(
-            f"{source}: cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra",
-            kind=ErrorKind.MESH,
-            source=source,
-        )
+        raise error(f"cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra")
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
-        raise SceneError(
-            f"{source}: geometry.cells = {geometry.cells!r}: must be the other, the file makes {names}",
-            kind=ErrorKind.MESH,
-            source=source,
+        raise error(
+            f"geometry.cells = {geometry.cells!r}, but the cells are {names}",
+            ErrorKind.CONFLICT,
+            "geometry.cells",
         )
     if geometry.curved and given != QUADRATIC[kind]:
         curved = gmsh.model.mesh.getElementProperties(QUADRATIC[kind])[0]
-        raise SceneError(
-            f"{source}: geometry.curved = true: cells must be {curved}, the file has {names}",
-            kind=ErrorKind.MESH,
-            source=source,
+        raise error(
+            f"geometry.curved = true needs {curved}, but the cells are {names}",
+            ErrorKind.CONFLICT,
+            "geometry.curved",
         )
+    return given, kind
 
-    numbers, points = model_nodes(gmsh)
-    cells = [
-        points[np.searchsorted(numbers, elements_of(gmsh, d, [entity], given))] for entity in solid
-    ]
-    spread = np.ptp(
-        [[np.min(x, axis=(0, 1)), np.max(x, axis=(0, 1))] for x in cells if len(x)], axis=(0, 1)
-    )
-    if d == 2 and spread[2] > PLANAR * spread.max():
-        raise SceneError(
-            f"{source}: z differs by {spread[2]:g} m: must be constant where geometry.dimension = 2",
-            kind=ErrorKind.MESH,
-            source=source,
-        )
+
+def _check_shapes(
+    gmsh: Any, geometry: Geometry, given: int, kind: int, cells: list[Floats]
+) -> float:
+    """Check that no cell is inverted or degenerate.
+
+    Args:
+        gmsh: the open gmsh.
+        geometry: the [geometry] of the scene.
+        given: kind of the cells.
+        kind: kind of the straight cell.
+        cells: coordinates (c, nodes, d) of the nodes of the cells of each entity, m.
+
+    Returns:
+        The largest distance of a node from its place in the straight cell, relative to the cell.
+
+    Raises:
+        SceneError: a Jacobian determinant is zero or has the other sign.
+    """
+    source, d = str(geometry.mesh), geometry.dimension
+    reference = np.reshape(gmsh.model.mesh.getElementProperties(given)[4], (-1, d))
+    vertices = gmsh.model.mesh.getElementProperties(given)[5]
     local = np.pad(reference, ((0, 0), (0, 3 - d)))
     _, weights, _ = gmsh.model.mesh.getBasisFunctions(kind, local.ravel(), "Lagrange")
     moved = 0.0
-    for x in (x[:, :, :d] for x in cells if len(x)):
+    for x in cells:
         size = np.ptp(x, axis=1).max(axis=1)
         det = determinants(gmsh, given if geometry.curved else kind, local, x)
         bad = np.flatnonzero((det * np.sign(det.sum())).min(axis=1) <= DEGENERATE * size**d)
@@ -106,15 +146,7 @@ def check_cells(
             )
         straight = np.einsum("pn,cnj->cpj", np.reshape(weights, (-1, vertices)), x[:, :vertices])
         moved = max(moved, (np.linalg.norm(straight - x, axis=2).max(axis=1) / size).max())
-    warnings = [
-        f"{source}: {line[9:]}" for line in gmsh.logger.get() if line.startswith("Warning: ")
-    ]
-    if not geometry.curved and moved > STRAIGHT:
-        warnings.append(
-            f"{source}: curved cells are made straight, a node moves by up to {100 * moved:.2g} % of the "
-            "size of its cell: geometry.curved = true keeps the curves"
-        )
-    return given, kind, tuple(warnings)
+    return moved
 
 
 def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], kind: int) -> None:

@@ -54,7 +54,7 @@ except Exception:
     pass
 gmsh.finalize()
 """
-"""A script that reads a file as far as this program does; only its survival matters."""
+"""A script that reads a file as this program does; it only shows whether gmsh crashes."""
 
 
 @contextmanager
@@ -75,12 +75,10 @@ def open_gmsh() -> Iterator[Any]:
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber(
-            "General.AbortOnError", 0
-        )  # errors go to the logger: an abort breaks gmsh's parser
-        gmsh.open(
-            os.devnull
-        )  # or the tolerances are those of the extent of the last model of this process
+        # errors go to the logger, because an abort breaks the parser of gmsh
+        gmsh.option.setNumber("General.AbortOnError", 0)
+        # without this, the tolerances are relative to the last model of this process
+        gmsh.open(os.devnull)
         gmsh.logger.start()
         yield gmsh
     finally:
@@ -103,6 +101,7 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         raise SceneError(
             f"geometry.mesh = {source!r}: must be an existing file of one of {', '.join(SUFFIXES)}",
             kind=ErrorKind.FILE,
+            key="geometry.mesh",
             source=source,
         )
     gmsh.model.add("file")
@@ -124,8 +123,10 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
         _check_reach(gmsh, geometry)
     if gmsh.model.getDimension() != d:
         raise SceneError(
-            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} for this file",
-            kind=ErrorKind.MESH,
+            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} "
+            "for this file",
+            kind=ErrorKind.CONFLICT,
+            key="geometry.dimension",
             source=source,
         )
     if form == "step":
@@ -150,7 +151,7 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
         str(geometry.mesh),
         [gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getEntities(0)],
     )
-    with suppress(Exception):  # of gmsh, which has no type of its own: the box is empty
+    with suppress(Exception):  # gmsh raises plain exceptions: the box is empty
         places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
     wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
     if wrong:
@@ -170,7 +171,8 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
         allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
         raise SceneError(
             f"{source}: geometry.size = {geometry.size:g}: {allowed}",
-            kind=ErrorKind.MESH,
+            kind=ErrorKind.RANGE,
+            key="geometry.size",
             source=source,
         )
 
@@ -195,7 +197,8 @@ def _survive(source: str) -> None:
         ).returncode
     except subprocess.TimeoutExpired:
         raise SceneError(
-            f"{source}: gmsh did not finish reading the file within {seconds:.0f} s; it may be damaged",
+            f"{source}: gmsh did not finish reading the file within {seconds:.0f} s; "
+            "it may be damaged",
             kind=ErrorKind.FORMAT,
             source=source,
         ) from None
@@ -226,13 +229,14 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
                 f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of "
                 f"{allowed}",
                 kind=ErrorKind.UNKNOWN_KEY,
+                key=f"geometry.parameters.{name}",
                 source=str(geometry.mesh),
             )
         gmsh.parser.setNumber(name, [value])
 
 
 def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, by its name or, without a name, its number."""
+    """Make a group of each face of a .step file, named by its name or else its number."""
     faces: dict[str, list[int]] = {}
     for _, face in gmsh.model.getEntities(d - 1):
         faces.setdefault(
@@ -280,7 +284,7 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
         yield
     except SceneError:
         raise
-    except Exception as error:  # gmsh has no type of its own
+    except Exception as error:  # gmsh raises plain exceptions
         failure = error
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:

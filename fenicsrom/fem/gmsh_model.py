@@ -28,7 +28,7 @@ from fenicsrom.fem.gmsh_queries import (
 from fenicsrom.scene import Geometry
 
 SOLID = "solid"
-"""Group of the cells that become the mesh; without a group of this name, all cells do."""
+"""Group of the cells that become the mesh; without a group of this name, all cells are used."""
 
 CLEAN = "fenicsrom"
 """Name of the clean model in gmsh."""
@@ -44,8 +44,8 @@ class CleanModel:
     Attributes:
         groups: dimension and tags of each group by its name.
         facets: number of facets in the file of each facet group.
-        nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of each
-            node group.
+        nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of
+            each node group.
         warnings: sentences for the user.
     """
 
@@ -74,7 +74,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
     if shared := {SOLID, *in_cells} & in_facets.keys():
         raise _mesh_error(
-            source, f"group {min(shared)!r} has dimension {d - 1}: must have {d} or another name"
+            source,
+            f"group {min(shared)!r} has dimension {d - 1}: rename it, or give it dimension {d}",
         )
     in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
     given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
@@ -83,14 +84,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         cell, facet = QUADRATIC[cell], QUADRATIC[facet]
     check_facets(gmsh, source, d - 1, in_facets, facet)
 
-    cells, cell_tags, groups = _combine(
-        {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
-    )
-    solid = np.isin(cell_tags, groups[SOLID])
-    cells, cell_tags = cells[solid], cell_tags[solid]
-    cell_groups = {
-        name: (d, tags) for name, tags in groups.items() if np.isin(tags, cell_tags).any()
-    }
+    cells, cell_tags, cell_groups = _solid_cells(gmsh, d, in_cells, cell)
     used = np.unique(cells)
     corners = np.unique(cells[:, : gmsh.model.mesh.getElementProperties(kind)[5]])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
@@ -113,11 +107,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         what = f"{apart} nodes coincide with another node: the cells there are not joined"
         warnings += (f"{source}: {what}",)
 
-    gmsh.model.add(CLEAN)
-    gmsh.model.addDiscreteEntity(d, 1)
-    gmsh.model.mesh.addNodes(
-        d, 1, np.arange(len(used)) + 1, points[np.searchsorted(numbers, used)].ravel()
-    )
+    _add_model(gmsh, d, points[np.searchsorted(numbers, used)])
     add_elements(gmsh, d, cell, np.searchsorted(used, cells) + 1, cell_tags)
     add_elements(gmsh, d - 1, facet, np.searchsorted(used, facets[near]) + 1, facet_tags[near])
     found = {
@@ -125,6 +115,36 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         for name, (a, b) in node_groups.items()
     }
     return CleanModel(cell_groups | facet_groups, sizes, found, warnings)
+
+
+def _solid_cells(
+    gmsh: Any, d: int, in_cells: dict[str, list[int]], cell: int
+) -> tuple[Ints, Ints, dict[str, tuple[int, tuple[int, ...]]]]:
+    """Collect the cells of the solid.
+
+    Args:
+        gmsh: the open gmsh.
+        d: dimension of the cells.
+        in_cells: entities of each group of cells, of which one is the solid.
+        cell: kind of the cells in the mesh.
+
+    Returns:
+        Node numbers (k, nodes) and tags (k,) of the cells, and the dimension and the tags of each
+        group that has cells of the solid.
+    """
+    cells, tags, groups = _combine(
+        {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
+    )
+    solid = np.isin(tags, groups[SOLID])
+    cells, tags = cells[solid], tags[solid]
+    return cells, tags, {name: (d, on) for name, on in groups.items() if np.isin(on, tags).any()}
+
+
+def _add_model(gmsh: Any, d: int, points: Floats) -> None:
+    """Add the clean model with nodes (n, 3), numbered from 1, which becomes the current model."""
+    gmsh.model.add(CLEAN)
+    gmsh.model.addDiscreteEntity(d, 1)
+    gmsh.model.mesh.addNodes(d, 1, np.arange(len(points)) + 1, points.ravel())
 
 
 def _facets_of_sets(
@@ -136,7 +156,7 @@ def _facets_of_sets(
     straight_facet: int,
     sets: dict[str, Ints],
 ) -> dict[str, Ints]:
-    """Find the facets of the boundary all of whose nodes are in a node set.
+    """Find the boundary facets that have all their nodes in a node set.
 
     Args:
         gmsh: the open gmsh.
@@ -228,11 +248,11 @@ def _coincident(points: Floats) -> int:
 
 
 def _combine(groups: dict[str, Ints]) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
-    """Give each element one tag that states in which groups it is.
+    """Give each element one tag that states its groups.
 
     Args:
-        groups: node numbers (m, nodes) of the elements of each group; an element may be in several
-            groups.
+        groups: node numbers (m, nodes) of the elements of each group; an element may belong to
+            several groups.
 
     Returns:
         The elements (k, nodes), each once; their tags (k,), from 1; and the tags of each group.

@@ -60,7 +60,8 @@ def model_nodes(gmsh: Any) -> tuple[Ints, Floats]:
 def fits(gmsh: Any, given: int, kind: int) -> bool:
     """Whether elements `given` can be used as `kind`.
 
-    They can if they are of this kind, or if this kind is straight and has the same vertices.
+    Elements can be used if they are of this kind, or if this kind is straight and has the same
+    vertices.
     """
     _, _, degree, _, _, vertices = gmsh.model.mesh.getElementProperties(kind)
     return given == kind or (

@@ -19,8 +19,8 @@ EIGEN_CHECK = 1e-8
 class Factorisation:
     """A factorised matrix.
 
-    The factors are L D Lᵀ, or L U of a matrix that is not symmetric. MUMPS computes them, or PETSc
-    itself if the matrix is small.
+    The factors are L D Lᵀ, or L U of a matrix that is not symmetric. MUMPS computes the factors;
+    for a small matrix, PETSc itself computes them.
     """
 
     SMALL = 1000  # unknowns below which PETSc's own factorisation beats the set-up cost of MUMPS
@@ -136,28 +136,10 @@ class _Preconditioner:
         y.array[:] = self.inverse.solve(x.array_r[:, None])[:, 0]
 
 
-def eigenmodes(
+def _eigensolver(
     stiffness: PETSc.Mat, mass: PETSc.Mat, inverse: Inverse, count: int, prefix: str
-) -> tuple[Array, Array]:
-    """The lowest modes of K phi = omega^2 M phi by Krylov-Schur on K^-1 M.
-
-    Args:
-        stiffness: K.
-        mass: M, symmetric and positive semidefinite.
-        inverse: applies K^-1; with coordinates held, the inverse of the constrained matrix.
-        count: number of modes.
-        prefix: of the SLEPc options.
-
-    Returns:
-        omega squared (count,), ascending, in rad^2/s^2, and the modes (local rows, count),
-        mass-normalised.
-
-    Raises:
-        ConvergenceError: fewer pairs converged than were asked for.
-        AccuracyError: a residual is above `EIGEN_CHECK`.
-    """
-    if count == 0:
-        return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
+) -> SLEPc.EPS:
+    """Set up SLEPc for `eigenmodes`, whose arguments these are."""
     eps = SLEPc.EPS().create(stiffness.comm)
     eps.setOptionsPrefix(prefix + "_")
     eps.setOperators(stiffness, mass)
@@ -179,6 +161,33 @@ def eigenmodes(
     start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
     eps.setInitialSpace(start)
     eps.setFromOptions()
+    start.destroy()
+    return eps
+
+
+def eigenmodes(
+    stiffness: PETSc.Mat, mass: PETSc.Mat, inverse: Inverse, count: int, prefix: str
+) -> tuple[Array, Array]:
+    """The lowest modes of K phi = omega^2 M phi by Krylov-Schur on K^-1 M.
+
+    Args:
+        stiffness: K.
+        mass: M, symmetric and positive semidefinite.
+        inverse: applies K^-1; with coordinates held, the inverse of the constrained matrix.
+        count: number of modes.
+        prefix: prefix of the SLEPc options.
+
+    Returns:
+        omega squared (count,), ascending, in rad^2/s^2, and the modes (local rows, count),
+        mass-normalised.
+
+    Raises:
+        ConvergenceError: fewer pairs converged than were asked for.
+        AccuracyError: a residual is above `EIGEN_CHECK`.
+    """
+    if count == 0:
+        return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
+    eps = _eigensolver(stiffness, mass, inverse, count, prefix)
     eps.solve()
     if eps.getConverged() < count:
         raise ConvergenceError(
@@ -187,11 +196,12 @@ def eigenmodes(
         )
     squares = np.array([eps.getEigenvalue(k).real for k in range(count)])
     modes = np.empty((stiffness.getLocalSize()[0], count))
+    mode, _ = stiffness.createVecs()
     for k in range(count):
-        eps.getEigenvector(k, start)
-        modes[:, k] = start.array
+        eps.getEigenvector(k, mode)
+        modes[:, k] = mode.array
     eps.destroy()
-    start.destroy()
+    mode.destroy()
     order = np.argsort(squares)
     squares, modes = squares[order], modes[:, order]
     comm = stiffness.comm.tompi4py()

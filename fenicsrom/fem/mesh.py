@@ -46,8 +46,8 @@ class Mesh:
         facet_tags: tags of the facets in a group.
         groups: dimension and tags of each group by name; facets (or cells) with any of the tags
         belong to it.
-        source: path of the file it came from.
-        warnings: what a user should know, a sentence each.
+        source: path of the file of the mesh.
+        warnings: sentences for the user.
         node_groups: local vertices and, in 3D, local edges of each node group by name: of a point
             or a curve of a gmsh file, or a node set. A node set on the boundary has its facets in a
             facet group of the same name.
@@ -133,8 +133,8 @@ class Mesh:
                 f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
             )
             raise SceneError(
-                f"{self.source}: {what}: no facet of the boundary lies there; the mesh extends from "
-                f"{reach}",
+                f"{self.source}: {what}: no facet of the boundary lies there; "
+                f"the mesh extends from {reach}",
                 kind=ErrorKind.PLACE,
                 source=self.source,
             )
@@ -368,12 +368,12 @@ def _distributed(
     """Distribute the clean model that rank 0 makes.
 
     Args:
-        draft: is called on rank 0; gives the description of the clean model and gmsh's model.
+        draft: function called on rank 0; returns the description of the clean model, and gmsh.
         geometry: the dimension, and the name of the mesh for messages.
         comm: communicator to distribute the mesh on.
 
     Raises:
-        Exception: on every rank, what `draft` raised on rank 0.
+        Exception: on every rank, the exception that `draft` raised on rank 0.
     """
     source = str(geometry.mesh)
     model, clean, failure = None, None, None

@@ -17,7 +17,7 @@ from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.scene import Place, Region
 
 NEAR = 1e-3
-"""Distance of a node from the coordinates of a place, relative to the extent, that is accepted."""
+"""Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
 """Weight of a node, relative to the largest, that counts as zero."""
@@ -32,7 +32,7 @@ class Places:
         self._found: dict[Place, tuple[Array, Array]] = {}
 
     def find(self, place: Place, key: str) -> tuple[Array, Array]:
-        """Give the displacement and the position of a place; a result is kept.
+        """Give the displacement and the position of a place; the result is cached.
 
         Args:
             place: a node, the node nearest to a point or to the centroid of a region, or the mean
@@ -155,8 +155,8 @@ class Places:
         """Weights of the mean over a region.
 
         Returns:
-            Weights (local / d,) of the nodes, with the sum 1 over all ranks; the centroid (3,) in m;
-            and the measure of the region: area in m², length in m or number of nodes.
+            Weights (local / d,) of the nodes, with the sum 1 over all ranks; the centroid (3,) in
+            m; and the measure of the region: area in m², length in m or number of nodes.
         """
         if self._body.mesh.has_facets(region):
             return self._facet_weights(region, key)

@@ -1,10 +1,10 @@
 """The solid: a body in its static equilibrium, with its loads and contact points.
 
-In a scene with [rotation], all quantities are those seen from the rotating frame
+In a scene with [rotation], all quantities are described in the rotating frame
 (`fenicsrom.fem.rotation`): the centrifugal potential is part of the energy, of the internal force
-and of the tangent, and the equilibrium is that at speed. This equilibrium is always computed
-geometrically nonlinearly: a linear one would lack the stiffening by the centrifugal tension. In a
-geometrically linear scene, only the vibrations about it are linear.
+and of the tangent, and the equilibrium is the equilibrium at speed. This equilibrium is always
+computed geometrically nonlinearly: a linear one would lack the stiffening by the centrifugal
+tension. In a geometrically linear scene, only the vibrations about it are linear.
 """
 
 from __future__ import annotations

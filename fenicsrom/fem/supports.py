@@ -88,12 +88,13 @@ def check_no_hinge(
 def unclamped_pieces(mesh: Mesh, regions: Sequence[str | Region]) -> int:
     """Count the connected pieces of the mesh that no support touches. Collective.
 
-    Cells that share a vertex are connected. Each rank finds the connected pieces of its own cells;
-    these are then joined through the vertices that ranks share, so only those are gathered.
+    Cells that share a vertex are connected. Each rank finds the connected pieces of its own cells.
+    The pieces are then joined through the vertices that ranks share, so only these vertices are
+    gathered.
 
     Args:
         mesh: the mesh.
-        regions: what is clamped: facet groups, node groups, or regions of the scene.
+        regions: the clamped facet groups, node groups, or regions of the scene.
 
     Returns:
         The number of pieces that can move as rigid bodies, the same on every rank.

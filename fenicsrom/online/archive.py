@@ -28,7 +28,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
 
-What may change when a stored model runs again is stated in `fenicsrom.online.scene_changes`.
+`fenicsrom.online.scene_changes` states which keys may change when a stored model runs again.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 
 FORMAT = "fenicsrom reduced model 3"
-EARLIER = "fenicsrom reduced model"  # how the formats of earlier versions begin
+EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
     "mass": "kg",
     "stiffness": "N/m",
@@ -70,11 +70,11 @@ class StoredModel:
 
     Attributes:
         model: the model, under the load histories and the damping of the scene.
-        scene: the scene it was made from, or runs under.
+        scene: the scene from which the model was made, or under which it runs.
         method: "rubin" or "craig-bampton".
-        labels: (n,) of its coordinates.
+        labels: (n,) labels of the coordinates.
         dofs: number of free unknowns of the solid.
-        frequencies_hz: (v,) of the normal modes.
+        frequencies_hz: (v,) natural frequencies of the normal modes.
         provenance: versions of the programs that made it, by name.
     """
 
@@ -95,10 +95,10 @@ class StoredModel:
         """The same model under the loads, damping, contacts and time integration of a scene.
 
         Args:
-            scene: a scene that agrees with the stored one in everything the model was made from.
+            scene: a scene that agrees with the stored scene in all keys of the offline stage.
 
         Raises:
-            SceneError: it does not; the error names the first key that differs.
+            SceneError: the scenes do not agree; the error names the first key that differs.
         """
         if (key := changed_key(self.scene, scene)) is not None:
             raise SceneError(
@@ -119,7 +119,7 @@ class StoredModel:
             overrides: as `--set` takes them, such as "loads.0.force=200".
 
         Raises:
-            SceneError: an override is wrong, or changes what the model was made from.
+            SceneError: an override is wrong, or changes a key of the offline stage.
         """
         table, source = scene_table(self.scene), self.scene.source
         return self.with_scene(parse_scene(override_table(table, overrides, source), source, None))
@@ -128,13 +128,13 @@ class StoredModel:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.
 
         Args:
-            scene: the scene; that of the model without it.
+            scene: the scene; by default the scene of the model.
             options: as `fenicsrom.online.simulate.simulate`.
 
         Raises:
-            SceneError: the scene differs in what the model was made from.
+            SceneError: the scene differs in a key of the offline stage.
             ConvergenceError: the smallest step did not converge.
-            AccuracyError: the energy balance is off.
+            AccuracyError: the error of the energy balance is too large.
         """
         run = self if scene is None else self.with_scene(scene)
         return simulate(run.model, run.scene, **options)
@@ -157,7 +157,7 @@ def save_model(path: Path, stored: StoredModel) -> None:
     """Write a reduced model to a file that appears only when it is complete.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     header = {
         "format": FORMAT,

@@ -58,7 +58,7 @@ def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: C
     """Write a checkpoint to a file that appears only when it is complete.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     header = {
         "format": FORMAT,
@@ -168,7 +168,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
             or data["last_time"].ndim != 1
         ):
             raise SceneError(
-                f"{path}: the header is not that of a checkpoint: the file is damaged",
+                f"{path}: this is not the header of a checkpoint: the file is damaged",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
@@ -192,10 +192,10 @@ def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> b
     """Write a checkpoint at the end of a motion, to continue later.
 
     Returns:
-        Whether it was written: a motion that stopped within a period has no checkpoint there.
+        Whether the file was written: a motion that stopped within a period has no checkpoint.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     end = motion.end
     if end is None or (

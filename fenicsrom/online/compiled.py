@@ -1,13 +1,12 @@
 """Compilation with numba, and the only use of numba's private interfaces.
 
-Four private interfaces make the kernels fast. Each was checked with the versions of numba from
+Three private interfaces make the kernels fast. Each was checked with the versions of numba from
 `FIRST` to `LAST`; any other version runs without them, slower and with the same results:
 
 - `_source_stamp` of a cache file decides whether stored machine code is still valid. Without it
   nothing is stored, because numba's own rule misses changes in other files.
 - the option `_nrt=False` compiles a function without the counting of references to arrays.
 - `meminfo` and `parent` of an array are cleared by `borrowed`, so that callers count nothing.
-- `alias_func_extensions` tells numba that `borrowed` returns the memory of its argument.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import Any
 
 import numba
 from numba import njit, types
-from numba.core import cgutils, ir_utils
+from numba.core import cgutils
 from numba.extending import intrinsic, overload, overload_method
 
 FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
@@ -52,8 +51,8 @@ _SOURCES = _sources() if PRIVATE else ""
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function with numba, and store the machine code for the next process.
 
-    By itself numba keeps stored code until the function's own file changes. The code contains
-    functions of other files too, so here it is kept until any file of this package changes.
+    Numba's own rule keeps stored code until the function's own file changes. The code contains
+    functions of other files too, so this decorator keeps it until any file of this package changes.
     """
     dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
     if PRIVATE:
@@ -79,8 +78,8 @@ def compile_methods(cls: Any, names: Iterable[str]) -> None:
 
     Args:
         cls: the named tuple.
-        names: its methods; each body is inlined into the caller. A field of this name, of any
-            named tuple in compiled code, would be hidden by the method.
+        names: its methods; each body is inlined into the caller. In compiled code, the method would
+            hide a field of the same name of any named tuple.
     """
     for name in names:
         overload_method(types.NamedTuple, name, inline="always", strict=False)(
@@ -89,7 +88,7 @@ def compile_methods(cls: Any, names: Iterable[str]) -> None:
 
 
 def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
-    """What numba asks for the implementation of a method: the method itself, for this class.
+    """The overload that numba calls for a method: it returns the method itself for this class.
 
     The implementation must be an object of its module: numba finds no stored code for a function
     that is made anew in each process.
@@ -103,7 +102,9 @@ def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
 
 # Numba counts the references to every array of every tuple that is passed on, in atomic operations
 # that took more than half of the run time. The compiled loop therefore works with arrays that have
-# no owner to count for; its caller holds them.
+# no owner to count for; its caller holds them. Pass what is borrowed to a function, and write to
+# the arrays there: numba does not see that it is the memory of the argument, and would take the
+# write for dead code.
 
 
 def borrowed(value):  # type: ignore[no-untyped-def]
@@ -137,12 +138,3 @@ def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
 @overload(borrowed, jit_options={"forceinline": True})
 def _borrowed(value):  # type: ignore[no-untyped-def]
     return (lambda value: _borrow(value)) if PRIVATE else (lambda value: value)
-
-
-def _same_memory(result, arguments, aliases, argument_aliases):  # type: ignore[no-untyped-def]
-    """Tell numba that writing to what is borrowed writes to the argument, and is not dead code."""
-    ir_utils._add_alias(result, arguments[0].name, aliases, argument_aliases)
-
-
-if PRIVATE:
-    ir_utils.alias_func_extensions["borrowed", __name__] = _same_memory

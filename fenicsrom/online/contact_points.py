@@ -1,4 +1,4 @@
-"""Contact points of the body, and the parameters of the surfaces before them."""
+"""Contact points of the body, and the parameters of the surfaces opposite them."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
 
 
 def _surface_radius(scene: Any, k: int, position: Array) -> float:
-    """Radius of the round surface of contact k: given, or by its gap to the nearest point.
+    """Radius of the round surface of contact k: the given one, or from its gap.
 
     Args:
         scene: the scene.

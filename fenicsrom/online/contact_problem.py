@@ -27,11 +27,11 @@ from fenicsrom.online.friction import (
 )
 from fenicsrom.online.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
 
-CONTACT_ITERATIONS = 25  # Newton iterations, after which it is taken to cycle between states
-CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton, after which the step is given up
+CONTACT_ITERATIONS = 25  # Newton iterations; a longer iteration counts as a cycle between states
+CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton before the step is rejected
 SWEEPS = 10  # Gauss-Seidel sweeps of a round
 BISECTIONS = 100
-ROUNDING = 4e-15  # part of the displacements: no update improves a smaller residual
+ROUNDING = 4e-15  # relative to the displacements: a smaller residual is rounding
 
 
 @part
@@ -52,7 +52,8 @@ def solve_contact(
         delassus: (m, m) G, m = P d, m/N.
         free: (P, d) x_free, m.
         start: the state at the start of the step.
-        end: its x in: a first guess; out: the displacement at the end of the step.
+        end: `end.x` holds a first guess on entry, and the displacement at the end of the step on
+            exit.
         scratch: out: `mean_force` (P, d) over the step.
 
     Returns:
@@ -81,7 +82,7 @@ def _contact_residual(
     count: int,
     scratch: ContactScratch,
 ) -> tuple[float, float]:
-    """Write the residual of (1), of which `count` points touch.
+    """Write the residual of (1), with `count` touching points.
 
     Returns:
         Its largest entry, and the largest displacement, m.
@@ -176,7 +177,7 @@ def semismooth_newton(
     end: ContactState,
     scratch: ContactScratch,
 ) -> bool:
-    """Semismooth Newton for (1) from the x given; True if it converged.
+    """Semismooth Newton for (1) from the given x; True if it converged.
 
     Only the points that touch are unknowns: the others follow from their forces.
     """
@@ -195,8 +196,8 @@ def semismooth_newton(
             return False
         last = size
         size = _update_all(delassus, points, count, scratch)
-        # rounding: neither the update nor the residual falls (for a stiff contact that only opens,
-        # the residual still falls slowly)
+        # rounding: neither the update nor the residual decreases (for a stiff contact that only
+        # opens, the residual still decreases slowly)
         if size <= 1e-15 * scale or (
             size <= 1e-11 * scale and size >= 0.5 * last and worst >= 0.9 * remained
         ):
@@ -292,11 +293,11 @@ def _project_friction(
     force: float,
     scratch: ContactScratch,
 ) -> None:
-    """Friction of point p as a force on the friction disc, to `held_friction`; N is its `force`.
+    """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
-    of contact of `fenicsrom.online.friction`. This is near the mean along the way, and leads
-    Newton's iteration to its solution.
+    of contact of `fenicsrom.online.friction`. This friction is close to the mean along the path, so
+    Newton's iteration then finds the solution.
     """
     point, d = scratch.point, len(scratch.space)
     x, x0, friction = end.x[p], start.x[p], scratch.held_friction[p]
@@ -317,7 +318,7 @@ def _project_friction(
     )
     softness, size, across, across0 = 0.0, 0.0, 0.0, 0.0
     for k in range(d):
-        softness += delassus[p * d + k, p * d + k]  # at least that of any direction
+        softness += delassus[p * d + k, p * d + k]  # an upper bound for every direction
         stretch[k] = a * x0[k] + theta * x[k] - stretch[k]
         size += n[k] ** 2
     for k in range(d):

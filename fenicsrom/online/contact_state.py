@@ -34,28 +34,29 @@ class ContactState(NamedTuple):
 
 
 class PointScratch(NamedTuple):
-    """Scratch arrays of one contact point; (d,), and (d, d) where it says derivative.
+    """Scratch arrays of one contact point: vectors (d,) and derivatives (d, d).
 
-    All derivatives are those by the displacement x1 at the end of the step.
+    All derivatives are with respect to the displacement x1 at the end of the step.
 
     Attributes:
         normal: unit normal at the weighted point.
-        normal_derivative: its derivative.
-        gradient: gradient of the penetration at x1; then of the trial normal force there.
+        normal_derivative: derivative of the array above.
+        gradient: gradient of the penetration at x1; later, gradient of the trial normal force at
+            x1.
         gradient_derivative: half its derivative.
         mean_normal: discrete gradient of the penetration over the step.
-        mean_normal_derivative: its derivative.
+        mean_normal_derivative: derivative of the array above.
         start_stretch: tangential stretch x - w of the friction spring at the start of the step.
-        start_stretch_derivative: its derivative.
-        end_stretch: the same at the end of the step, or at the weighted point.
-        end_stretch_derivative: its derivative.
+        start_stretch_derivative: derivative of the array above.
+        end_stretch: tangential stretch at the end of the step, or at the weighted point.
+        end_stretch_derivative: derivative of the array above.
         stretch_change: change of the stretch while the point touches.
-        stretch_change_column: one column of its derivative.
+        stretch_change_column: one column of the derivative of `stretch_change`.
         slip_stretch: trial stretch at the point where the slipping part is evaluated.
-        slip_stretch_column: one column of its derivative.
+        slip_stretch_column: one column of the derivative of `slip_stretch`.
         slip_force: friction force there.
-        place: a place on the way of the point, or of the surface.
-        work: contents of no meaning between two calls.
+        place: a position on the path of the point, or of the surface.
+        work: scratch array; no content is kept between two calls.
     """
 
     normal: Array
@@ -82,15 +83,15 @@ class ContactScratch(NamedTuple):
 
     Attributes:
         mean_force: (P, d) mean contact force over the step, N.
-        mean_friction: (P, d) the friction in it, N.
-        mean_normal_force: (P,) the size of the normal force in it, N.
+        mean_friction: (P, d) the friction part of the mean force, N.
+        mean_normal_force: (P,) the size of the normal part of the mean force, N.
         force_derivative: (P, d, d) derivative of the mean force by the end displacement, N/m.
         slider_motion: (P, d) motion of the slider relative to the surface, m.
         mode: (P,) OPEN, SLIP or STICK over the step.
         blending: (P,) weight in [0, 1] of the normal force at the end in the mean normal force.
         guess: (P, d) displacement from which the next iteration starts, m.
         held_force: (P, d) forces of the Gauss-Seidel iteration, N.
-        held_friction: (P, d) the friction in them, N.
+        held_friction: (P, d) the friction part of the held forces, N.
         residual: (P, d) residual of the contact problem; then the update, m.
         force_change: (P, d) change of the mean force by the update, N.
         touching: (P,) the points that touch come first.
@@ -128,8 +129,8 @@ class Interval(NamedTuple):
         begin: s.
         end: s.
         start_weight: weight a of the forces at the start of the step.
-        discrete_gradient: forces are averaged along the straight way of the point, in place of
-            weighting those at the ends of the step.
+        discrete_gradient: forces are averaged along the straight path of the point, instead of
+            weighting the forces at the ends of the step.
     """
 
     begin: float

@@ -17,10 +17,11 @@ approach the body and turn about their axis; a cylinder may have waves. The norm
 current position, however far the point slides.
 
 Over a time step the schemes that weight the ends apply the law at the weighted point
-x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight way from x0 to
-x1: with opening, closing and the change from stick to slip located inside the step, in closed form
-(`fenicsrom.online.friction`). What remains slips under the law at its middle. That is exact for a
-point that slides to and fro, and of second order for one that turns as it slides.
+x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight path from x0
+to x1: with opening, closing and the change from stick to slip located inside the step, in closed
+form (`fenicsrom.online.friction`). The rest of the step slips under the law at the middle of this
+rest. This is exact for a point that slides to and fro, and of second order for a point that changes
+its direction as it slides.
 
 At the end of the step the law (1)-(5) is applied once more (`commit_contact_state`). With the
 discrete gradient friction then dissipates in every step, whatever its size: with the mean force T,
@@ -77,12 +78,12 @@ def implicit_blending(
     start: ContactState,
     scratch: ContactScratch,
 ) -> None:
-    """Write the weight b of the normal force at the end in the mean normal force of each point.
+    """Write the blending weight b of each point: the part of its force at the end in the mean.
 
-    Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would ring from
-    step to step instead of passing on an impact, and with it the limit of friction. The weight
-    b = r^2/(1 + r^2) stops that. It is of fourth order in the step, so that a contact that the step
-    resolves stays as it is.
+    Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would oscillate
+    from step to step instead of transmitting an impact, and the limit of friction would oscillate
+    with it. The weight b = r^2/(1 + r^2) prevents this. It is of fourth order in the step, so it
+    does not affect a contact that the step resolves.
 
     Args:
         contacts: the parameters.
@@ -175,8 +176,8 @@ def _tangential_stretch(
 ) -> None:
     """Write the unit normal of point p and its tangential stretch at both ends, with derivatives.
 
-    The end is that of the step for the discrete gradient, else the weighted point. The tangent
-    plane is that at the weighted point.
+    For the discrete gradient, the end is the end of the step; otherwise it is the weighted point.
+    The tangent plane is taken at the weighted point.
     """
     a, theta = interval.start_weight, 1.0 - interval.start_weight
     x0, x1, d, point = start.x[p], end.x[p], len(scratch.space), scratch.point
@@ -256,7 +257,7 @@ def contact_force(
         return False
     _add_normal_force(contacts, interval, p, start, end, force, force_by_end, scratch)
     _tangential_stretch(contacts, interval, p, start, end, scratch)
-    for k in range(d):  # from the gradient of the penetration to that of `after`
+    for k in range(d):  # from the gradient of the penetration to the gradient of `after`
         scratch.point.gradient[k] *= contacts.normal_stiffness[p]
     friction_force(contacts, interval, p, before, after, force, force_by_end, scratch)
     for k in range(d):
@@ -273,7 +274,7 @@ def commit_contact_state(
     end: ContactState,
     scratch: ContactScratch,
 ) -> tuple[float, float, float]:
-    """Write the state of point p at the end of a step, whose mean force `contact_force` has found.
+    """Write the state of point p at the end of a step; `contact_force` has found its mean force.
 
     Returns:
         The energy dissipated by friction, the work of the moving surface on body and springs, and
@@ -335,7 +336,7 @@ def _friction_energies(
     end: ContactState,
     scratch: ContactScratch,
 ) -> tuple[float, float]:
-    """Energy that friction dissipates in a step (6), and work of the surface that it moves with.
+    """Energy dissipated by friction in a step (6), and work of the moving surface.
 
     On a curved surface the tangent plane turns in the step: the friction at the end is reduced to
     the energy that its spring was given.
@@ -344,7 +345,7 @@ def _friction_energies(
     x0, x1, force, advected = start.x[p], end.x[p], end.friction[p], scratch.point.place
     advect_with_surface(contacts, p, interval.end - interval.begin, x0, advected)
     available, stored, surface = 0.0, 0.0, 0.0
-    for k in range(d):  # the schemes that weight the ends do work by the trapezoidal rule
+    for k in range(d):  # the schemes that weight the ends compute work by the trapezoidal rule
         mean = (
             scratch.mean_friction[p, k]
             if interval.discrete_gradient
@@ -381,7 +382,7 @@ def at_rest(
     here: ContactState,
     scratch: ContactScratch,
 ) -> None:
-    """Write the state of points at x (P, d) with sliders (P, d): a step of no length."""
+    """Write the state of points at x (P, d) with sliders (P, d): a step of zero length."""
     here.x[:] = x
     here.slider[:] = slider
     here.friction[:] = 0.0

@@ -5,8 +5,9 @@ The balance of a motion is (Gonzalez 1996, Simo and Tarnow 1992, for schemes tha
     d(t) = [T + V + V_c + D](t) - W(t) - the same at the start,
 
 with kinetic energy T, elastic energy V, energy of the contact springs V_c, energy D dissipated by
-damping and friction, and work W of the loads (`fenicsrom.online.motion.Motion.imbalance`). It is
-zero but for the error of the scheme: d > 0 is energy that was created, d < 0 energy that was lost.
+damping and friction, and work W of the loads (`fenicsrom.online.motion.Motion.imbalance`). The
+balance is zero except for the error of the scheme: d > 0 is energy that was created, d < 0 energy
+that was lost.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ class EnergyErrors(NamedTuple):
         lost: largest deficit of the balance.
         energy: largest kinetic plus elastic energy.
         work: largest work of the loads since the first record.
-        friction_gain: sum of all friction dissipation that is negative, with a positive sign.
-        largest_friction_gain: the largest such gain of one step.
+        friction_gain: sum of all negative friction dissipation, with a positive sign.
+        largest_friction_gain: the largest gain of one step.
         dissipated: sum of all positive friction dissipation, plus the damping dissipation.
     """
 
@@ -57,7 +58,7 @@ class EnergyErrors(NamedTuple):
 
 
 def energy_errors(motion: Motion) -> EnergyErrors:
-    """Read the energy errors off a motion."""
+    """Compute the energy errors of a motion."""
     imbalance = motion.imbalance
     steps = np.diff(motion.friction_dissipation)
     damped = float(motion.damping_dissipation[-1] - motion.damping_dissipation[0])
@@ -106,12 +107,12 @@ def check_energy(motion: Motion) -> None:
     as additional damping. Friction must not give energy to the motion.
 
     Raises:
-        AccuracyError: it is off, or friction gives energy.
+        AccuracyError: the balance is off, or friction gives energy.
     """
     found = energy_errors(motion)
     both = found.energy + found.work
     for off, size, name, verb in (
-        (found.created, found.energy, "largest energy", "comes from nowhere"),
+        (found.created, found.energy, "largest energy", "is created"),
         (found.lost, both, "largest energy and the work of the loads", "is lost"),
     ):
         if not off <= ENERGY_ERROR * size:
@@ -137,7 +138,7 @@ def check_energy(motion: Motion) -> None:
 def friction_gains_energy(motion: Motion) -> bool:
     """Whether friction gives energy in any step, beyond rounding.
 
-    The discrete gradient excludes it; the other schemes do not.
+    The discrete gradient excludes this gain; the other schemes do not.
     """
     found = energy_errors(motion)
     scale = found.energy + float(motion.friction_dissipation[-1])

@@ -1,9 +1,9 @@
 """The equilibrium in which a motion starts: under the static loads and the preload of the contacts.
 
-Newton's method is applied in parts of the pressure of the contacts. In each iteration the contact
-is solved in full as in a time step, but without friction: the sliders come to rest where the points
-do. An equilibrium may be unstable: the beam whose contact presses it beyond its buckling load has
-one. Then the model is displaced along its softest direction and follows
+Newton's method adds the pressure of the contacts in load steps. In each iteration the contact
+is solved in full as in a time step, but without friction: the sliders end at the points. An
+equilibrium may be unstable: a beam that is pressed beyond its buckling load is an example. The
+model is then displaced along its softest direction and follows
 
     M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
 
@@ -27,13 +27,13 @@ from fenicsrom.online.load_histories import largest
 from fenicsrom.online.newton import Correction, in_load_steps, newton
 from fenicsrom.online.surfaces import Contacts
 
-TOLERANCE = 1e-14  # of Newton's decrement, relative to the work of the load, squared
-ROUNDING = 1e-13  # part of that work; a smaller decrement that no longer falls is rounding
-CONTACT_ROUNDING = 1e-14  # the same, of contact forces times displacements from the undeformed body
+TOLERANCE = 1e-14  # bound of Newton's decrement, relative to the work of the load, squared
+ROUNDING = 1e-13  # part of this work; a smaller decrement that stops decreasing is rounding
+CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
 ITERATIONS = 25
-DIVERGENCE = 1e8  # growth of the decrement at which the iteration is given up
-SMALLEST_PART = 1e-4  # of the contacts' pressure
-BUCKLING_PUSH = 1e-3  # along an unstable direction, relative to the deflection under the loads
+DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
+SMALLEST_PART = 1e-4  # smallest load step, as a part of the contacts' pressure
+BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to the deflection
 DOWNHILL_STEPS = 400
 INVERSE_ITERATIONS = 8
 
@@ -49,10 +49,10 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
 
     Returns:
         q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
-        0 unless another one is returned.
+        0 unless another equilibrium is returned.
 
     Raises:
-        ConvergenceError: none was found.
+        ConvergenceError: no equilibrium was found.
     """
     problem = _Statics(model, contacts, dimension)
     q = np.zeros_like(problem.static_force)
@@ -85,7 +85,7 @@ class _Statics:
         self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
-        """Whether a contact presses at q (n,), from where its pressure is added in parts."""
+        """Whether a contact presses at q (n,), where the load steps of its pressure start."""
         self._close(q, self.contacts)
         self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
@@ -101,11 +101,11 @@ class _Statics:
         return self.model.elastic_over_step(zero, q, zero, 0.0, one, one)[1]
 
     def newton(self, q0: Array, part: float, mass_coefficient: float) -> Array | None:
-        """Equilibrium near q0 (n,), or a step downhill from there; None if there is none.
+        """Equilibrium near q0 (n,), or a step downhill from q0; None without convergence.
 
         Args:
             q0: (n,).
-            part: of the contacts' pressure.
+            part: the part of the contacts' pressure that acts.
             mass_coefficient: 1/tau, or 0 for the equilibrium.
         """
         model, scratch, d = self.model, self.scratch, self.d
@@ -154,7 +154,7 @@ class _Statics:
         found: int = self.model.negative_directions(tangent)
         _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, np.zeros_like(q))
         springs = self._springs(q)
-        if springs.shape[1]:  # those of K + sum k n n^T are those of K and of k^-1 + n^T K^-1 n
+        if springs.shape[1]:  # K + sum k n n^T has as many as K and k^-1 + n^T K^-1 n
             found += negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
         return found
 
@@ -189,11 +189,11 @@ class _Statics:
         return shape / np.sqrt(model.dot(shape, model.mass_times(shape))), rate
 
     def downhill(self, q: Array) -> Array:
-        """A stable equilibrium below an unstable one."""
+        """A stable equilibrium with less energy than an unstable one."""
         model = self.model
         seed, force = self._seed(q)
         shape, rate = self._soften(q, seed)
-        if model.dot(force, shape) < 0.0:  # to the side to which the loads push
+        if model.dot(force, shape) < 0.0:  # towards the side to which the loads push
             shape = -shape
         mass_coefficient = 2.0 * abs(rate)
         size = np.sqrt(

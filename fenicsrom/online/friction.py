@@ -21,7 +21,7 @@ end. The limit of friction goes linearly from La to Lb while the point touches,
     La = mu (N_b/N_m) N0,    Lb = mu (N_b/N_m) N1,    for y0 < 0: La = 0, Lb = 2 mu N_b/tau    (4)
 
 (`friction_limits`); in the last case the mean limit is that of the mean normal force. A stretch e0
-beyond the first limit is cut to it,
+beyond the first limit is cut to this limit,
 
     ea = c e0,    c = min(1, La/(k_t |e0|)),                                                    (5)
 
@@ -34,8 +34,8 @@ until |T(s)| = La + s (Lb - La). The first such s is s*, the smallest root of th
     A s^2 + 2 B s + C = 0,    A = k_t^2 |G|^2 - (Lb - La)^2,
     B = k_t^2 ea . G - La (Lb - La),    C = k_t^2 |ea|^2 - La^2 <= 0,                           (7)
 
-or 1 if there is none (`locate_slip`). From s* on the point slips. The rest of the touch is taken
-by the law at its middle sm = (1 + s*)/2, with the limit Lm = La + sm (Lb - La),
+or 1 if there is none (`locate_slip`). From s* on the point slips. In the rest of the touch, the law
+is applied at its middle sm = (1 + s*)/2, with the limit Lm = La + sm (Lb - La),
 
     Ts = Lm e_m/|e_m|,    e_m = ea + sm G,                                                      (8)
 
@@ -73,11 +73,11 @@ class FrictionLimits(NamedTuple):
 
     Attributes:
         fraction: tau, fraction of the step during which the point touches.
-        fraction_by_end: its derivative by y1, the trial normal force at the end, 1/N.
+        fraction_by_end: derivative of `fraction` by y1, the trial normal force at the end, 1/N.
         first: La, limit where the touch begins, N.
-        first_by_end: its derivative by y1.
+        first_by_end: derivative of `first` by y1.
         last: Lb, limit where the touch ends, N.
-        last_by_end: its derivative by y1.
+        last_by_end: derivative of `last` by y1.
     """
 
     fraction: float
@@ -188,7 +188,7 @@ def friction_limits(
         before: y0, N.
         after: y1, N.
         force: N_b, mean normal force of the step, N.
-        force_by_end: its derivative by y1.
+        force_by_end: derivative of `force` by y1.
         blending: b.
     """
     mean, mean_by_end = mean_normal_force(before, after)
@@ -257,7 +257,7 @@ def project_on_tangent_plane(
 
     Args:
         n: (d,) unit normal.
-        n_derivative: (d, d) its derivative by x1.
+        n_derivative: (d, d) derivative of `n` by x1.
         weight: the derivative of the vector by x1 is weight I.
         vector: (d,) in and out.
         derivative: (d, d) out: derivative of the projection by x1.
@@ -284,7 +284,7 @@ def project_on_tangent_plane(
 
 @part
 def first_root(a: float, b: float, c: float) -> float:
-    """Where a s^2 + 2 b s + c, not positive at s = 0, becomes positive in [0, 1]; 1 if nowhere."""
+    """First s in [0, 1] at which a s^2 + 2 b s + c <= 0 becomes positive; 1 if there is none."""
     root = b * b - a * c
     if root < 0.0 or (b < 0.0 and a <= 0.0):
         return 1.0
@@ -368,7 +368,7 @@ def mean_friction(
             friction[k] += (1.0 - until) * point.slip_force[k]
         if event.mode == SLIP:
             slider_motion[k] = (point.slip_stretch[k] - point.slip_force[k] / stiffness) / theta
-        if interval.discrete_gradient:  # and the stretch that was cut at the start
+        if interval.discrete_gradient:  # add the stretch that was cut at the start
             slider_motion[k] += end[k] - kept * start[k] - change[k]
 
 
@@ -384,7 +384,7 @@ def add_friction_derivative(
     """Add the derivative of the mean friction (9) by x1 to `scratch.force_derivative[p]`.
 
     It is written column by column, j; a name that ends in _j is the derivative by x1[j]. The
-    friction of point p is the one before it is multiplied by tau.
+    friction of point p is not yet multiplied by tau.
     """
     point, d, kt = scratch.point, len(scratch.space), stiffness
     start, end, change = point.start_stretch, point.end_stretch, point.stretch_change
@@ -411,7 +411,7 @@ def add_friction_derivative(
             change_j[k] = fraction_j * (end[k] - start[k]) + fraction * (
                 end_derivative[k, j] - start_derivative[k, j]
             )
-            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # of ea, so far
+            stretch_j[k] = kept_j * start[k] + kept * start_derivative[k, j]  # derivative of ea
             derivative[k, j] += (
                 fraction * kt * until * (stretch_j[k] + 0.5 * until * change_j[k])
                 + fraction_j * friction[k]
@@ -467,7 +467,7 @@ def friction_force(
         before: y0, N.
         after: y1, N.
         force: mean normal force of the step, N.
-        force_by_end: its derivative by y1.
+        force_by_end: derivative of `force` by y1.
         scratch: in: `point.normal`, `point.gradient` (of y1) and the stretches with their
             derivatives; out: `mean_friction`, `slider_motion` and `mode` of the point; its
             derivative is added to `force_derivative`.

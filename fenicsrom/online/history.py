@@ -39,7 +39,7 @@ class History:
         work: (ns,) work of the loads and of moving surfaces since the start, J.
         damping_dissipation: (ns,) energy dissipated by damping since the start, J.
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
-        period: period of the loads, s, as given to `read_history`; None for all of the run.
+        period: period of the loads, s, as given to `read_history`; None for the whole run.
     """
 
     time: Array

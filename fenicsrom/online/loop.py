@@ -1,6 +1,6 @@
 """The loop over the steps of a time integration, plain and compiled.
 
-`march` is plain Python. As it stands it integrates any `fenicsrom.online.operations.Model`.
+`march` is plain Python. Uncompiled, it integrates any `fenicsrom.online.operations.Model`.
 `compiled_march` integrates a `ReducedModel`, whose methods are compiled into it.
 """
 
@@ -16,7 +16,7 @@ from fenicsrom.online.step import accept, attempt, extrapolate, mass_coefficient
 from fenicsrom.online.surfaces import penetration
 
 STEP_SHARE = 0.01  # part of the tolerance that one adaptive step may use
-SMALLEST_STEP = 1e-6  # part of the nominal step; smaller steps end the run
+SMALLEST_STEP = 1e-6  # smallest step as a part of the nominal step; a smaller step ends the run
 
 DONE, FULL, FAILED = 0, 1, 2
 
@@ -58,11 +58,11 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
 
 @register_jitable(inline="always")
 def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-def]
-    """Estimated local error of a converged step, relative to the allowed one.
+    """Estimated local error of a converged step, relative to the allowed error.
 
     The distance from the extrapolation contains vibrations too fast for the step, which oscillate
-    and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes them; the error of
-    what the step resolves remains.
+    and do not grow. The filter (c M + K)^-1 c M, c the mass coefficient, removes these vibrations;
+    the error of the resolved motion remains.
     """
     surprise = state.trial.change
     extrapolate(surprise, state, h)
@@ -99,8 +99,6 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
         (status, rows written): DONE, FULL (of rows: call again), or FAILED (the smallest step did
         not converge).
     """
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state, record = borrowed(state), borrowed(record)
     s = state.scalars
     rows = 0
     slack = 1e-9 * control.grid
@@ -133,7 +131,7 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
             accept(model, contacts, scheme, state, h, load_ahead)
             if lands:
                 s[TIME] = goal
-            # a step that was shortened to land on the grid is no reason to give up the longer one
+            # after a step shortened to land on the grid, the longer step is tried again
             s[STEP] = min(
                 control.grid, max(factor * h, nominal if lands and factor >= 1.0 else 0.0)
             )
@@ -147,4 +145,19 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-compiled_march = compiled(march)
+_owning_march = compiled(march)
+
+
+@compiled
+def compiled_march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
+    """`march` in compiled code, without the counting of references to arrays."""
+    return _owning_march(
+        borrowed(model),
+        borrowed(contacts),
+        borrowed(scheme),
+        control,
+        borrowed(state),
+        origin,
+        end,
+        borrowed(record),
+    )

@@ -10,17 +10,18 @@ A one-step scheme balances weighted means of the forces over a step h, with dq =
 Average acceleration (am = af = 0) and generalised-alpha (Chung and Hulbert 1993) weight the elastic
 and contact forces at the ends of the step. The discrete gradient (am = af = 1/2, beta = 1/4,
 gamma = 1/2; Simo and Tarnow 1992, Gonzalez 1996) takes the elastic force averaged along the
-straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model,
-and the discrete gradient of the normal contact energy: work and energy then balance exactly,
-whatever the step. The friction law is that of `fenicsrom.online.contact_step`: it dissipates in
-every step. In a rotating frame the gyroscopic forces Gamma v join those of damping.
+straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model.
+It takes the discrete gradient of the normal contact energy as the normal force. Work and energy
+then balance exactly, whatever the step. The friction law is that of
+`fenicsrom.online.contact_step`: it dissipates in every step. In a rotating frame the gyroscopic
+forces Gamma v join those of damping.
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then
 the contact problem in full in the few contact coordinates
-(`fenicsrom.online.contact_problem.solve_contact`): the iteration over the structure sees no kink.
-It stops when the predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE` squared times
-the energy in the system, a test that does not depend on units. A step that does not converge is
-halved.
+(`fenicsrom.online.contact_problem.solve_contact`): the iteration over the structure meets no kink.
+This iteration stops when the predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE`
+squared times the energy in the system, a test that does not depend on units. A step that does not
+converge is halved.
 
 The loop over the steps is in `fenicsrom.online.loop`.
 """
@@ -127,15 +128,15 @@ class _Run:
         contacts: parameters of the contact points.
         plan: the weights of the scheme.
         advance: `march`, plain or compiled.
-        period: of the loads, s; None without.
+        period: period of the loads, s; None without a period.
         horizon: length of a span: the period, or the whole duration, s.
         stops: times in a span on which steps must land, s.
         control: how the step is chosen.
         state: the last accepted state.
         record: rows for `advance`.
-        done: periods that a resumed run has behind it.
+        done: periods that a resumed run had completed before.
         buckled: as in `Motion`.
-        history: the rows of each span; the first entry is where the run starts.
+        history: the rows of each span; the first entry is the initial state.
         seconds: run time so far, compilation excluded.
     """
 
@@ -155,7 +156,7 @@ class _Run:
     seconds: float = 0.0
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
-        """Where the run stands after a span."""
+        """The checkpoint of the run after a span."""
         last = self.history[-1] if last is None else last
         return Checkpoint(self.state, last, float(self.control.size), span, self.buckled)
 
@@ -183,38 +184,38 @@ def integrate(
             displacements.
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
             tolerance, or duration.
-        period: of the loads, s; None runs for `settings.duration`.
+        period: period of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
-        start: displacement and velocity (n,), and sliders (P, d) if they are not at the points, at
-            t = 0; without it the run starts at rest in the equilibrium under static loads and
+        start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
+            points; by default the run starts at rest in the equilibrium under static loads and
             preload (`fenicsrom.online.equilibrium`).
-        resume: continue from this checkpoint; the result is that of an uninterrupted run, bit for
-            bit.
-        keep_coordinates: keep the coordinates of the last period.
+        resume: continue from this checkpoint; the result equals that of an uninterrupted run, bit
+            for bit.
+        keep_coordinates: whether to keep the coordinates of the last period.
         compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
         progress: called after each period with the completed fraction of the run and the change
             since the last period.
         checkpoint: called with a checkpoint after each period, or without a period after each
             `ROWS` steps. Its arrays are overwritten afterwards.
-        stop: asked at the same instants; the run ends where it returns True.
+        stop: called at the same instants; the run ends when it returns True.
 
     Returns:
-        The motion, steady or at the end of the periods (`Motion.steady` says which); of a resumed
-        run from the last period before.
+        The motion, steady or at the end of the periods (`Motion.steady` says which); the motion of
+        a resumed run starts with the last period before it was resumed.
 
     Raises:
-        ConvergenceError: at the smallest step Newton did not converge; `partial` holds the motion
-            up to there.
+        ConvergenceError: Newton's method did not converge at the smallest step; `partial` holds the
+            motion up to this step.
         AccuracyError: the energy balance is off (`fenicsrom.online.energy`); `partial` holds the
             motion.
-        Interrupted: `stop` returned True; `partial` holds the motion up to there.
+        Interrupted: `stop` returned True; `partial` holds the motion so far.
     """
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
     run = _set_up(
         model, contacts, settings, period, dimension, plan, advance, start, resume, keep_coordinates
     )
-    if advance is not march:  # compile outside of the clock: a call that finds nothing to do
+    if advance is not march:  # compile before the clock starts, by a call without a step
         advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     begin = clock.perf_counter()
     spans = settings.periods if period is not None else 1
@@ -225,7 +226,7 @@ def integrate(
         if status == FAILED or period is None:
             break
         change = _change(run.history[-2], run.history[-1], period)
-        if change <= settings.steady_tolerance:  # the points, or the probe, repeat: all the rest?
+        if change <= settings.steady_tolerance:  # the points repeat; also check the state
             size = max(run.state.scalars[SIZE], 1e-300)
             change = max(change, _norm(model, run.state.q - q0) / size)
         if progress is not None:
@@ -338,7 +339,7 @@ def _run_span(
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
             break
-    # of the span before, only the coordinates where this one starts are needed
+    # of the previous span, only the coordinates at its end are needed
     run.history[-1] = run.history[-1]._replace(coordinates=run.history[-1].coordinates[-1:])
     run.history.append(_rows(pieces, counts))
     return status, stopped

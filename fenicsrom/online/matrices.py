@@ -1,6 +1,6 @@
 """The arrays of a reduced model as full numpy arrays, for another program.
 
-The equation of motion of the n coordinates q, without what a surface does, is
+The equation of motion of the n coordinates q, without contact forces, is
 
     M q'' + (C + Gamma) q' + f(q) = L s(t)                                           (1)
     f_i(q) = f0_i + K_ij q_j + 1/2 A_ijk q_j q_k + 1/6 B_ijkl q_j q_k q_l            (2)

@@ -1,4 +1,4 @@
-"""Numbers that are read off a motion."""
+"""Numbers that are computed from a motion."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def out_of_reach(motion: Motion, points: ContactPoints) -> list[str]:
             least = float(motion.gap[:, open_ones].min())
             number = "1 point" if mine.size == 1 else f"{open_ones.size} of {mine.size} points"
             sentences.append(
-                f"contacts[{k}]: {number} out of reach during the whole run, "
-                f"no nearer than {1e3 * least:.4g} mm"
+                f"contacts[{k}]: {number} never touched the surface; "
+                f"the smallest gap was {1e3 * least:.4g} mm"
             )
     return sentences
 
@@ -64,7 +64,7 @@ def amplitude(motion: Motion) -> Array:
 
 
 def at_rest(motion: Motion) -> bool:
-    """Whether a motion ends at rest: its amplitude is at most `REST` of its displacement."""
+    """Whether a motion ends at rest: its amplitude is at most `REST` times its displacement."""
     return bool(
         np.linalg.norm(amplitude(motion)) <= REST * np.max(np.abs(motion.displacement), initial=0.0)
     )
@@ -73,9 +73,9 @@ def at_rest(motion: Motion) -> bool:
 def has_settled(motion: Motion) -> bool:
     """Whether the amplitudes of a periodic motion repeat.
 
-    They do if the motion is steady, or if the amplitudes of the last four periods agree to
-    `SETTLED`. Weakly damped axial waves may ring on and keep a motion from being steady, although
-    they are too small to change the amplitudes.
+    The amplitudes repeat if the motion is steady, or if they agree to `SETTLED` in the last four
+    periods. Weakly damped axial waves may persist, so that the motion is not steady, although the
+    waves are too small to change the amplitudes.
     """
     if motion.steady or at_rest(motion):
         return True
@@ -97,7 +97,7 @@ def has_settled(motion: Motion) -> bool:
 
 
 def is_unsteady(motion: Motion) -> bool:
-    """Whether a motion should repeat and does not settle."""
+    """Whether a motion has a period but does not settle."""
     return motion.period is not None and not has_settled(motion)
 
 
@@ -106,8 +106,8 @@ def rms(motion: Motion, since: float = 0.0) -> Array:
 
     Args:
         motion: the motion.
-        since: start of the interval for a motion without period, s; a periodic motion is taken over
-            its second half.
+        since: start of the interval for a motion without period, s; the second half of a periodic
+            motion is used.
     """
     late = motion.time >= (since if motion.period is None else 0.5 * motion.time[-1])
     time, x = motion.time[late], motion.displacement[late].reshape(np.count_nonzero(late), -1)
@@ -134,8 +134,8 @@ def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
 
     Args:
         motion: the motion.
-        since: start of the interval for a motion without period, s; a periodic motion is taken over
-            its last period.
+        since: start of the interval for a motion without period, s; the last period of a periodic
+            motion is used.
     """
     part = motion.last_period() if motion.period is not None else motion.time >= since
     return float(motion.force[part, :, 0].max(initial=0.0))
@@ -161,14 +161,14 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact open is 1.
+        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
     return {name: float(fractions.mean()) for name, fractions in _state_fractions(motion).items()}
 
 
-def _state_fractions(motion: Motion) -> dict[str, np.ndarray]:
+def _state_fractions(motion: Motion) -> dict[str, Array]:
     """Fraction (P,) of the last period that each point spends in each state, by its name."""
     part = motion.last_period()
     weights = _weights(motion.time[part])
@@ -193,7 +193,7 @@ def dissipated_per_period(motion: Motion) -> float:
 def point_summaries(motion: Motion) -> list[dict[str, Any]]:
     """Peak force, states and dissipation of each contact point.
 
-    They are taken over the last period, or over the whole motion if it has no period.
+    The numbers are those of the last period, or of the whole motion if it has no period.
 
     Returns:
         For each point `peak_normal_force_N`, `fraction` (as `contact_fractions`) and
@@ -240,8 +240,8 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     """Differences over the last period from a reference, in percent of the reference.
 
     Args:
-        motion: the motion to judge.
-        reference: usually of the full model.
+        motion: the motion to compare.
+        reference: the reference motion, usually of the full model.
 
     Returns:
         `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ...,
@@ -267,7 +267,7 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     }
 
 
-def _weights(time: np.ndarray) -> np.ndarray:
+def _weights(time: Array) -> Array:
     """Weights (ns,) of the trapezoidal rule, with sum 1."""
     if len(time) < 2:
         return np.ones(len(time))

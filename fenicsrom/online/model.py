@@ -28,7 +28,7 @@ class Tangent(NamedTuple):
 
     Attributes:
         matrix: (n, n), N/m.
-        coefficient: sum of w_g s_g, with which the stiffness of a linear model stands in `matrix`.
+        coefficient: sum of w_g s_g, the factor of the stiffness in `matrix` for a linear model.
     """
 
     matrix: Array
@@ -38,17 +38,17 @@ class Tangent(NamedTuple):
 class Workspace(NamedTuple):
     """The results of a `ReducedModel` of n coordinates and m contact displacements.
 
-    They are valid until its next call. In models of this size a new array costs compiled code more
-    than the arithmetic on it.
+    The results are valid until the next call of the model. In models of this size a new array costs
+    compiled code more than the arithmetic on it.
 
     Attributes:
-        columns: (n, p) the columns of the quadratic coefficients, which are combined faster than
-            their rows.
+        columns: (n, p) the columns of the quadratic coefficients; they are combined faster than the
+            rows.
         points: (2, n) coordinates.
         products: (3, 2, p) see `elastic_products`.
         force: (n,) elastic force.
         tangent: (n, n) its derivative.
-        factor: (n, n) the last effective stiffness factorised.
+        factor: (n, n) factors of the last effective stiffness.
         pivots: (n,)
         key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
             keeps it; the first is NaN if the matrix is singular.

@@ -16,11 +16,11 @@ class Interrupted(KeyboardInterrupt):
     """A time integration was asked to stop.
 
     Attributes:
-        partial: the `Motion` up to there.
+        partial: the `Motion` up to the interruption.
     """
 
     def __init__(self, partial: Motion):
-        """Store the motion up to there."""
+        """Store the motion up to the interruption."""
         super().__init__(f"time integration stopped on request at t = {partial.time[-1]:.6g} s")
         self.partial = partial
 
@@ -31,7 +31,7 @@ class Motion:
 
     Attributes:
         time: (ns,) s.
-        period: of the loads, s; None without harmonic load.
+        period: period of the loads, s; None without harmonic load.
         displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
             (ns, 1, d) of the probe in global axes where there is no contact, m.
         force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
@@ -48,19 +48,19 @@ class Motion:
         damping_dissipation: (ns,) energy dissipated since the start by damping, and by impacts too
         short for the step, J.
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
-        point_friction_dissipation: (ns, P) the same of each contact point, J.
+        point_friction_dissipation: (ns, P) energy dissipated by friction at each contact point, J.
         steady: whether the motion was found to repeat.
         periods: number of periods run.
         steps: accepted steps.
         rejected: rejected steps.
-        newton_iterations: of all steps, rejected ones included.
+        newton_iterations: number of iterations of all steps, rejected steps included.
         seconds: run time of the integration, compilation excluded.
-        coordinates: (k, n) coordinates q of the last period, where they were asked for.
+        coordinates: (k, n) coordinates q of the last period, if they were requested.
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
             which does not use them).
         coordinate_time: (k,) their times, s.
-        end: where it ended, to continue from.
+        end: the checkpoint at the end of the motion, to continue from.
         buckled: number of directions in which the nearest equilibrium was unstable; the motion then
             started in another one.
     """

@@ -69,11 +69,13 @@ def in_load_steps(
 ) -> tuple[Array, float]:
     """Follow an equilibrium as the load grows from nothing to all of it, in adaptive steps.
 
-    The first step is the whole load. A step that fails is halved, one that succeeds is doubled.
+    The first step is the whole load. A step that fails is halved, and a step that succeeds is
+    doubled.
 
     Args:
         start: (n,) equilibrium without the load.
-        solve: gives the equilibrium under a fraction of the load, from one nearby, or None.
+        solve: gives the equilibrium under a fraction of the load, from a nearby equilibrium, or
+            None.
         smallest: the iteration stops if a step of at most this fraction fails.
 
     Returns:

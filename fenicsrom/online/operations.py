@@ -22,8 +22,8 @@ class Model(Protocol):
     ) -> tuple[Array, Any]:
         """Mean force over a step and its derivative by dq.
 
-        The force is start_weight*start + sum_g w_g f(q0 + s_g dq). The derivative has a form of
-        the model's own.
+        The force is start_weight*start + sum_g w_g f(q0 + s_g dq). The model chooses the type of
+        the derivative.
         """
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:

@@ -141,7 +141,7 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
         columns: (n, p) the columns of the quadratic coefficients.
         cubic: (p, p) the cubic ones.
         q: (k, n).
-        s: (k, p) out: the pairs of q, those i = j halved.
+        s: (k, p) out: the products q_i q_j of the pairs, halved for i = j.
         a: (k, p) out: a of the module docstring, by pairs.
         b: (k, p) out: b, those i = j halved (B being symmetric, its rows can be combined, which is
             faster than to multiply them).

@@ -1,4 +1,4 @@
-"""What may change between two scenes: of one stored model, and of one run that continues."""
+"""Keys that may change between two scenes of a stored model or of a continued run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from fenicsrom.scene import Contact, Load, Scene
 
-# keys of [time] that only say when a run ends
+# keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance")
 
 
@@ -61,7 +61,7 @@ def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
 
 
 def changed_run_key(made: Scene, wanted: Scene) -> str | None:
-    """The first key in which two scenes of one model differ that a run cannot change, or None.
+    """The first key that differs between two scenes of a model and is fixed in a run, or None.
 
     A run that continues may only end at another time: `END_KEYS`.
     """

@@ -46,7 +46,7 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
         name: "average-acceleration", "generalised-alpha" or "discrete-gradient".
         model: gives the damping, whether it is linear, and the number of Gauss points that
             integrate its force exactly.
-        spectral_radius: of generalised-alpha at infinite frequency, in [0, 1].
+        spectral_radius: spectral radius of generalised-alpha at infinite frequency, in [0, 1].
     """
     model_is = float(model.damping), bool(model.linear), bool(model.gyroscopic)
     end = np.ones(1)
@@ -70,10 +70,10 @@ class Control(NamedTuple):
 
     Attributes:
         grid: the run stops on multiples of this time after `origin`, s; the step never exceeds it.
-        tolerance: of adaptive steps: the local error of a step is at most
+        tolerance: for adaptive steps: the local error of a step is at most
             `fenicsrom.online.loop.STEP_SHARE` of it, relative to the size of the motion; 0 for a
             fixed step.
-        size: smallest size of motion to measure errors against, in the mass norm.
+        size: lower bound of the size of the motion in relative errors, in the mass norm.
     """
 
     grid: float

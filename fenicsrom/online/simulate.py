@@ -26,14 +26,14 @@ def simulate(
     """Integrate a model (reduced, full or beam) under its scene.
 
     The contacts and the [time] table are those of the scene. The load histories and the damping are
-    those of the model: to change them, take `fenicsrom.online.archive.StoredModel.simulate`, which
-    puts those of the scene into the model first.
+    those of the model: to change them, use `fenicsrom.online.archive.StoredModel.simulate`, which
+    first puts the load histories and the damping of the scene into the model.
 
     Args:
         model: the model.
         scene: the scene the model belongs to.
-        start: a motion at whose end to start again from t = 0; from rest in the equilibrium
-            without it.
+        start: a motion whose end is the state at t = 0; by default the run starts at rest in the
+            equilibrium.
         options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
             `fenicsrom.online.march.integrate`.
 

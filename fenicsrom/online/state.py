@@ -46,11 +46,12 @@ class Trial(NamedTuple):
         inertia_offset: (n,) M times this is the part of the inertia and damping forces that does
             not depend on dq.
         external_force: (n,) mean load, N.
-        vector: (n,) an argument of the model's operations.
+        vector: (n,) scratch argument of the model's operations.
         contact: the contact points at the end of the step.
         displacement_before: (P, d) their displacement before the iteration, m.
         free_displacement: (P, d) their displacement without contact forces, m.
-        scratch: of the contact problem; holds the mean contact force over the step.
+        scratch: scratch arrays of the contact problem; they hold the mean contact force over the
+            step.
     """
 
     dq: Array
@@ -76,7 +77,7 @@ class State(NamedTuple):
         mean_acceleration: (n,) rate at which the mean velocity changed from the step before. Both
             extrapolate to the next step; the distance of the solution from that extrapolation
             estimates the error.
-        elastic_force: (n,) at q, N.
+        elastic_force: (n,) elastic force at q, N.
         load_vector: (n,) load vector at the time, N.
         contact: the contact points.
         friction_dissipation: (P,) energy dissipated by friction at each point, J.
@@ -133,9 +134,9 @@ class Checkpoint(NamedTuple):
 
     Attributes:
         state: the state.
-        last: rows of the last period, with which the next is compared to find a steady state;
-            without a period the last rows, at most 4096.
-        size: smallest size of motion to measure errors against (`Control.size`).
+        last: rows of the last period, with which the next period is compared to find a steady
+            state; without a period the last rows, at most 4096.
+        size: lower bound of the size of the motion in relative errors (`Control.size`).
         spans: periods run.
         buckled: as in `Motion`.
     """

@@ -1,10 +1,9 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
 The functions that take a model are plain Python, for any `fenicsrom.online.operations.Model`, and
-are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. They write to
-arrays only through functions that are not inlined by numba itself: numba's removal of dead code
-follows aliases of arrays only partly through fields of named tuples, and drops what it takes for
-dead.
+are inlined into the compiled loop of `fenicsrom.online.loop` for a `ReducedModel`. Arrays of
+contact points are written by functions that numba does not inline: its removal of dead code does
+not follow an array through the unpacking of a tuple, and drops such writes.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from fenicsrom.online.state import (
 )
 
 NEWTON_TOLERANCE = 1e-14
-NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that no longer falls is rounding
-CONTACT_ROUNDING = 1e-14  # the same, of contact forces times displacements from the undeformed body
+NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
+CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
 NEWTON_ITERATIONS = 15
-DIVERGENCE = 1e8  # growth of the decrement at which the iteration is given up
+DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
 
 
 class StepCoefficients(NamedTuple):
@@ -49,11 +48,11 @@ class StepCoefficients(NamedTuple):
 
     Attributes:
         mass: coefficient of M dq in the forces of inertia and damping.
-        inertia_v: of M v0 in them.
-        inertia_a: of M a0 in them.
-        gyroscopic: coefficient of dq in the mean velocity, and so of Gamma dq.
-        velocity_v: of v0 in the mean velocity.
-        velocity_a: of a0 in it.
+        inertia_v: coefficient of M v0 in these forces.
+        inertia_a: coefficient of M a0 in these forces.
+        gyroscopic: coefficient of dq in the mean velocity, and of Gamma dq in the forces.
+        velocity_v: coefficient of v0 in the mean velocity.
+        velocity_a: coefficient of a0 in the mean velocity.
     """
 
     mass: float
@@ -141,7 +140,7 @@ def has_converged(decrement, last, iteration, scale, carried):  # type: ignore[n
     """Whether the next decrement will be small, or this one is rounding.
 
     Newton's method converges quadratically, which predicts the next decrement. A small decrement
-    that no longer falls is rounding.
+    that stops decreasing is rounding.
     """
     coming = (
         decrement * (decrement / last) ** 2
@@ -238,7 +237,7 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     combine(state.mean_acceleration, change / h, dq, -change, state.mean_velocity)
     combine(state.mean_velocity, 1.0 / h, dq, 0.0, state.mean_velocity)
     combine(state.q, 1.0, state.q, 1.0, dq)
-    if not scheme.discrete_gradient:  # there it has no effect, and would only gather rounding
+    if not scheme.discrete_gradient:  # the discrete gradient does not use a
         combine(
             state.a, 1.0 / (beta * h * h), dq, -1.0 / (beta * h), state.v, 1.0 - 0.5 / beta, state.a
         )

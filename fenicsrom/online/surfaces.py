@@ -15,7 +15,7 @@ PLANE, CYLINDER, SPHERE = 1, 2, 3  # number of coordinates that the distance dep
 
 
 class Contacts(NamedTuple):
-    """The parameters of P contact points in d dimensions and of the surface before each.
+    """The parameters of P contact points in d dimensions, and of the surface opposite each point.
 
     With z = E (x - centre), E the first `kind` rows of `axes`, the penetration is
 
@@ -176,8 +176,8 @@ def gap_discrete_gradient(
 
     n . (x1 - x0) is delta(x1) - delta(x0): exactly for planes, cylinders and spheres, because
     |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for
-    waves. Between a point and itself it is the gradient, and the derivative is half the second
-    derivative of the penetration.
+    waves. If both points are equal, the discrete gradient is the gradient, and the derivative is
+    half the second derivative of the penetration.
 
     Args:
         contacts: the parameters.
@@ -263,7 +263,7 @@ def _add_waves(
 
 @part
 def advect_with_surface(contacts: Contacts, p: int, time: float, point: Array, out: Array) -> None:
-    """Write to out (d,) where a point (d,) of a turning surface moves in a time."""
+    """Write to out (d,) the position of a point (d,) of a turning surface after a time."""
     d = point.size
     for k in range(d):
         out[k] = point[k]
@@ -309,7 +309,7 @@ def planes(
     friction: Array,
     dimension: int,
 ) -> Contacts:
-    """Points each before a plane at rest at a distance `gap`, all (P,): what most scenes have."""
+    """The contacts of most scenes: planes at rest at the distance `gap`; all arguments (P,)."""
     count = len(preload)
     given = preload, gap, normal_stiffness, tangential_stiffness, friction
     n0, g0, kn, kt, mu = (np.asarray(values, dtype=np.float64) for values in given)

@@ -41,14 +41,14 @@ def summary(found: Campbell) -> dict[str, Any]:
 
 
 def frequency_table(found: Campbell) -> list[list[Any]]:
-    """Frequencies against speed, the head first."""
+    """Frequencies against speed; the first row is the header."""
     head = ["rpm", *(f"mode {k + 1} Hz" for k in range(found.squares.shape[1]))]
     rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
     return [head, *([f"{speed:.6g}", *(f"{value:.5g}" for value in line)] for speed, line in rows)]
 
 
 def critical_table(found: Campbell) -> list[list[Any]]:
-    """The critical speeds, the head first."""
+    """The critical speeds; the first row is the header."""
     rows = [
         [item.order, item.mode, f"{item.speed_rpm:.5g}", f"{item.frequency_hz:.5g}"]
         for item in found.critical
@@ -127,7 +127,7 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     """Write `campbell.csv`, `campbell.json`, `report.html` and `campbell.png`.
 
     Returns:
-        The files, the one to open first at the head.
+        The files; the first one is the file to open.
 
     Raises:
         OSError: a file cannot be written.

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.post.vtk import unknowns_of
 
 if TYPE_CHECKING:
@@ -14,8 +15,8 @@ if TYPE_CHECKING:
 
 
 def centreline(
-    space: FunctionSpace, fields: Mapping[str, np.ndarray | Function], stations: int = 101
-) -> tuple[np.ndarray, np.ndarray]:
+    space: FunctionSpace, fields: Mapping[str, Array | Function], stations: int = 101
+) -> tuple[Array, Array]:
     """Sample fields along the axis of a slender body, for `plot_modes`. Collective.
 
     The axis is the coordinate direction in which the body is longest. At each station, a polynomial

@@ -21,7 +21,7 @@ LEAST = 1e-6  # percent; smaller errors are drawn at this value
 
 
 def tip_error(outcome: Outcome) -> float:
-    """Error of the tip amplitude of an outcome that has one, percent."""
+    """Error of the tip amplitude of an outcome with a full model, percent."""
     error = outcome.errors["amplitude_tangential"]
     assert error is not None
     return error
@@ -104,13 +104,16 @@ def _annotate(
     ys: list[float],
     front: list[int],
 ) -> None:
-    """Write names beside their points, the Pareto front first; skip a name without room."""
+    """Write names beside their points, the Pareto front first; skip a name if it does not fit."""
+    from matplotlib.figure import Figure
+
     axis.margins(x=0.12, y=0.06)
     axis.autoscale_view()
-    size = axis.figure.get_size_inches() * axis.figure.dpi
-    figure = axis.figure
+    figure = axis.get_figure()
+    assert isinstance(figure, Figure)
+    size = figure.get_size_inches() * figure.dpi
     # drawing fixes the layout, from which the places of the names follow
-    figure.canvas.draw()  # type: ignore[attr-defined]
+    figure.canvas.draw()
     places = axis.transData.transform(np.column_stack([xs, ys]))
     unit = figure.dpi / 72.0
     taken = [(x - 5 * unit, y - 5 * unit, x + 5 * unit, y + 5 * unit) for x, y in places]

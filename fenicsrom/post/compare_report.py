@@ -104,7 +104,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 
 def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal and the report, its head first."""
+    """Compose the table of the terminal and the report; the first row is the header."""
     several = {
         "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
@@ -193,7 +193,7 @@ def sentences(comparison: Comparison) -> list[str]:
 
 
 def _runs(count: int | None) -> str:
-    """Write a number of runs."""
+    """Format a number of runs."""
     return "no number of runs" if count is None else "1 run" if count == 1 else f"{count} runs"
 
 
@@ -201,7 +201,7 @@ def timing_note(comparison: Comparison) -> list[str]:
     """State how the run times were measured, and on which machine."""
     here = machine()
     repeats = comparison.scene.compare.repeats
-    short = {o.timed_periods for o in comparison.outcomes} - {None}
+    short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
     found = [
         f"Online seconds are the median of {repeats} runs; ± is half of their range. Offline "
         "seconds are the sum of the stages that a basis needs. Compilation and warm-up took "

@@ -255,7 +255,7 @@ def film_frames(
         images: pictures of the same size (height, width, 3).
         times: one per picture, s.
         scale: caption that says how displacements are scaled.
-        largest: displacement of the last colour, m.
+        largest: displacement at the end of the colour bar, m.
         marked: whether the pictures have marks at contact points.
 
     Returns:

@@ -65,7 +65,7 @@ def contact_vectors(
     return contact_places(points) + moved, normal, friction
 
 
-def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, Array]]:
+def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, NDArray[Any]]]:
     """Positions (P, 3) of the contact points in the undeformed body, m, and their values.
 
     The values are given at the rows of `frame_rows`.

@@ -28,10 +28,10 @@ def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> st
     """Compose a report in one HTML page.
 
     Args:
-        title: of the report.
+        title: title of the report.
         sections: pairs of a heading and its items. An item is a paragraph (text), a table (a list
-            of rows, the first of them the head), a matplotlib figure, or the path of a PNG or
-            GIF picture.
+            of rows, the first row is the header), a matplotlib figure, or the path of a PNG or GIF
+            picture.
 
     Returns:
         The HTML text.

@@ -108,7 +108,7 @@ def write_motion_pictures(pictures: Sequence[Picture], folder: Path) -> list[tup
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
-    """Draw the motions and shapes of a study, or warn why not. Collective.
+    """Draw the motions and shapes of a study, or warn why they are not drawn. Collective.
 
     Raises:
         OSError: a file cannot be written.

@@ -60,7 +60,7 @@ class Study:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user, the ones of the mesh and the solid first."""
+        """Warnings for the user; those of the mesh and the solid come first."""
         found: list[str] = self.solid.warnings
         return found
 

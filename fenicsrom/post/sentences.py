@@ -44,7 +44,7 @@ ERROR_NAMES = {
 
 
 def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
-    """Compose the table of responses, its head first."""
+    """Compose the table of responses; the first row is the header."""
     rows: list[list[Any]] = [list(RESPONSE_HEAD)]
     for name, motion in motions.items():
         r = response_summary(motion)
@@ -96,15 +96,17 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
 
     Args:
         errors: as `Study.errors`.
-        motion: of the reduced model.
+        motion: the motion of the reduced model.
     """
     sizes = {
         name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
         for name, value in errors.items()
     }
-    parts = [f"{size} by the {name}" for name, size in sizes.items() if not name.startswith("peak")]
+    parts = [
+        f"{size} due to the {name}" for name, size in sizes.items() if not name.startswith("peak")
+    ]
     peak = [
-        f"; of the {name.replace(' by', f', {size}, by')}"
+        f"; of the {name.replace(' by', f' {size} due to')}"
         for name, size in sizes.items()
         if name.startswith("peak")
     ]
@@ -116,7 +118,7 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
 
 
 def resumed_sentence(motion: Motion) -> str | None:
-    """State from where a motion was resumed; None if it started from rest."""
+    """State at which time a motion was resumed; None if it started from rest."""
     if motion.time[0] == 0.0:
         return None
     return (

@@ -37,11 +37,12 @@ HEAD = [
     "why",
 ]
 HOW = (
-    "A run counts as converged if its amplitudes settle and differ from those at half the step by "
-    "no more than its own estimate, which comes from the run at twice the step (differences below "
-    f"{NEGLIGIBLE:g} count as none). The columns are relative to the amplitude. Basis: difference "
-    "from a basis with more modes and all derivatives. Peak N: difference of the largest normal "
-    "force from that at half the step. Ledger: imbalance of the energies."
+    "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
+    "error is the difference from the run with half the step; the estimate comes from the run with "
+    f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. The columns are relative to "
+    "the amplitude. Basis: difference from a basis with more modes and all derivatives. Peak N: "
+    "difference of the largest normal force from the run with half the step. Ledger: imbalance of "
+    "the energies."
 )
 
 
@@ -62,7 +63,7 @@ def row(finding: Finding) -> dict[str, Any]:
 
 
 def table(findings: Sequence[Finding]) -> list[list[Any]]:
-    """The findings as rows of a table, its head first."""
+    """The findings as rows of a table; the first row is the header."""
 
     def short(value: float | None) -> str | None:
         return None if value is None else f"{value:.1e}"
@@ -95,7 +96,8 @@ def sentences(matrix: Matrix) -> list[str]:
     )
     if errors:
         found.append(
-            f"Difference of the converged runs from half the step: {errors[len(errors) // 2]:.1e} "
+            "Difference of the converged runs from the runs with half the step: "
+            f"{errors[len(errors) // 2]:.1e} "
             f"of the amplitude in the median, {errors[-1]:.1e} at most."
         )
     return found + [

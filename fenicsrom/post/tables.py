@@ -18,7 +18,7 @@ def cell_text(value: Any) -> str:
 
 
 def numeric_columns(rows: Sequence[Sequence[Any]]) -> list[bool]:
-    """Tell for each column whether all cells below the head are numbers or None."""
+    """Tell for each column whether all cells below the header are numbers or None."""
     numbers = (int, float, np.number, type(None))
     return [
         all(isinstance(value, numbers) and not isinstance(value, bool) for value in column[1:])
@@ -28,7 +28,7 @@ def numeric_columns(rows: Sequence[Sequence[Any]]) -> list[bool]:
 
 
 def text_table(rows: Sequence[Sequence[Any]]) -> str:
-    """Format a table for the terminal: the first row is the head, numbers are right-aligned."""
+    """Format a table for the terminal: the first row is the header, numbers are right-aligned."""
     cells = [[cell_text(value) for value in row] for row in rows]
     right = numeric_columns(rows)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]

@@ -48,7 +48,7 @@ def write_summary(path: str | Path, summary: Mapping[str, Any]) -> Path:
 def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> Path:
     """Write rows as CSV and return the path.
 
-    The head has the keys of all rows in the order of their first appearance; a cell without a
+    The header has the keys of all rows in the order of their first appearance; a cell without a
     value stays empty.
 
     Raises:

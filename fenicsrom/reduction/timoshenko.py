@@ -63,6 +63,7 @@ def _assemble(
     Returns:
         Energy in J, force (as `q`) in N, N, N m, and the symmetric tangent.
     """
+    # One long function, because energy, gradient and Hessian share every quantity of the element.
     n = q.size
     energy = 0.0
     force = np.zeros(n)

@@ -25,8 +25,8 @@ from fenicsrom.scene.times import (
     StepsPerPeriod,
 )
 
-FEW_CONTACTS = 4  # with up to so many points, every contact displacement is a coordinate
-INTERFACE_MODES = 10  # in place of the contact displacements of more points
+FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
+INTERFACE_MODES = 10  # number of interface modes for more points
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
@@ -38,7 +38,7 @@ class Problem(NamedTuple):
         key: the dotted key.
         value: its value, or `MISSING`.
         allowed: what is allowed, in words.
-        kind: the kind of the error; that of a missing value is known.
+        kind: the kind of the error; a missing value has its own kind.
     """
 
     key: str
@@ -172,7 +172,7 @@ def _surface_problems(contact: Contact, key: str, dimension: int) -> Problems:
 
 
 def _load_problems(load: Load, key: str) -> Problems:
-    """Yield the keys of the place on which this kind of load cannot act."""
+    """Yield the keys of a place on which this kind of load cannot act."""
     if load.kind == "force":
         return
     whole = load.kind == "acceleration"
@@ -205,7 +205,7 @@ def _geometry_problems(geometry: Geometry) -> Problems:
         yield Problem("geometry.scale", geometry.scale, allowed)
     if "structured" in geometry.parameters:
         value = geometry.parameters["structured"]
-        yield Problem("geometry.parameters.structured", value, "use geometry.cells in its place")
+        yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")
 
 
 def _rotation_problems(scene: Scene) -> Problems:
@@ -222,7 +222,7 @@ def _rotation_problems(scene: Scene) -> Problems:
 
 
 def default_masters(scene: Scene) -> str | int:
-    """Give the masters of the basis: the given ones, or those that suit the contacts."""
+    """Give the masters of the basis: the given value, or the default for these contacts."""
     if scene.basis.masters is not None:
         return scene.basis.masters
     regions = any(contact.place.at == "nodes" for contact in scene.contacts)
@@ -240,7 +240,7 @@ def _basis_problems(scene: Scene) -> Problems:
     if not isinstance(basis.derivatives, tuple):
         return
     if any(contact.place.at == "nodes" for contact in scene.contacts):
-        return  # the number of static modes is known with the mesh only
+        return  # the number of static modes is known only with the mesh
     points, masters, dimension = (
         len(scene.contacts),
         default_masters(scene),

@@ -14,7 +14,7 @@ def json_schema() -> dict[str, Any]:
     """Give the JSON schema (draft 2020-12) of a scene file.
 
     It states every key with its type, range, unit, default and meaning, and which keys of a load
-    and of [time] exclude each other. Checks between other keys are made by `read_scene` only.
+    and of [time] exclude each other. Only `read_scene` checks the other relations between keys.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -45,7 +45,7 @@ def _table(kind: type) -> dict[str, Any]:
 
 
 def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
-    """Give the required keys of a table, and for each set of alternatives what each requires."""
+    """Give the required keys of a table, and the required keys of each alternative."""
     required = [name for name, _, _, default in _own_keys(kind) if default is MISSING]
     alternatives: list[list[dict[str, Any]]] = []
     for entry, _ in entries(kind).values():

@@ -1,6 +1,6 @@
 """Loads: a place, an action of some size on it, and a history.
 
-Action and history are tagged alternatives: the keys that are given choose one of each.
+Action and history are tagged alternatives: the given keys select one action and one history.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ Direction = Annotated[tuple[float, ...], rules.direction]
 
 @dataclass(frozen=True, kw_only=True)
 class PointForce:
-    """A force at a point; on a region it works on the mean displacement of the region.
+    """A force at a point, or on the mean displacement of a region.
 
     Attributes:
         direction: direction of the load, scaled to unit length.
-        force: size of a point force; on a region it works on the mean displacement.
+        force: size of a force at a point, or on the mean displacement of a region.
     """
 
     WHERE: ClassVar[str] = "with a force"
@@ -210,8 +210,8 @@ class Table:
     """A factor that is given at some times and interpolated linearly between them.
 
     Attributes:
-        table: factor of time, interpolated linearly; the first and the last value hold before and
-            after. When a scene is read, the rows of the file replace its path.
+        table: factor as a function of time, interpolated linearly, constant before the first and
+            after the last row. When a scene is read, the rows of the file replace its path.
     """
 
     WHERE: ClassVar[str] = "in a load with a table"
@@ -242,9 +242,9 @@ class Load:
     """A load of constant direction: place, action and history.
 
     Attributes:
-        place: where the load acts; a region of facets for a traction or a pressure, nothing for an
+        place: where the load acts: a region of facets for a traction or a pressure, None for an
             acceleration.
-        action: what acts there, and its size.
+        action: the kind of the load, and its size.
         history: the factor of the size as a function of time.
     """
 

@@ -52,7 +52,7 @@ def override_table(
                 raise _refuse(override, source, reason)
             if depth == len(names) - 1:
                 branch[step] = value
-            else:  # copy only what is on the way to the key
+            else:  # copy only the tables on the way to the key
                 inner = branch.get(step, {}) if isinstance(branch, dict) else branch[step]
                 branch[step] = copy.copy(inner)
                 branch = branch[step]

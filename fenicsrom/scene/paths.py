@@ -14,7 +14,7 @@ def shared_meshes() -> Path:
 
 
 def shared_demos() -> Path:
-    """Give the folder of the demos, found in the same way."""
+    """Give the folder of the demos, inside the package or beside it."""
     return _shared("demos")
 
 

@@ -28,7 +28,7 @@ class Plane:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A part of the solid, by its name or by coordinates; all fields but one are None.
+    """A part of the solid, by its name or by coordinates; all fields except one are None.
 
     Attributes:
         group: name of a group of facets or nodes of the mesh.

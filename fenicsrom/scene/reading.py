@@ -27,7 +27,7 @@ from fenicsrom.scene.times import (
     Time,
 )
 
-DEEPEST = 100  # tables within tables: Python's TOML parser takes minutes for 100,000
+DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
 
 
 def read_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:

@@ -1,6 +1,6 @@
 """The reference of all keys of a scene, as Markdown tables.
 
-`python3 -m fenicsrom.scene.reference --write demos/README.md` replaces what stands between the two
+`python3 -m fenicsrom.scene.reference --write demos/README.md` replaces the text between the two
 markers in that file.
 """
 

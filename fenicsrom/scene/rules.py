@@ -1,7 +1,7 @@
 """Rules for the values of single keys: type, range and unit.
 
-A rule takes the value from the file and its place, and returns what the field holds or raises
-`SceneError`. It also states itself as a JSON schema and in words.
+A rule takes the value from the file and its place. It returns the value of the field or raises
+`SceneError`. A rule also describes itself as a JSON schema and in words.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, TypeGuard
 
 from fenicsrom.errors import ErrorKind, SceneError
 
-MOST_ROWS = 1_000_000  # of the table of a load
+MOST_ROWS = 1_000_000  # largest number of rows of the table of a load
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Where:
         return replace(self, key=f"{self.key}.{name}" if self.key else str(name))
 
     def refuse(self, value: object, allowed: str, kind: ErrorKind = ErrorKind.RANGE) -> SceneError:
-        """Make the error that refuses a value here; the kind of a value `MISSING` is known."""
+        """Make the error that refuses a value here; the value `MISSING` has its own kind."""
         missing = value is MISSING
         what = "is missing" if missing else f"= {show(value)}"
         return SceneError(
@@ -54,7 +54,7 @@ def show(value: object, width: int = 60) -> str:
     """Give a value as the scene file spells it, shortened to `width` characters."""
     try:
         text = json.dumps(value, ensure_ascii=False, default=str)
-    except (ValueError, TypeError, RecursionError):  # thousands of digits, tables within themselves
+    except (ValueError, TypeError, RecursionError):  # huge integers, cyclic tables
         text = f"({type(value).__name__})"
     return text if len(text) <= width else text[: width - 1] + "…"
 

@@ -85,7 +85,7 @@ class Surface:
         radius: radius; by default it follows from the gap.
         spin: rate at which a cylinder turns about its axis, as seen from the body; by default that
             of a casing at rest (the opposite of the rotation of the scene about this axis, or 0).
-        waves: waves of a cylinder; each brings the surface nearer to the body by height cos(order
+        waves: waves of a cylinder; each moves the surface towards the body by height cos(order
             (angle - spin t) - phase), with the angle from the first tangent of
             `fenicsrom.online.surfaces.frame` of the axis (in 2D from x).
     """
@@ -105,18 +105,18 @@ class Surface:
 class Contact:
     """A point, or every node of a region, against a rigid plane or `surface`.
 
-    With at = "nodes" the preload and both stiffnesses are per unit of what the nodes share: area,
-    length, or a node.
+    With at = "nodes" the preload and both stiffnesses are per unit of area, per unit of length, or
+    per node.
 
     Attributes:
         place: where the contact is.
         normal: unit vector into the plane; not with a surface.
-        surface: a round surface in place of the plane.
-        preload: normal force at the undeformed position; per area, length or node with at =
-            "nodes", as both stiffnesses.
+        surface: a round surface instead of the plane.
+        preload: normal force at the undeformed position; with at = "nodes" per area, length or
+            node, like both stiffnesses.
         gap: initial distance, of the nearest node with at = "nodes".
-        approach: distances by which the surface comes nearer, linear between the times; the surface
-            is at rest without them.
+        approach: distances by which the surface has moved towards the body, linear between the
+            times; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal.
         tangential_stiffness: contact stiffness along the surface.
         friction: coefficient of friction.
@@ -145,7 +145,7 @@ class Rotation:
         speed_rpm: speed of rotation, positive about the axis.
         axis: axis of rotation in 3D, scaled to unit length; in 2D it is normal to the plane.
         point: a point of the axis; the origin by default.
-        coriolis: whether to take the Coriolis force into account.
+        coriolis: whether to include the Coriolis force.
     """
 
     speed_rpm: Annotated[float, number(unit="rev/min")]
@@ -166,10 +166,11 @@ class Basis:
     Attributes:
         method: method of component mode synthesis.
         modes: number of normal modes.
-        derivatives: how modal derivatives are selected, or the labels of those to keep.
+        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
         masters: contact forces for which static modes are computed: in all directions of every
-            point, along the normals only, or so many interface modes (the combinations of forces to
-            which the body yields most); by default "all" for up to 4 contacts at points, else 10.
+            point, along the normals only, or this number of interface modes (the combinations of
+            forces under which the body is most flexible); by default "all" for up to 4 contacts at
+            points, else 10.
         threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
             mmi-nls).
         differentiation: how the derivative of the tangent is computed.
@@ -267,7 +268,7 @@ class Compare:
     """The models of `fenicsrom compare`: every combination of these lists.
 
     Attributes:
-        full: whether to run the full model; without it the bases are ranked by their residual.
+        full: whether to run the full model; otherwise the bases are ranked by their residual.
         methods: values of `basis.method`.
         derivatives: values of `basis.derivatives`.
         modes: values of `basis.modes`.
@@ -348,7 +349,7 @@ class Campbell:
 
     Attributes:
         speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation].
-        modes: number of modes, the first ones at the first speed.
+        modes: number of modes: the lowest ones at the first speed.
         engine_orders: excitations per revolution.
     """
 
@@ -409,7 +410,7 @@ class Scene:
     def period(self) -> float | None:
         """Period of the excitation in s, that of the lowest frequency.
 
-        It is None without a harmonic load or with a load that does not repeat.
+        The period is None without a harmonic load, or with a load that does not repeat.
         """
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         if not frequencies or any(load.transient for load in self.loads):

@@ -3,10 +3,10 @@
 A field is a key if its type is `Annotated` with
 
 * a `Rule`: the key has the name of the field;
-* a dataclass: the keys of that dataclass stand in the same table (a place in a load);
+* a dataclass: the keys of that dataclass belong to the same table (a place in a load);
 * `OneOf`: one of several dataclasses, chosen by the keys that are given, in the same table.
 
-A second entry of the annotation, a dataclass, holds keys that may stand in place of this key.
+A second entry of the annotation, a dataclass, holds keys that may replace this key.
 A field without a default is required.
 """
 
@@ -28,11 +28,11 @@ T = TypeVar("T")
 
 
 class OneOf:
-    """Alternatives of which a table describes one; the first tag that is given chooses it.
+    """Alternatives, of which a table describes one; the first given tag selects the alternative.
 
     Attributes:
         tags: the dataclasses by the key that chooses them, in the order of choice.
-        otherwise: the dataclass without any of these keys; None if one of them is required.
+        otherwise: the dataclass if none of these keys is given; None if one key is required.
     """
 
     def __init__(self, otherwise: type | None = None, **tags: type):
@@ -48,7 +48,7 @@ class OneOf:
         """Give the alternative that a table describes.
 
         Raises:
-            SceneError: no key chooses, or a key belongs to another alternative only.
+            SceneError: no key selects an alternative, or a key belongs only to another alternative.
         """
         kind = next((kind for tag, kind in self.tags.items() if tag in table), self.otherwise)
         if kind is None:
@@ -66,7 +66,7 @@ class OneOf:
 
 
 def in_alternative(kind: type) -> str:
-    """Say where a key of an alternative stands: its class attribute `WHERE`."""
+    """Say where a key of an alternative is allowed: its class attribute `WHERE`."""
     return str(getattr(kind, "WHERE"))  # noqa: B009  # every alternative has one
 
 
@@ -150,7 +150,8 @@ def read_table(kind: type[T], value: Any, where: Where) -> T:
     """Make the dataclass that a table describes.
 
     Raises:
-        SceneError: it is not a table, a key is unknown or missing, or a value is not allowed.
+        SceneError: the value is not a table, a key is unknown or missing, or a value is not
+            allowed.
     """
     if not isinstance(value, Mapping):
         raise where.refuse(value, "must be a table", ErrorKind.TYPE)
@@ -184,7 +185,7 @@ def tables_of(kind: type, least: int = 0) -> Rule:
 
 
 def plain(value: Any) -> Any:
-    """Turn what the rules made into plain data again; what is None is left out."""
+    """Turn the values that the rules made into plain data again; None is left out."""
     if hasattr(value, "as_table"):
         return value.as_table()
     if is_dataclass(value) and not isinstance(value, type):
@@ -210,7 +211,7 @@ def from_keys(kind: type[T], given: Mapping[str, Any]) -> T:
 
 
 def without_alternatives(kind: type, table: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Give a table of this kind without the keys that the choice of key `name` excludes."""
+    """Give a table of this kind without the keys that the key `name` excludes."""
     for entry, _ in entries(kind).values():
         if isinstance(entry, OneOf) and name in entry.tags:
             present = next((kind for tag, kind in entry.tags.items() if tag in table), None)
@@ -223,7 +224,7 @@ def without_alternatives(kind: type, table: Mapping[str, Any], name: str) -> dic
 
 
 def changed(value: T, changes: Mapping[str, Any]) -> T:
-    """Give a dataclass with other values of some keys; excluded alternatives go."""
+    """Give a dataclass with other values of some keys; excluded alternatives are removed."""
     table: dict[str, Any] = plain(value)
     for name in changes:
         table = without_alternatives(type(value), table, name)

@@ -1,6 +1,6 @@
 """The time integration: a scheme, a span of time and the choice of the step.
 
-Span and step are tagged alternatives: the keys that are given choose one of each.
+Span and step are tagged alternatives: the given keys select one span and one step.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ class Periodic:
 
     Attributes:
         periods: largest number of periods; a run ends earlier if it reaches a steady state.
-        steady_tolerance: relative change over a period below which the motion is steady, 0 for
-            never; by default the larger of 1e-5 and `tolerance`.
+        steady_tolerance: relative change over a period below which the motion is steady; 0 runs all
+            periods; by default the larger of 1e-5 and `tolerance`.
     """
 
     WHERE: ClassVar[str] = "with periods"
@@ -88,7 +88,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class NoStep:
-    """No step: of a scene in which only the equilibrium is computed."""
+    """No step, because only the equilibrium is computed."""
 
     WHERE: ClassVar[str] = "without a step"
 

@@ -22,7 +22,7 @@ def examine(case: Case) -> Finding:
     return stability.examine(case, table, scene.source, SCENE.parent)
 
 
-QUICK = [
+MEASURED = [
     ("the scene", "slip and lift-off", CONVERGED),
     ("the scene", "high load", CONVERGED),
     ("the scene", "500 N, 20 N", CONVERGED),
@@ -45,7 +45,20 @@ QUICK = [
 ]
 
 
-@pytest.mark.parametrize(("axis", "value", "verdict"), QUICK)
+SLOW = {
+    "high load",
+    "500 N, 20 N",
+    "10",
+    "5400 N, no friction",
+    "1000 Pa",
+    "average-acceleration, 20 steps, slip and lift-off",
+}
+
+
+@pytest.mark.parametrize(
+    ("axis", "value", "verdict"),
+    [pytest.param(*case, marks=pytest.mark.slow if case[1] in SLOW else ()) for case in MEASURED],
+)
 def test_verdict_of_the_matrix_is_as_measured(axis: str, value: str, verdict: str) -> None:
     found = examine(Case(axis, value, AXES[axis][value]))
     assert found.verdict == verdict, found.why
@@ -78,6 +91,7 @@ def test_full_model_converges_where_average_acceleration_fails() -> None:
 WALL = stability_matrix.WALL
 
 
+@pytest.mark.slow
 def test_peak_force_estimate_of_a_resolved_impact_covers_the_error() -> None:
     soft = examine(
         Case("impact", "soft", (*WALL, "contacts.0.gap=0.1", "contacts.0.normal_stiffness=1e4"))
@@ -86,13 +100,15 @@ def test_peak_force_estimate_of_a_resolved_impact_covers_the_error() -> None:
     assert 0.0 < soft.force_error < soft.force_estimate < 0.2
 
 
-def test_peak_force_of_an_unresolved_impact_is_unknown() -> None:
+@pytest.mark.slow
+def test_unresolved_impact_does_not_settle_and_its_peak_force_is_unknown() -> None:
     stiff = examine(
         Case("impact", "stiff", (*WALL, "contacts.0.gap=0.15", "contacts.0.normal_stiffness=1e8"))
     )
     assert stiff.force_estimate == np.inf
-    assert stiff.verdict is CONVERGED, stiff.why
-    assert "peak force is unknown" in stiff.why
+    assert stiff.verdict is Verdict.UNSTEADY, stiff.why
+    assert stiff.periods == 100 and not stiff.steady
+    assert stiff.imbalance is not None and stiff.imbalance < 1e-9
 
 
 def distorted(folder: Path, shift: float) -> Finding:

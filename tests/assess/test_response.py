@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first
+from support import beam_scene, first, linear_model
 
-from fenicsrom.assess.response import Response, judged_multiplier, response
+from fenicsrom.assess.response import Response, family_of, judged_multiplier, response
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import load_histories
@@ -147,6 +148,46 @@ def test_interrupt_keeps_the_part_that_is_done() -> None:
     (curve,) = found.curves
     assert len(curve.points) == 2
     assert curve.pieces[0].reason == "interrupted"
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("frequency", 3.5),
+        ("loads.0.force", 70.0),
+        ("material.mass_damping", 2.0),
+        ("contacts.1.preload", 30.0),
+        ("contacts.1.gap", 1e-3),
+        ("contacts.1.normal_stiffness", 3e4),
+        ("contacts.1.tangential_stiffness", 3e4),
+        ("contacts.1.friction", 0.1),
+    ],
+)
+def test_family_gives_the_problem_of_the_changed_scene(parameter: str, value: float) -> None:
+    place = {"group": "tip", "normal_stiffness": 1e4, "tangential_stiffness": 2e4, "friction": 0.3}
+    wall = place | {"normal": [1.0, 0.0], "preload": 5.0}
+    round_one = place | {"surface": {"kind": "cylinder", "point": [0.0, 0.0]}, "gap": 2e-3}
+    table = {"parameter": parameter, "first": 0.5 * value, "last": value}
+    other = wall if parameter == "contacts.1.preload" else round_one
+    scene = beam_scene(2, contacts=[wall, other], response=table)
+    points = first(4, 4)[0]._replace(
+        tributary_area=np.array([1.0, 0.25]), position=np.array([[2.0, 0.0], [2.0, 0.1]])
+    )
+    model = linear_model(np.eye(4), np.eye(4), loads=np.ones((4, 1)), masters=4)._replace(
+        points=points, load_histories=load_histories(scene)
+    )
+    stored = StoredModel(model, scene, "rubin", tuple("abcd"), 9, np.ones(1), {})
+    key = "loads.0.frequency" if parameter == "frequency" else parameter
+    wanted = stored.with_overrides([f"{key}={value}"])
+    problem = family_of(stored)(value)
+    assert problem.period == pytest.approx(wanted.scene.period, rel=1e-14)
+    assert problem.model.damping == wanted.model.damping or parameter != "material.mass_damping"
+    np.testing.assert_allclose(
+        problem.model.load_histories.sines, wanted.model.load_histories.sines, rtol=1e-14
+    )
+    expected = contacts_of(wanted.scene, points)
+    for name, found, right in zip(expected._fields, problem.contacts, expected, strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-14, err_msg=name)
 
 
 @pytest.fixture

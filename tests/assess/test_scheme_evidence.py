@@ -29,6 +29,7 @@ def smooth() -> Series:
     return scheme_errors.series("smooth", model, scene, STEPS, (1e-3,), reference=6400)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("measure", ["path", "cycle"])
 def test_every_scheme_is_of_second_order_on_a_smooth_problem(
@@ -37,6 +38,7 @@ def test_every_scheme_is_of_second_order_on_a_smooth_problem(
     assert smooth.order(scheme, measure) == pytest.approx(2.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_amplitude_error_matches_the_exact_oscillator(smooth: Series) -> None:
     """That of a shaken oscillator is known; what is compared with is near enough to it."""
     model, scene, _ = oscillator()
@@ -49,6 +51,7 @@ def test_amplitude_error_matches_the_exact_oscillator(smooth: Series) -> None:
     assert smooth.agreement.amplitude is not None and smooth.agreement.amplitude < 1e-6
 
 
+@pytest.mark.slow
 def test_refused_run_appears_in_brackets(smooth: Series) -> None:
     for scheme in SCHEMES:
         six, *others = smooth.of(scheme)
@@ -93,6 +96,7 @@ def test_run_without_motion_keeps_its_reason(monkeypatch: pytest.MonkeyPatch) ->
     )
 
 
+@pytest.mark.slow
 def test_tolerance_replaces_the_steps(smooth: Series) -> None:
     """And no setting of another scheme is left over."""
     adaptive = [run for run in smooth.runs if run.tolerance is not None]
@@ -229,6 +233,7 @@ def test_errors_compare_equal_instants() -> None:
     assert errors.amplitude is not None and errors.amplitude > 1e-4
 
 
+@pytest.mark.slow
 def test_write_makes_report_and_files(smooth: Series, tmp_path: Path) -> None:
     files = scheme_report.write([smooth, Series("none", failure="it <cannot>")], tmp_path)
     names = ["report.html", "schemes.json", "schemes.csv", "schemes.png"]

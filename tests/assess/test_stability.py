@@ -37,7 +37,15 @@ def test_full_model_and_beam_are_judged() -> None:
         assert found.basis_estimate is None
 
 
-@pytest.mark.parametrize("name", ["open_2d", "slip_liftoff_2d", "stick_slip_2d", "high_load_2d"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "open_2d",
+        "slip_liftoff_2d",
+        pytest.param("stick_slip_2d", marks=pytest.mark.slow),
+        pytest.param("high_load_2d", marks=pytest.mark.slow),
+    ],
+)
 def test_fifty_steps_per_period_are_within_two_percent(name: str) -> None:
     """Of the amplitude at 3200 steps, on the paper's four cases: measured 0.01, 0.02, 0.16 and 0.25
     %."""
@@ -87,6 +95,14 @@ def test_friction_that_gives_energy_is_unphysical_for_the_discrete_gradient() ->
     gained = replace(motion, friction_dissipation=gift)
     assert "friction" in stability.unphysical(gained, "discrete-gradient")
     assert stability.unphysical(gained, "average-acceleration") == ""
+
+
+def test_peak_force_without_estimate_is_called_unknown() -> None:
+    _, _, motion = oscillator()
+    numbers = {"error": 0.0, "estimate": 0.0, "force_estimate": 0.1}
+    assert stability.verdict_of(motion, motion, numbers) == (Verdict.CONVERGED, "")
+    verdict, why = stability.verdict_of(motion, motion, numbers | {"force_estimate": np.inf})
+    assert verdict is Verdict.CONVERGED and "peak force is unknown" in why
 
 
 def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,6 +171,7 @@ def test_report_holds_every_run_and_what_was_left_out(tmp_path: Path) -> None:
     assert first == "3 runs in 3 s: 1 converged, 0 not steady, 1 refused, 1 silently wrong."
 
 
+@pytest.mark.slow
 def test_command_runs_chosen_axes_and_names_those_left_out(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -63,7 +63,13 @@ def check(motion, amplitude, fraction, tolerance=2e-3):
         assert [found["open"], found["slip"], found["stick"]] == pytest.approx(fraction, abs=0.02)
 
 
-@pytest.mark.parametrize("name", RECOMPUTED)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name != "slip_liftoff_2d" else [])
+        for name in RECOMPUTED
+    ],
+)
 def test_beam_against_the_recomputed_paper(name):
     scene = demo(name, *PAPER)
     motion = simulate(beam.beam_model(scene), scene)
@@ -136,6 +142,7 @@ def test_derivatives_are_needed():
     ] == pytest.approx(87.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_three_dimensions_reduced():
     """157.07 mm is the full 3D model's; the reduced model is within 0.3 % of it."""
     scene = demo("slip_liftoff_3d", *PAPER)

@@ -88,6 +88,7 @@ def test_no_command_is_refused(engine: Path) -> None:
     assert docker_run(engine) == (2, "docker/run: usage: docker/run COMMAND...\n")
 
 
+@pytest.mark.slow
 def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) -> None:
     assert (shared_meshes() / "beam2d.geo").is_file()
     site = tmp_path / "site"
@@ -98,7 +99,10 @@ def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) ->
         (source / name).symlink_to(CHECKOUT / name)
     install = ["python3", "-m", "pip", "install", "--no-deps", "--no-build-isolation", "--quiet"]
     subprocess.run([*install, "--target", site, source], check=True)
-    show = "from fenicsrom.scene.paths import shared_meshes; print(*sorted(p.name for p in shared_meshes().glob('*.geo')))"
+    show = (
+        "from fenicsrom.scene.paths import shared_meshes\n"
+        "print(*sorted(path.name for path in shared_meshes().glob('*.geo')))"
+    )
     found = subprocess.run(
         ["python3", "-c", show],
         cwd=tmp_path,

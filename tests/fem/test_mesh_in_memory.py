@@ -44,7 +44,7 @@ def rectangle() -> Iterator[Any]:
 
 
 def test_mesh_of_gmsh_model_has_its_groups_and_unit(rectangle: Any) -> None:
-    mesh = mesh_from_gmsh_model(MPI.COMM_SELF, 2, scale=0.01)
+    mesh = mesh_from_gmsh_model(2, comm=MPI.COMM_SELF, scale=0.01)
     assert mesh.extent() == pytest.approx(2.0, rel=1e-12)
     assert length_of(mesh, "root") == pytest.approx(1.0, rel=1e-12)
     assert length_of(mesh, "tip") == pytest.approx(1.0, rel=1e-12)
@@ -53,14 +53,14 @@ def test_mesh_of_gmsh_model_has_its_groups_and_unit(rectangle: Any) -> None:
 
 def test_gmsh_model_is_unchanged_after_mesh_was_taken(rectangle: Any) -> None:
     before = gmsh.model.mesh.getNodes()[1]
-    mesh_from_gmsh_model(MPI.COMM_SELF, 2)
+    mesh_from_gmsh_model(2, comm=MPI.COMM_SELF)
     assert gmsh.model.getCurrent() == "mine" and gmsh.model.list() == ["", "mine"]
     np.testing.assert_array_equal(gmsh.model.mesh.getNodes()[1], before)
 
 
 def test_gmsh_model_without_open_gmsh_is_refused() -> None:
     with pytest.raises(SceneError) as caught:
-        mesh_from_gmsh_model(MPI.COMM_SELF, 2)
+        mesh_from_gmsh_model(2, comm=MPI.COMM_SELF)
     assert caught.value.kind is ErrorKind.MESH
 
 
@@ -78,7 +78,7 @@ def tagged_square() -> tuple[dolfinx.mesh.Mesh, dolfinx.mesh.MeshTags]:
 
 def test_groups_of_dolfinx_mesh_are_the_tagged_facets() -> None:
     domain, tags = tagged_square()
-    mesh = mesh_from_dolfinx(domain, None, tags, {"root": 7, "ends": (7, 9)})
+    mesh = mesh_from_dolfinx(domain, tags, {"root": 7, "ends": (7, 9)})
     assert length_of(mesh, "root") == pytest.approx(1.0, rel=1e-12)
     assert length_of(mesh, "ends") == pytest.approx(2.0, rel=1e-12)
 
@@ -86,5 +86,5 @@ def test_groups_of_dolfinx_mesh_are_the_tagged_facets() -> None:
 def test_tag_that_dolfinx_mesh_lacks_is_refused() -> None:
     domain, tags = tagged_square()
     with pytest.raises(SceneError) as caught:
-        mesh_from_dolfinx(domain, None, tags, {"root": 8})
+        mesh_from_dolfinx(domain, tags, {"root": 8})
     assert caught.value.kind is ErrorKind.PLACE

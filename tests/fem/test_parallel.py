@@ -26,8 +26,9 @@ method, target = sys.argv[1:]
 push = {"group": "tip", "direction": [0.2, 0.5, 1.0], "force": 40.0}
 shake = {"group": "load", "direction": [0.0, 1.0, 0.0], "force": 20.0, "frequency": 3.2}
 scene = beam_scene(
-    3, ("geometry.parameters.elements_along=8", "geometry.parameters.load_at=0.5", "geometry.parameters.width=0.03",
-        f"basis.method='{method}'", "basis.modes=2", "time.periods=3"),
+    3, ("geometry.parameters.elements_along=8", "geometry.parameters.load_at=0.5",
+        "geometry.parameters.width=0.03", f"basis.method='{method}'", "basis.modes=2",
+        "time.periods=3"),
     loads=[shake, push],
 )
 solid = make_solid(scene)
@@ -39,7 +40,7 @@ force, energy = full.elastic_at(1e-2 * basis.vectors[:, 0])
 
 
 def gathered(block):
-    '''A block (local, k) as a table sorted by position and component: (all, 3 + 1 + k), on rank 0.'''
+    '''On rank 0 a block (local, k) as a table (all, 3 + 1 + k) by position and component.'''
     d = 3
     x = solid.space.tabulate_dof_coordinates()[: solid.local // d]
     rows = np.column_stack([np.repeat(x, d, axis=0).round(9), np.tile(np.arange(d), len(x)), block])
@@ -50,17 +51,22 @@ def gathered(block):
     return rows[np.lexsort(rows[:, 3::-1].T)]
 
 
-everything = [modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force]
+everything = [
+    modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force
+]
 table = gathered(np.column_stack(everything))
 y, unit, compliance = full.solve_effective(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
-known = [modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic]
+known = [
+    modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic
+]
 for other in comm.allgather(known):  # each rank knows the same
     assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
 if comm.rank == 0:
     np.savez(
-        target, ranks=comm.size, table=table, omega=modes.omega, energy=energy, compliance=compliance, mass=model.mass,
-        labels=basis.labels, loads=model.loads, offset=model.contact_offset, condition=modes.flexibility_condition,
-        kept=kept.derivatives, weights=list(kept.weights.values()), **model.elastic._asdict(),
+        target, ranks=comm.size, table=table, omega=modes.omega, energy=energy,
+        compliance=compliance, mass=model.mass, labels=basis.labels, loads=model.loads,
+        offset=model.contact_offset, condition=modes.flexibility_condition, kept=kept.derivatives,
+        weights=list(kept.weights.values()), **model.elastic._asdict(),
     )
 """
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.study import stages as plan
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
@@ -35,13 +34,14 @@ from support import (
 
 from fenicsrom.assess import campbell as diagram
 from fenicsrom.cli import main
-from fenicsrom.errors import ConvergenceError, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full import FullModel
 from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, scene_table
+from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ PUSH = [
 ]
 
 
-def gyroscopic_matrix(
+def rotating_scene(
     dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
 ) -> Any:
     """A short turning beam on a tiny mesh."""
@@ -82,7 +82,7 @@ def gyroscopic_matrix(
 
 @pytest.fixture(scope="module", params=[2, 3])
 def spun(request: pytest.FixtureRequest) -> Any:
-    return make_solid(gyroscopic_matrix(request.param))
+    return make_solid(rotating_scene(request.param))
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
     """u = x a: integrals over the box are closed forms."""
-    solid = make_solid(gyroscopic_matrix(dimension))
+    solid = make_solid(rotating_scene(dimension))
     omega = 4000.0 / RPM
     axis = np.array([0.6, 0.0, 0.8] if dimension == 3 else [0.0, 0.0, 1.0])
     point, a, b = (
@@ -193,18 +193,18 @@ def test_gyroscopic_matrix_is_skew_and_grows_with_the_speed(spun: Any) -> None:
     )
 
 
-def test_nothing_of_it_without_rotation(tiny_still: Any) -> None:
+def test_scene_without_rotation_has_no_rotating_frame(tiny_still: Any) -> None:
     assert tiny_still.rotation is None and tiny_still.gyroscopic is None
     assert not tiny_still.loaded
     assert projected_gyroscopic(tiny_still, np.zeros((tiny_still.local, 2))).shape == (0, 0)
-    stages = {stage.name: stage for stage in plan(scene_of(tiny_still))}
+    needed = {item.name: item.needed for item in plan(scene_of(tiny_still))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert not stages[name].runs
-    stages = {stage.name: stage for stage in plan(gyroscopic_matrix(3))}
+        assert not needed[name]
+    needed = {item.name: item.needed for item in plan(rotating_scene(3))}
     for name in ("rotating frame", "gyroscopic term", "static equilibrium"):
-        assert stages[name].runs
-    quiet = gyroscopic_matrix(3, "rotation.coriolis=false")
-    assert {stage.name: stage.runs for stage in plan(quiet)}["gyroscopic term"] is False
+        assert needed[name]
+    quiet = rotating_scene(3, "rotation.coriolis=false")
+    assert {item.name: item.needed for item in plan(quiet)}["gyroscopic term"] is False
     assert make_solid(quiet).gyroscopic is None
 
 
@@ -217,7 +217,7 @@ def tiny_still() -> Any:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.3])
-def test_spinning_rod(slender: Any, speed: float) -> None:
+def test_spinning_rod_stretches_as_the_boundary_value_problem(slender: Any, speed: float) -> None:
     """k L = `speed`, k^2 = rho Omega^2 / E: (S (1 + u'))' + k^2 (x + u) = 0, S = u' + u'^2/2, u(0)
     = 0 = S(L).
 
@@ -247,8 +247,8 @@ def test_spinning_rod(slender: Any, speed: float) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> None:
-    scene = gyroscopic_matrix(
+def test_equilibrium_at_speed_balances_and_is_independent_of_the_path(dimension: int) -> None:
+    scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in PUSH]
     )
     solid = make_solid(scene)
@@ -276,7 +276,7 @@ def test_equilibrium_holds_and_does_not_depend_on_the_way(dimension: int) -> Non
 
 def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
     nonlinear, linear = (
-        make_solid(gyroscopic_matrix(3, f"geometrically_nonlinear={word}", loads=PUSH))
+        make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
         for word in ("true", "false")
     )
     np.testing.assert_array_equal(linear.equilibrium, nonlinear.equilibrium)
@@ -295,20 +295,20 @@ def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
     )
 
 
-def test_an_equilibrium_that_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -> None:
     from fenicsrom.fem import solid
 
     monkeypatch.setattr(solid, "STATIC_ITERATIONS", 1)
     with pytest.raises(
         ConvergenceError, match="beyond 0 % of the load and of the centrifugal force"
     ):
-        make_solid(gyroscopic_matrix(2))
+        make_solid(rotating_scene(2))
 
 
 # ------------------------------------------------------------------ frequencies
 
 
-def test_rotating_cantilever(slender: Any) -> None:
+def test_rotating_cantilever_matches_beam_theory(slender: Any) -> None:
     worst = 0.0
     for eta, flap in zip(ETA, FLAP, strict=True):
         slender.spin(eta * UNIT)
@@ -332,7 +332,7 @@ def test_rotating_cantilever(slender: Any) -> None:
 @pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
-    scene = gyroscopic_matrix(
+    scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
     )
     solid = make_solid(scene)
@@ -371,7 +371,7 @@ def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method:
     )
 
 
-def test_shaft_whirls(tmp_path: Path) -> None:
+def test_whirling_shaft_splits_its_frequencies_by_the_speed(tmp_path: Path) -> None:
     """A square shaft turning about its own axis: omega_0 - Omega and omega_0 + Omega in the turning
     frame."""
     still = {"speed_rpm": 0.0, "axis": [1.0, 0.0, 0.0], "coriolis": True}
@@ -394,7 +394,7 @@ def test_shaft_whirls(tmp_path: Path) -> None:
     assert critical.frequency_hz == pytest.approx(0.5 * first, rel=1e-4)
 
 
-def test_complex_modes_solve_the_whole_problem(spun: Any) -> None:
+def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
     """Against all eigenvalues of the dense matrices of the mesh."""
     keep = free_unknowns(spun)
     mass, stiffness, gyroscopic = (
@@ -422,7 +422,7 @@ def test_complex_modes_solve_the_whole_problem(spun: Any) -> None:
 
 
 @pytest.mark.parametrize("complex_shapes", [False, True])
-def test_modes_are_followed_through_a_meeting(complex_shapes: bool) -> None:
+def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     """Two modes of one frequency, returned as any combination of one another, are told apart by
     what they were before."""
     rng = np.random.default_rng(4)
@@ -449,7 +449,7 @@ def test_modes_are_followed_through_a_meeting(complex_shapes: bool) -> None:
     np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
 
 
-def test_modes_are_followed_through_a_crossing() -> None:
+def test_crossing_modes_are_followed() -> None:
     """Two bending modes of a flat beam, out of and in the plane of rotation, cross as the first
     stiffens: shapes keep apart."""
     sizes = (
@@ -497,10 +497,10 @@ def world() -> Any:
 
 
 @pytest.mark.parametrize("coriolis", [False, True])
-def test_a_body_pushed_inwards_buckles(coriolis: bool) -> None:
+def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
     """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
     table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
-    scene = gyroscopic_matrix(
+    scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
     )
     found = diagram.campbell(scene, world(), lambda line: None)
@@ -512,10 +512,11 @@ def test_a_body_pushed_inwards_buckles(coriolis: bool) -> None:
     assert (
         0.0 < found.frequencies_hz[1, 0] < found.frequencies_hz[0, 0] and found.squares[2, 0] < 0.0
     )
-    assert found.warnings == ["mode 1 has omega^2 <= 0 at 5000 rpm: unstable"]
+    (warning,) = found.warnings
+    assert warning.startswith("mode 1 has omega^2 <= 0 at 5000 rpm")
 
 
-def test_the_reduced_model_moves_as_the_full_one(small: Path, tmp_path: Path) -> None:
+def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Path) -> None:
     """At speed the tip swings by more than the beam's height: by the polynomial about the spinning
     state, and on the mesh."""
     shake = [
@@ -549,79 +550,68 @@ def test_the_reduced_model_moves_as_the_full_one(small: Path, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("dimension", "rotation", "sentence"),
+    ("dimension", "rotation", "kind", "key"),
     [
-        (
-            2,
-            {"speed_rpm": 1.0, "axis": [0.0, 1.0]},
-            "rotation.axis = .*must not be given in two dimensions",
-        ),
-        (3, {"speed_rpm": 1.0}, "rotation.axis is missing: must be a vector along the axis"),
-        (3, {"speed_rpm": 1.0, "axis": [0.0, 1.0]}, "rotation.axis = .*must have 3 components"),
-        (3, {"speed_rpm": 1.0, "axis": [0.0, 0.0, 0.0]}, "rotation.axis = .*length above zero"),
-        (
-            2,
-            {"speed_rpm": 1.0, "point": [0.0, 1.0, 0.0]},
-            "rotation.point = .*must have 2 components",
-        ),
-        (2, {"speed_rpm": float("nan")}, "rotation.speed_rpm = NaN: must be a finite number"),
-        (2, {"point": [0.0, 1.0]}, "rotation.speed_rpm is missing"),
-        (2, {"speed_rpm": 1.0, "coriolis": 1}, "rotation.coriolis = 1: must be true or false"),
-        (2, {"speed": 1.0}, "rotation.speed = 1.0: unknown key, did you mean speed_rpm"),
+        (2, {"speed_rpm": 1.0, "axis": [0.0, 1.0]}, ErrorKind.CONFLICT, "axis"),
+        (3, {"speed_rpm": 1.0}, ErrorKind.MISSING, "axis"),
+        (3, {"speed_rpm": 1.0, "axis": [0.0, 1.0]}, ErrorKind.CONFLICT, "axis"),
+        (3, {"speed_rpm": 1.0, "axis": [0.0, 0.0, 0.0]}, ErrorKind.RANGE, "axis"),
+        (2, {"speed_rpm": 1.0, "point": [0.0, 1.0, 0.0]}, ErrorKind.CONFLICT, "point"),
+        (2, {"speed_rpm": float("nan")}, ErrorKind.RANGE, "speed_rpm"),
+        (2, {"point": [0.0, 1.0]}, ErrorKind.MISSING, "speed_rpm"),
+        (2, {"speed_rpm": 1.0, "coriolis": 1}, ErrorKind.TYPE, "coriolis"),
+        (2, {"speed": 1.0}, ErrorKind.UNKNOWN_KEY, "speed"),
     ],
 )
-def test_rotations_that_are_refused(dimension: int, rotation: Any, sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
+def test_wrong_rotation_is_refused(
+    dimension: int, rotation: Any, kind: ErrorKind, key: str
+) -> None:
+    with pytest.raises(SceneError) as caught:
         beam_scene(dimension, rotation=rotation)
+    assert (caught.value.kind, caught.value.key) == (kind, f"rotation.{key}")
 
 
 @pytest.mark.parametrize(
-    ("table", "sentence"),
+    ("table", "kind", "key"),
     [
-        ({"speeds_rpm": [0.0]}, "must be a list of at least two speeds"),
-        (
-            {"speeds_rpm": [0.0, 100.0, 100.0]},
-            r"campbell.speeds_rpm\[2\] = 100.0: must be above the speed before it, 100",
-        ),
-        (
-            {"speeds_rpm": [-1.0, 100.0]},
-            r"campbell.speeds_rpm\[0\] = -1.0: must be a finite number of at least 0",
-        ),
-        ({"speeds_rpm": {"first": 0.0, "last": 9.0}}, "campbell.speeds_rpm.number is missing"),
+        ({"speeds_rpm": [0.0]}, ErrorKind.TYPE, "speeds_rpm"),
+        ({"speeds_rpm": [0.0, 100.0, 100.0]}, ErrorKind.RANGE, "speeds_rpm[2]"),
+        ({"speeds_rpm": [-1.0, 100.0]}, ErrorKind.RANGE, "speeds_rpm[0]"),
+        ({"speeds_rpm": {"first": 0.0, "last": 9.0}}, ErrorKind.MISSING, "speeds_rpm.number"),
         (
             {"speeds_rpm": {"first": 9.0, "last": 9.0, "number": 3}},
-            "campbell.speeds_rpm.last = 9.0: must be above first, 9",
+            ErrorKind.RANGE,
+            "speeds_rpm.last",
         ),
-        ({"modes": 0}, "campbell.modes = 0"),
-        ({"engine_orders": []}, "campbell.engine_orders"),
-        (
-            {"engine_orders": [1, 1]},
-            r"campbell.engine_orders\[1\] = 1: must not stand in the list twice",
-        ),
+        ({"modes": 0}, ErrorKind.RANGE, "modes"),
+        ({"engine_orders": []}, ErrorKind.TYPE, "engine_orders"),
+        ({"engine_orders": [1, 1]}, ErrorKind.RANGE, "engine_orders[1]"),
     ],
 )
-def test_diagrams_that_are_refused(table: Any, sentence: str) -> None:
-    with pytest.raises(SceneError, match=sentence):
+def test_wrong_campbell_table_is_refused(table: Any, kind: ErrorKind, key: str) -> None:
+    with pytest.raises(SceneError) as caught:
         beam_scene(2, rotation={"speed_rpm": 100.0}, campbell=table)
+    assert (caught.value.kind, caught.value.key) == (kind, f"campbell.{key}")
 
 
-def test_scene_comes_back_from_its_table() -> None:
-    scene = gyroscopic_matrix(3, campbell={"speeds_rpm": {"first": 0.0, "last": 9.0, "number": 4}})
+def test_rotating_scene_survives_its_table() -> None:
+    scene = rotating_scene(3, campbell={"speeds_rpm": {"first": 0.0, "last": 9.0, "number": 4}})
     assert scene.campbell.speeds_rpm == (0.0, 3.0, 6.0, 9.0)
     assert scene.rotation.omega == pytest.approx(4000.0 * 2.0 * np.pi / 60.0)
     assert parse_scene(json.loads(json.dumps(scene_table(scene))), "test", None) == scene
-    assert gyroscopic_matrix(2).rotation.point == (-0.2, 0.1)
+    assert rotating_scene(2).rotation.point == (-0.2, 0.1)
     assert beam_scene(2, rotation={"speed_rpm": 1.0}).rotation.point == (0.0, 0.0)
     other = replace(scene, rotation=replace(scene.rotation, speed_rpm=1.0))
     assert changed_key(scene, other) == "rotation"  # a stored model is of one speed
 
 
-def test_beam_model_does_not_turn() -> None:
+def test_beam_model_with_rotation_is_refused() -> None:
     section = {"length": 1.0, "height": 0.1, "width": 0.1, "load_at": 0.5}
-    with pytest.raises(SceneError, match=r"reference.beam = true: must be false with \[rotation\]"):
+    with pytest.raises(SceneError) as caught:
         beam_scene(
             2, rotation={"speed_rpm": 1.0}, reference={"beam": True, "beam_section": section}
         )
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "reference.beam")
 
 
 SMALL_SCENE = """
@@ -662,7 +652,9 @@ def small(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("coriolis", ["false", "true"])
-def test_campbell_command(small: Path, tmp_path: Path, capsys: Any, coriolis: str) -> None:
+def test_campbell_command_writes_its_files(
+    small: Path, tmp_path: Path, capsys: Any, coriolis: str
+) -> None:
     folder = tmp_path / "out"
     assert (
         main(
@@ -711,7 +703,7 @@ def test_campbell_command(small: Path, tmp_path: Path, capsys: Any, coriolis: st
     )
 
 
-def test_campbell_command_says_no(small: Path, tmp_path: Path, capsys: Any) -> None:
+def test_campbell_command_refuses_wrong_scenes(small: Path, tmp_path: Path, capsys: Any) -> None:
     def refused(*overrides: str) -> str:
         options = [word for override in overrides for word in ("--set", override)]
         assert main(["campbell", str(small), "--output", str(tmp_path / "out"), *options]) == 2
@@ -719,17 +711,14 @@ def test_campbell_command_says_no(small: Path, tmp_path: Path, capsys: Any) -> N
         assert last.startswith("fenicsrom: ")
         return last
 
-    expected = (
-        "campbell.speeds_rpm is missing: must be speeds, as rotation.speed_rpm is not above 0"
-    )
-    assert expected in refused("rotation.speed_rpm=0")
-    assert "campbell.modes = 500: must be at most" in refused("campbell.modes=500")
+    assert "campbell.speeds_rpm is missing" in refused("rotation.speed_rpm=0")
+    assert "campbell.modes = 500" in refused("campbell.modes=500")
     assert "rotation.axis" in refused("rotation.axis=[1.0, 0.0]")
     small.write_text(SMALL_SCENE.replace("[rotation]\nspeed_rpm = 3000.0\n", ""))
-    assert "rotation is missing: must be a table with the axis" in refused()
+    assert "rotation is missing" in refused()
 
 
-def test_campbell_keeps_what_it_found(
+def test_campbell_writes_the_speeds_before_a_failure(
     small: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from fenicsrom.fem.solid import Solid
@@ -758,12 +747,15 @@ import sys
 import numpy as np
 from mpi4py import MPI
 from support import enriched
-from test_rotation import PUSH, make_solid, turning
+from test_rotation import PUSH, make_solid, rotating_scene
 from fenicsrom.assess import campbell
 from fenicsrom.reduction.projection import project, projected_gyroscopic
 
 comm = MPI.COMM_WORLD
-scene = turning(3, "geometry.parameters.elements_along=6", loads=PUSH, campbell={"speeds_rpm": [0.0, 2000.0, 4000.0], "modes": 3})
+scene = rotating_scene(
+    3, "geometry.parameters.elements_along=6", loads=PUSH,
+    campbell={"speeds_rpm": [0.0, 2000.0, 4000.0], "modes": 3},
+)
 solid = make_solid(scene)
 modes, _, basis = enriched(solid, "rubin", 2)
 model = project(solid, basis)
@@ -776,8 +768,9 @@ for other in comm.allgather(known):  # each rank knows the same
     assert all(np.array_equal(a, b) for a, b in zip(other, known, strict=True))
 if comm.rank == 0:
     np.savez(
-        sys.argv[1], ranks=comm.size, omega=modes.omega, labels=basis.labels, gyroscopic=np.abs(gyroscopic), energy=energy,
-        largest=largest, diagram=found.frequencies_hz, mac=found.mac,
+        sys.argv[1], ranks=comm.size, omega=modes.omega, labels=basis.labels,
+        gyroscopic=np.abs(gyroscopic), energy=energy, largest=largest,
+        diagram=found.frequencies_hz, mac=found.mac,
         **{name: np.abs(values) for name, values in model.elastic._asdict().items()},
     )
 """
@@ -785,7 +778,7 @@ if comm.rank == 0:
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks_give_the_same(tmp_path: Path) -> None:
+def test_two_ranks_give_the_same_rotating_model(tmp_path: Path) -> None:
     results = []
     for ranks in (1, 2):
         target = tmp_path / f"{ranks}.npz"

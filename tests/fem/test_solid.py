@@ -356,8 +356,10 @@ def test_contact_that_is_there_twice_is_refused() -> None:
 def test_piece_without_support_is_refused(tmp_path: Path) -> None:
     geo = tmp_path / "two.geo"
     geo.write_text(
-        'SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1}; Rectangle(2) = {2, 0, 0, 1, 1};\n'
-        'Physical Surface("solid") = {1, 2}; Physical Curve("root") = {4}; Physical Curve("tip") = {2};\n'
+        'SetFactory("OpenCASCADE");\n'
+        "Rectangle(1) = {0, 0, 0, 1, 1}; Rectangle(2) = {2, 0, 0, 1, 1};\n"
+        'Physical Surface("solid") = {1, 2};\n'
+        'Physical Curve("root") = {4}; Physical Curve("tip") = {2};\n'
         "Mesh.MeshSizeMax = 0.5;\n"
     )
     geometry = {"mesh": str(geo), "dimension": 2, "thickness": 1.0, "cells": "simplex"}

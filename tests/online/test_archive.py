@@ -56,7 +56,7 @@ def test_scene_and_overrides_give_the_same_motion(stored: StoredModel) -> None:
     assert by_overrides.scene.time.steps_per_period is None
     motion = stored.simulate(by_overrides.scene)
     np.testing.assert_array_equal(motion.displacement, by_overrides.simulate().displacement)
-    assert stored.scene.loads[0].force == 111.0  # the stored model stays as it was
+    assert stored.scene.loads[0].size == 111.0  # the stored model stays as it was
 
 
 def test_scene_of_another_model_is_refused(stored: StoredModel) -> None:

@@ -102,7 +102,7 @@ def test_error_of_oscillator_is_of_second_order(scheme: str) -> None:
     steps = np.array([100, 200, 400])
     exact = np.array([np.cos(4 * OMEGA), np.sin(4 * OMEGA)])
     errors = [np.abs(end(oscillate(scheme, n)) - exact).max() for n in steps]
-    assert slope(1 / steps, errors) == pytest.approx(2.0, abs=0.05)
+    assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.05)
     assert errors[-1] < 1e-2
 
 
@@ -205,7 +205,7 @@ def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
 def test_steady_state_with_adaptive_step_is_detected(tolerance: float) -> None:
     """Though its steps are not the same in every period."""
-    _, limit = forced(steps_per_period=100_000, periods=1, steady_tolerance=1.0)
+    _, limit = forced(steps_per_period=100_000, periods=1, steady_tolerance=0.5)
     motion, _ = forced(tolerance=tolerance, periods=60, steady_tolerance=1e-6)
     assert motion.steady
     assert abs(amplitude(motion) - limit) < tolerance ** (2 / 3) * abs(limit)
@@ -232,6 +232,7 @@ def test_energy_over_ten_thousand_steps_is_constant() -> None:
     assert abs(motion.elastic[0] / linear - 1) > 0.1  # and far
 
 
+@pytest.mark.slow
 def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
     """To 1e-10, at steps of a tenth and of a third of a radian of the fastest mode; compiled."""
     model = random_model(3, seed=3)
@@ -243,7 +244,7 @@ def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
         assert np.ptp(motion.kinetic) > 0.3 * energy[0]
 
 
-@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+@pytest.mark.parametrize("method", ["rubin", pytest.param("craig-bampton", marks=pytest.mark.slow)])
 def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None:
     from fenicsrom.reduction.projection import project
 
@@ -316,7 +317,7 @@ def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
     for n in steps:
         motion = integrate(model, FREE, fixed_steps(scheme, n, 6.0), None, dimension=2, start=START)
         errors.append(np.abs(end(motion) - exact).max())
-    assert slope(1 / steps, errors) == pytest.approx(2.0, abs=0.15)
+    assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.15)
     assert errors[-1] < 2e-3
 
 
@@ -339,7 +340,7 @@ def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
         )
         assert np.count_nonzero(np.diff(motion.state[:, 0] == OPEN)) >= 4
         errors.append(np.abs(end(motion) - exact).max())
-    assert slope(1 / steps, errors) == pytest.approx(2.0, abs=0.25)
+    assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.25)
 
 
 def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
@@ -458,10 +459,10 @@ def test_ledger_of_discrete_gradient_closes_in_every_step() -> None:
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "generalised-alpha"])
 def test_ledger_of_other_schemes_closes_with_the_step(scheme: str) -> None:
-    steps = np.array([100, 140, 200, 280, 400, 560, 800])
+    steps = [100, 140, 200, 280, 400, 560, 800]
     errors = [ledger(scheme, n) for n in steps]
     assert errors[-1] < 1e-3
-    assert slope(1 / steps, errors) == pytest.approx(2.0, abs=0.4)
+    assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.4)
 
 
 def test_kept_coordinates_are_those_of_the_last_period() -> None:
@@ -630,7 +631,7 @@ def test_progress_is_called_after_each_period() -> None:
 def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
     model, contacts = rubbing()
     answers = iter([False, True])
-    time = Time(periods=5, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=5, steady_tolerance=0.0, steps_per_period=40)
     with pytest.raises(Interrupted) as stopped:
         integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: next(answers))
     partial = stopped.value.partial
@@ -644,7 +645,7 @@ def test_stop_ends_the_run_after_a_period_and_keeps_the_motion() -> None:
 
 def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
     model, contacts = rubbing()
-    time = Time(duration=50.0, step=0.01)
+    time = Time.of(duration=50.0, step=0.01)
     with pytest.raises(Interrupted) as stopped:
         integrate(model, contacts, time, None, dimension=2, stop=lambda: True)
     assert stopped.value.partial.steps == 4096
@@ -652,7 +653,7 @@ def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
 
 def test_stop_is_not_asked_at_the_end_of_a_run() -> None:
     model, contacts = rubbing()
-    time = Time(periods=1, steady_tolerance=0.0, steps_per_period=40)
+    time = Time.of(periods=1, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)
     assert motion.periods == 1
 

@@ -142,7 +142,7 @@ def test_parts_of_the_model(bent3d: Any) -> None:
     )
     shake, push = bent3d.loads
     for time in (0.0, 0.01):
-        full = bent3d.load_vectors @ [shake.force * np.sin(2 * np.pi * 30.0 * time), push.force]
+        full = bent3d.load_vectors @ [shake.size * np.sin(2 * np.pi * 30.0 * time), push.size]
         np.testing.assert_allclose(model.load(time), basis.vectors.T @ full, rtol=1e-10)
     # at rest in the equilibrium the static load is balanced
     force, _ = model.elastic_at(np.zeros(basis.size))

@@ -19,7 +19,7 @@ from contact_cases import casing
 from support import beam_scene, linear_model, one_contact, random_model
 
 from fenicsrom.cli import main
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online import archive, simulate
 from fenicsrom.online import checkpoints as restart
 from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
@@ -126,7 +126,7 @@ def _state(motion: Motion) -> list[Any]:
 @pytest.mark.parametrize(
     "scheme", ["average-acceleration", "generalised-alpha", "discrete-gradient"]
 )
-def test_three_periods_and_four_are_seven(
+def test_run_resumed_after_three_periods_equals_the_whole_run_bit_for_bit(
     scheme: str, settings: dict[str, Any], surface: str, tmp_path: Path
 ) -> None:
     model, contacts = rubbing(surface)
@@ -149,7 +149,7 @@ def test_three_periods_and_four_are_seven(
     assert motion.time[0] == pytest.approx(2 * PERIOD, rel=0.05)
     # more periods than were asked for at first; and that the checkpoint was of use: from rest it is
     # another motion
-    first = replace(wanted, periods=3)
+    first = wanted.changed(periods=3)
     short = integrate(model, contacts, first, PERIOD, dimension=2)
     assert write_checkpoint(tmp_path, model, scene_of(first), short) == [path]
     longer = integrate(
@@ -161,7 +161,9 @@ def test_three_periods_and_four_are_seven(
 @pytest.mark.parametrize(
     "settings", [{"step": 0.01}, {"tolerance": 1e-5}], ids=["fixed", "adaptive"]
 )
-def test_a_run_of_a_duration_goes_on(settings: dict[str, Any], tmp_path: Path) -> None:
+def test_resumed_run_of_a_duration_equals_the_whole_run_bit_for_bit(
+    settings: dict[str, Any], tmp_path: Path
+) -> None:
     model, contacts = rubbing("casing")
     wanted = Time.of(scheme="discrete-gradient", duration=60.0, **settings)
     scene = replace(scene_of(wanted), loads=())
@@ -177,7 +179,7 @@ def test_a_run_of_a_duration_goes_on(settings: dict[str, Any], tmp_path: Path) -
     assert_continued(motion, whole)
 
 
-def test_the_full_model_goes_on_too() -> None:
+def test_resumed_run_of_the_full_model_equals_the_whole_run_bit_for_bit() -> None:
     pytest.importorskip("dolfinx")
     from support import make_solid
 
@@ -214,7 +216,9 @@ def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
     return path, model, scene
 
 
-def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
+def test_checkpoint_of_another_model_or_scene_is_refused(
+    stored: tuple[Path, ReducedModel, Scene],
+) -> None:
     path, model, scene = stored
     load_checkpoint(path, model, scene)
     load_checkpoint(
@@ -222,8 +226,9 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
     )  # those are the scene's
     for name in ("mass", "loads", "contact_rows", "probe"):
         other = model._replace(**{name: np.nextafter(getattr(model, name), 9.0)})
-        with pytest.raises(SceneError, match="another reduced model wrote this checkpoint"):
+        with pytest.raises(SceneError) as refusal:
             load_checkpoint(path, other, scene)
+        assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, "")
     changes = {
         "friction=0.4": "contacts",
         "force=100": "loads",
@@ -240,18 +245,17 @@ def test_another_model_or_scene_is_refused(stored: tuple[Path, ReducedModel, Sce
         else:
             name = key.split(".")[1]
             other = replace(other, time=scene.time.changed(**{name: getattr(other.time, name)}))
-        with pytest.raises(
-            SceneError,
-            match=f"checkpoint.npz: {key} differs from the scene of the run; a run",
-        ):
+        with pytest.raises(SceneError) as refusal:
             load_checkpoint(path, model, other)
+        assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, key)
     for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
-        load_checkpoint(path, model, replace(scene, time=replace(scene.time, **ends)))
-    with pytest.raises(SceneError, match=r"time.periods = 2: the run already reached period 2"):
-        load_checkpoint(path, model, replace(scene, time=replace(scene.time, periods=2)))
+        load_checkpoint(path, model, replace(scene, time=scene.time.changed(**ends)))
+    with pytest.raises(SceneError) as refusal:
+        load_checkpoint(path, model, replace(scene, time=scene.time.changed(periods=2)))
+    assert (refusal.value.kind, refusal.value.key) == (ErrorKind.RANGE, "time.periods")
 
 
-def test_damaged_files_are_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
+def test_damaged_checkpoint_is_refused(stored: tuple[Path, ReducedModel, Scene]) -> None:
     path, model, scene = stored
     sound = path.read_bytes()
     with np.load(path) as file:
@@ -323,19 +327,21 @@ def history(folder: Path) -> dict[str, Any]:
         return {name: file[name] for name in file.files}
 
 
-def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_resumes_from_stored_model_and_from_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With the stored model, and with the scene, whose model is made anew."""
     pytest.importorskip("dolfinx")
     short, long = (["--set", f"time.periods={count}"] for count in (3, 7))
     for folder, periods in (("three", short), ("seven", long)):
         assert main(["run", str(SCENE), "--output", str(tmp_path / folder), *QUICK, *periods]) == 0
-    assert "Resumed" not in capsys.readouterr().out
+    assert "Resumed run" not in capsys.readouterr().out
     resume = ["--resume", str(tmp_path / "three" / "checkpoint.npz")]
     stored = ["--from", str(tmp_path / "three" / "reduced_model.npz")]
     whole = history(tmp_path / "seven")
     for call in ([*stored, *resume, *long], [str(SCENE), *resume, *QUICK, *long]):
         assert main(["run", *call, "--output", str(tmp_path / "on")]) == 0
-        assert "Resumed: what is shown starts at 0.62656" in capsys.readouterr().out
+        assert "Resumed run: the output starts at 0.62656" in capsys.readouterr().out
         found = history(tmp_path / "on")
         assert found["reduced_time"].size == 5 * 200
         for name, array in found.items():
@@ -349,17 +355,25 @@ def test_the_command_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str])
             "--set",
             "contacts.0.friction=0.1",
         ],
-        "--resume needs the model too": resume,
+        "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
         assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
         assert sentence in capsys.readouterr().err
 
 
-def test_terminated_runs_leave_a_checkpoint(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_terminated_run_leaves_a_checkpoint_to_continue(tmp_path: Path) -> None:
     """A long run that is stopped from outside goes on, to the same end."""
     pytest.importorskip("dolfinx")
-    program = "import sys\nfrom fenicsrom import cli\nfrom fenicsrom.online import checkpoints\ncheckpoints.INTERVAL = 0.0\nsys.exit(cli.main(sys.argv[1:]))\n"
+    program = """
+import sys
+from fenicsrom import cli
+from fenicsrom.online import checkpoints
+
+checkpoints.INTERVAL = 0.0
+sys.exit(cli.main(sys.argv[1:]))
+"""
     long = ["--set", "time.periods=100000", "--set", "time.steps_per_period=2000"]
     run = subprocess.Popen(
         [

@@ -18,7 +18,9 @@ needs_xvfb = pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs 
 
 @pytest.mark.slow
 @needs_xvfb
-@pytest.mark.parametrize("cell", ["quadrilateral", "tetrahedron"])
+@pytest.mark.parametrize(
+    "cell", ["quadrilateral", pytest.param("tetrahedron", marks=pytest.mark.slow)]
+)
 def test_shapes_without_display_are_drawn(tmp_path, monkeypatch, cell):
     from matplotlib.image import imread
 
@@ -105,7 +107,10 @@ def swing(space, size, frames=4):
 
 @pytest.mark.slow
 @needs_xvfb
-@pytest.mark.parametrize(("cell", "size"), [("quadrilateral", 0.2), ("tetrahedron", 1e-4)])
+@pytest.mark.parametrize(
+    ("cell", "size"),
+    [("quadrilateral", 0.2), pytest.param("tetrahedron", 1e-4, marks=pytest.mark.slow)],
+)
 def test_animation_without_display_shows_motion_and_states(tmp_path, monkeypatch, cell, size):
     """The tip is where it swings to, in the colour of its state; body and mark move together,
     magnified or not."""
