@@ -9,6 +9,7 @@ A demo without an output folder in `--runs` is run first. Every picture stays be
 from __future__ import annotations
 
 import argparse
+import csv
 import json
 import subprocess
 import sys
@@ -34,6 +35,7 @@ COMMANDS = {
     "blade_modes": "modes",
     "blade_pressed": "run",
     "blade_campbell": "campbell",
+    "response_2d": "response",
     "blade_rub": "run",
 }
 STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#0072B2")}
@@ -283,6 +285,26 @@ def campbell_picture(folder: Path) -> Figure:
     return figure
 
 
+def response_picture(folder: Path) -> Figure:
+    """Draw the amplitudes over the frequency, unstable parts dashed, with their folds."""
+    with open(folder / "response.csv") as file:
+        rows = list(csv.DictReader(file))
+    figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
+    for number, force in enumerate(dict.fromkeys(row["loads.0.force"] for row in rows)):
+        mine = [row for row in rows if row["loads.0.force"] == force]
+        hertz = np.array([float(row["frequency"]) for row in mine])
+        size = 1e3 * np.array([float(row["amplitude_y_m"]) for row in mine])
+        fold = np.array([row["bifurcation"] == "fold" for row in mine])
+        stable = np.array([row["stability"] == "stable" for row in mine])
+        look = {"color": list(SELECTIONS.values())[number], "linewidth": 1.6}
+        axes.plot(hertz, np.where(stable | fold, size, np.nan), **look, label=f"{float(force):g} N")
+        axes.plot(hertz, np.where(~stable | fold, size, np.nan), "--", **look)
+        axes.plot(hertz[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
+    axes.set(xlabel="frequency, Hz", ylabel="amplitude, mm")
+    axes.legend(fontsize=7)
+    return figure
+
+
 def draw_front(axes: Axes, folder: Path) -> None:
     """Draw the error of every basis against its online time, without the full model."""
     data = json.loads((folder / "comparison.json").read_text())
@@ -343,6 +365,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["blade_modes"] = modes_picture(runs / "blade_modes")
         figures["blade_pressed"] = pressed_picture(runs / "blade_pressed")
         figures["blade_campbell"] = campbell_picture(runs / "blade_campbell")
+        figures["response_2d"] = response_picture(runs / "response_2d")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
         figures["compare"] = compare_picture(runs / "compare")
         figures["overview"] = overview_picture(runs)

@@ -1,4 +1,4 @@
-"""The command line: run, plan, modes, compare, campbell, schema and stability.
+"""The command line: run, plan, modes, compare, campbell, response, schema and stability.
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
@@ -187,6 +187,22 @@ def _parser() -> argparse.ArgumentParser:
     )
     campbell.set_defaults(command=_campbell)
 
+    response = commands.add_parser(
+        "response", help="follow periodic motions over a parameter: response curves and stability"
+    )
+    response.add_argument(
+        "scene",
+        nargs="?",
+        help="scene file (TOML); its [response] table gives the parameter and its range",
+    )
+    response.add_argument(
+        "--from",
+        dest="stored",
+        metavar="MODEL",
+        help="take the reduced_model.npz of an earlier run, without a mesh and dolfinx",
+    )
+    response.set_defaults(command=_response)
+
     schema = commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
     schema.add_argument("--output", metavar="FILE", help="write it to this file")
     schema.set_defaults(command=_schema)
@@ -204,7 +220,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     stability.set_defaults(command=_stability)
 
-    for command in (run, plan, modes, compare, campbell, stability):
+    for command in (run, plan, modes, compare, campbell, response, stability):
         command.add_argument(
             "--set",
             action="append",
@@ -214,7 +230,7 @@ def _parser() -> argparse.ArgumentParser:
             help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
             "may be repeated",
         )
-    for command in (run, modes, compare, campbell, stability):
+    for command in (run, modes, compare, campbell, response, stability):
         command.add_argument(
             "--output", metavar="DIR", help="output folder (default: out/NAME of the scene)"
         )
@@ -270,10 +286,7 @@ def _rerun(options: argparse.Namespace) -> int:
     resume = Path(options.resume) if options.resume else None
     if resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
-    if options.scene is not None:
-        current = stored.with_scene(read_scene(options.scene, options.overrides))
-    else:
-        current = stored.with_overrides(options.overrides)
+    current = _stored_model(options, stored)
     model, scene = current.model, current.scene
     folder = _folder(options, options.scene or options.stored)
     folder.mkdir(parents=True, exist_ok=True)
@@ -347,6 +360,58 @@ def _campbell(options: argparse.Namespace) -> int:
         _files(files)
     if found.unfinished:
         comm.barrier()
+        raise found.unfinished
+    return 0
+
+
+def _response(options: argparse.Namespace) -> int:
+    """Compute the response curves of a scene or of a stored model."""
+    if options.stored:
+        return _stored_response(options)
+    if options.scene is None:
+        sentence = "fenicsrom response: give a scene file or --from MODEL"
+        raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
+    comm, say, scene, folder = _start(options)
+    from fenicsrom import study
+
+    found = study.response(scene, comm, say, folder=folder, stop=_is_terminated)
+    return _end_response(found, folder, comm.rank == 0)
+
+
+def _stored_response(options: argparse.Namespace) -> int:
+    """Compute the response curves of a stored model."""
+    from fenicsrom import study
+    from fenicsrom.online import archive
+
+    current = _stored_model(options, archive.load_model(Path(options.stored)))
+    folder = _folder(options, options.scene or options.stored)
+    folder.mkdir(parents=True, exist_ok=True)
+    return _end_response(study.response_of_model(current, _progress), folder, True)
+
+
+def _stored_model(options: argparse.Namespace, stored: Any) -> Any:
+    """Give a stored model under the scene file, or under its own scene with the overrides."""
+    if options.scene is not None:
+        return stored.with_scene(read_scene(options.scene, options.overrides))
+    return stored.with_overrides(options.overrides)
+
+
+def _end_response(found: Any, folder: Path, first_rank: bool) -> int:
+    """Write and print response curves as far as they were found; give the exit code.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError, AccuracyError: a curve was not found.
+    """
+    from fenicsrom.post import response_report
+
+    if found.curves and first_rank:
+        files = response_report.write(found, folder)
+        _results(found.scene, response_report.terminal(found), found.warnings)
+        _files(files)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    if found.unfinished:
         raise found.unfinished
     return 0
 

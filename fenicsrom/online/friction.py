@@ -473,7 +473,14 @@ def friction_force(
             derivative is added to `force_derivative`.
     """
     kt, mu = contacts.tangential_stiffness[p], contacts.friction[p]
-    limits = FrictionLimits(1.0, 0.0, mu * force, mu * force_by_end, mu * force, mu * force_by_end)
+    limits = FrictionLimits(
+        1.0 + 0.0 * force,  # of the same number type as the force, real or complex
+        0.0 * force,
+        mu * force,
+        mu * force_by_end,
+        mu * force,
+        mu * force_by_end,
+    )
     if interval.discrete_gradient:
         limits = friction_limits(mu, before, after, force, force_by_end, scratch.blending[p])
     event = slip_event(kt, interval, limits, scratch)

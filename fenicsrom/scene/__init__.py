@@ -22,6 +22,7 @@ from fenicsrom.scene.loads import (
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.places import Place, Plane, Region, Support
 from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
+from fenicsrom.scene.response import Families, Parameter, Response, parameter_of
 from fenicsrom.scene.schema import (
     Basis,
     BeamSection,
@@ -59,6 +60,7 @@ __all__ = [
     "Contact",
     "Duration",
     "EquilibriumOnly",
+    "Families",
     "FixedStep",
     "Geometry",
     "Harmonic",
@@ -68,6 +70,7 @@ __all__ = [
     "Material",
     "NoStep",
     "Output",
+    "Parameter",
     "Periodic",
     "Place",
     "Plane",
@@ -77,6 +80,7 @@ __all__ = [
     "PulseTable",
     "Reference",
     "Region",
+    "Response",
     "Rotation",
     "Scene",
     "Static",
@@ -92,6 +96,7 @@ __all__ = [
     "json_schema",
     "make_scene",
     "override_table",
+    "parameter_of",
     "parse_scene",
     "read_scene",
     "scene_table",

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.loads import Load, Pulse
 from fenicsrom.scene.places import Place, Region
+from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
 from fenicsrom.scene.tables import plain
 from fenicsrom.scene.times import (
@@ -26,6 +27,7 @@ from fenicsrom.scene.times import (
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 INTERFACE_MODES = 10  # number of interface modes for more points
+MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -63,6 +65,7 @@ def problems(scene: Scene) -> Problems:
         yield Problem("probe", MISSING, f"must be a table in a scene {what}")
     yield from _basis_problems(scene)
     yield from _time_problems(scene)
+    yield from _response_problems(scene)
 
 
 def _acts_at_a_place(load: Load) -> bool:
@@ -315,3 +318,37 @@ def _period_problems(scene: Scene) -> Problems:
         if frequency is not None and abs(math.remainder(frequency, lowest)) > 1e-9 * lowest:
             allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"
             yield Problem(f"loads[{index}].frequency", frequency, allowed)
+
+
+def _response_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [response]."""
+    response = scene.response
+    if response is None:
+        return
+    if scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("response.parameter", response.parameter, allowed)
+    if not response.last > response.first:
+        allowed = f"must be above first, {response.first:g}"
+        yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    table, index, name = parameter_of(response.parameter)
+    if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
+        allowed = f"the scene has {len(getattr(scene, table))} {table}, numbered from 0"
+        yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
+    elif table == "loads":
+        load = scene.loads[index]
+        if load.static or load.kind != name:
+            kind = f"static {load.kind}" if load.static else load.kind
+            allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
+            yield Problem("response.parameter", response.parameter, allowed)
+    if response.first == 0.0 and name not in MAY_BE_ZERO:
+        yield Problem("response.first", response.first, "must be above 0", ErrorKind.RANGE)
+    if table == "contacts" and name == "gap" and _has_radius(scene, index):
+        allowed = "not allowed with surface.radius, which determines the gap"
+        yield Problem("response.parameter", response.parameter, allowed)
+
+
+def _has_radius(scene: Scene, index: int) -> bool:
+    """Whether a contact has a surface of a given radius."""
+    surface = scene.contacts[index].surface if index < len(scene.contacts) else None
+    return surface is not None and surface.radius is not None

@@ -19,6 +19,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.places import Place, Support
+from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
@@ -381,6 +382,7 @@ class Scene:
         output: the files to write.
         compare: the models of `fenicsrom compare`.
         campbell: the diagram of `fenicsrom campbell`.
+        response: the curves of `fenicsrom response`.
         source: the file of the scene.
     """
 
@@ -401,6 +403,7 @@ class Scene:
     output: Annotated[Output, table_of(Output)] = Output()
     compare: Annotated[Compare, table_of(Compare)] = Compare()
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
+    response: Annotated[Response | None, table_of(Response)] = None
     source: str = ""
 
     @property

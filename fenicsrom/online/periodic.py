@@ -1,0 +1,303 @@
+"""Periodic motions by shooting: Newton's method on the period map of the time stepping.
+
+A periodic motion is a root of r(z) = P(z) - z, with P the map of `fenicsrom.online.period_map`. The
+eigenvalues of dP/dz are its Floquet multipliers: the motion is stable if all lie inside the unit
+circle, and loses stability by a fold where a real multiplier passes +1, by period doubling where
+one passes -1, and by a torus bifurcation where a complex pair leaves the circle.
+
+A point that sticks all the time keeps its slider, whatever it is: a multiplier is exactly 1 and
+the motion belongs to a family. Newton's equation is then solved by least squares, which finds the
+member of the family that is nearest to the start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.contact_state import STICK
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.period_map import DONE, PeriodEnd, PeriodMap
+from fenicsrom.online.scheme import scheme
+from fenicsrom.online.state import Checkpoint, Record
+from fenicsrom.online.step_sensitivity import Drift
+from fenicsrom.online.surfaces import Contacts
+
+TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
+ITERATIONS = 30
+SMALLEST_DAMPING = 1.0 / 16.0
+RANK = 1e-8  # singular values of dP/dz - I below this part of the largest count as zero
+STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
+FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicMotion:
+    """A periodic motion.
+
+    Attributes:
+        z: (N,) variables at the start of the period: see `PeriodMap`.
+        period: of the motion, m times that of the loads, s.
+        residuals: relative residual of each Newton iteration.
+        multipliers: (N,) Floquet multipliers, the largest first.
+        verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
+        free_sliders: number of slider components that are not unique.
+        stuck_points: points that stick during the whole period.
+        record: rows of the period.
+        end: the end of the period.
+    """
+
+    z: Array
+    period: float
+    residuals: tuple[float, ...]
+    multipliers: Array
+    verdict: str
+    free_sliders: int
+    stuck_points: tuple[int, ...]
+    record: Record
+    end: PeriodEnd
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is stable."""
+        return self.verdict == "stable"
+
+    @property
+    def displacement(self) -> Array:
+        """(rows, P, d) contact displacement, or (rows, 1, d) of the probe without contact, m."""
+        found: Array = self.record.displacement
+        return found if found.shape[1] else self.record.probe[:, None, :]
+
+    @property
+    def amplitude(self) -> Array:
+        """(P, d) half of peak-to-peak of the displacement, m."""
+        return np.asarray(np.ptp(self.displacement, axis=0) / 2.0)
+
+
+def settled_contacts(contacts: Contacts) -> Contacts:
+    """The contacts after their surfaces have approached the body."""
+    if contacts.times.size == 0:
+        return contacts
+    return contacts._replace(
+        times=contacts.times[-1:].copy(), approach=np.ascontiguousarray(contacts.approach[:, -1:])
+    )
+
+
+class Shooting:
+    """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
+
+    M = L L^T. A slider component is scaled by the square root of the mass that its direction feels,
+    1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        contacts: Contacts,
+        settings: Any,
+        period: float,
+        m: int = 1,
+        fractions: Array | None = None,
+    ):
+        """Make the map and the scales.
+
+        Args:
+            model: the model.
+            contacts: parameters of the contact points.
+            settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+            period: of the loads, s.
+            m: number of periods of the loads in one of the motion.
+            fractions: instants on which the steps land, from 0 to m; equal steps if not given.
+        """
+        steps = settings.steps_per_period or FALLBACK_STEPS
+        grid = np.arange(m * steps + 1) / steps if fractions is None else fractions
+        plan = scheme(settings.scheme, model, settings.spectral_radius or 0.8)
+        self.m, self.model, self.contacts, self.period = m, model, contacts, period
+        self.map = PeriodMap(model, contacts, plan, contacts.centre.shape[1], grid)
+        n, omega = model.size, 2.0 * np.pi / period
+        root = np.linalg.cholesky(model.mass).T
+        give = np.sum(model.contact_rows * np.linalg.solve(model.mass, model.contact_rows.T).T, 1)
+        slider = 1.0 / np.sqrt(np.maximum(give, 1e-300))
+        self._scale = np.zeros((self.map.size, self.map.size))
+        self._unscale = np.zeros_like(self._scale)
+        inverse = np.linalg.inv(root)
+        for k in range(self.map.blocks):
+            part = slice(k * n, (k + 1) * n)
+            self._scale[part, part] = root / omega**k
+            self._unscale[part, part] = inverse * omega**k
+        rest = np.arange(self.map.blocks * n, self.map.size)
+        self._scale[rest, rest] = slider[self.map.memory]
+        self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
+        self._guess: tuple[Array | None, float] = (None, 0.0)
+
+    def scaled(self, z: Array) -> Array:
+        """Scaled variables s."""
+        return np.asarray(self._scale @ z)
+
+    def unscaled(self, s: Array) -> Array:
+        """Variables z."""
+        return np.asarray(self._unscale @ s)
+
+    def march(
+        self,
+        s: Array,
+        model: ReducedModel | None = None,
+        contacts: Contacts | None = None,
+        period: float | None = None,
+        drift: Drift | None = None,
+        *,
+        derive: bool = True,
+    ) -> tuple[Array, Array, Array, PeriodEnd] | None:
+        """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed."""
+        guess, last_step = self._guess
+        status, end = self.map(
+            self.model if model is None else model,
+            self.contacts if contacts is None else contacts,
+            self.period if period is None else period,
+            self.unscaled(s),
+            drift=drift,
+            derive=derive,
+            guess=guess,
+            last_step=last_step,
+        )
+        if status != DONE or not np.all(np.isfinite(end.z)):
+            return None
+        self._guess = end.guess, end.last_step
+        residual = self._scale @ end.z - s
+        if not derive:
+            return residual, end.matrix, end.by_parameter, end
+        return (
+            residual,
+            self._scale @ end.matrix @ self._unscale,
+            self._scale @ end.by_parameter,
+            end,
+        )
+
+
+def start_variables(shooting: Shooting, start: Any) -> Array:
+    """The variables z of a start: a `Checkpoint`, (q, v, sliders), or z itself."""
+    pmap = shooting.map
+    if isinstance(start, Checkpoint):
+        state = start.state
+        shooting._guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
+        return pmap.pack(state.q, state.v, state.a, state.contact.slider)
+    if isinstance(start, tuple):
+        q, v, sliders = start
+        return pmap.pack(q, v, np.zeros_like(q), sliders)
+    return np.array(start, dtype=np.float64)
+
+
+def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
+    """The shortest solution of a square system, and how many of its directions are free."""
+    u, sigma, vt = np.linalg.svd(matrix)
+    keep = sigma > RANK * sigma[0]
+    return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
+
+
+def floquet(matrix: Array, free: int) -> tuple[Array, str]:
+    """Multipliers (N,) of a monodromy matrix, the largest first, and the verdict.
+
+    The `free` multipliers nearest to 1 belong to sliders that are not unique and do not count.
+    """
+    found = np.linalg.eigvals(matrix)
+    found = found[np.argsort(-np.abs(found))]
+    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[:free])
+    if judged.size == 0 or abs(judged[0]) <= 1.0 + STABLE_WITHIN:
+        return found, "stable"
+    worst = judged[0]
+    if abs(worst.imag) > 1e-9 * abs(worst):
+        return found, "torus"
+    return found, "fold" if worst.real > 0.0 else "period doubling"
+
+
+def stuck_points(record: Record) -> tuple[int, ...]:
+    """Points that stick during the whole period."""
+    return tuple(int(p) for p in np.flatnonzero(np.all(record.state == STICK, axis=0)))
+
+
+def periodic_motion(
+    model: ReducedModel,
+    contacts: Contacts,
+    settings: Any,
+    period: float,
+    start: Any,
+    m: int = 1,
+    *,
+    tolerance: float = TOLERANCE,
+    fractions: Array | None = None,
+) -> PeriodicMotion:
+    """Find a periodic motion near a start by Newton's method.
+
+    Args:
+        model: the model.
+        contacts: parameters of the P contact points; surfaces are where their approach ends.
+        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+        period: of the loads, s.
+        start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
+            (q (n,), v (n,), sliders (P, d)) or variables z (N,).
+        m: number of periods of the loads in one of the motion.
+        tolerance: of the residual relative to the variables.
+        fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
+            steps if not given.
+
+    Raises:
+        ConvergenceError: no periodic motion was found; `partial` holds the residuals.
+    """
+    shooting = Shooting(model, settled_contacts(contacts), settings, period, m, fractions)
+    return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
+
+
+def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> PeriodicMotion:
+    """Damped Newton from scaled variables s (N,); arguments and errors as `periodic_motion`."""
+    found = shooting.march(s)
+    residuals: list[float] = []
+    for _ in range(ITERATIONS):
+        if found is None:
+            break
+        residual, matrix, _, end = found
+        size = float(np.linalg.norm(residual))
+        residuals.append(size / max(float(np.linalg.norm(s)), 1e-300))
+        if residuals[-1] <= tolerance:
+            return _motion(shooting, s, matrix, end, residuals)
+        step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
+        damping, best = 1.0, None
+        while damping >= SMALLEST_DAMPING:
+            trial = shooting.march(s + damping * step)
+            if trial is not None:
+                ahead = float(np.linalg.norm(trial[0]))
+                if best is None or ahead < best[0]:
+                    best = ahead, damping, trial
+                if ahead < size:
+                    break
+            damping *= 0.5
+        if best is None:
+            break
+        s, found = s + best[1] * step, best[2]
+    raise ConvergenceError(
+        f"no periodic motion of {shooting.m} period(s) was found near the start: relative residual "
+        f"{residuals[-1] if residuals else np.inf:.3g} after {len(residuals)} Newton iterations",
+        residuals,
+    )
+
+
+def _motion(
+    shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
+) -> PeriodicMotion:
+    sigma = np.linalg.svd(matrix - np.eye(s.size), compute_uv=False)
+    free = int(np.sum(sigma <= RANK * sigma[0]))
+    multipliers, verdict = floquet(matrix, free)
+    return PeriodicMotion(
+        shooting.unscaled(s),
+        shooting.m * shooting.period,
+        tuple(residuals),
+        multipliers,
+        verdict,
+        free,
+        stuck_points(end.record),
+        end.record,
+        end,
+    )

@@ -1,0 +1,87 @@
+"""The table [response]: curves of periodic motions over a parameter of the scene."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Annotated, Any, NamedTuple
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.rules import Rule, Where, integer, list_of, name, number
+from fenicsrom.scene.tables import table_of
+
+LOAD_SIZES = ("force", "traction", "pressure", "acceleration")
+CONTACT_NUMBERS = ("preload", "gap", "normal_stiffness", "tangential_stiffness", "friction")
+PATTERN = (
+    r"^(frequency|material\.mass_damping"
+    rf"|loads\.[0-9]{{1,6}}\.({'|'.join(LOAD_SIZES)})"
+    rf"|contacts\.[0-9]{{1,6}}\.({'|'.join(CONTACT_NUMBERS)}))$"
+)
+ALLOWED = (
+    '"frequency", "material.mass_damping", the size of a load such as "loads.0.force", or '
+    f"contacts.N. and one of {', '.join(CONTACT_NUMBERS)}"
+)
+
+
+class Parameter(NamedTuple):
+    """A number of the scene that a response curve follows.
+
+    Attributes:
+        table: "loads", "contacts", "material", or "" for the frequency.
+        number: of the load or contact; 0 without.
+        name: the key in the table.
+    """
+
+    table: str
+    number: int
+    name: str
+
+
+def parameter_of(key: str) -> Parameter:
+    """The parameter of a key that the rule of `Response.parameter` has accepted."""
+    *path, last = key.split(".")
+    return Parameter(path[0] if path else "", int(path[1]) if len(path) > 1 else 0, last)
+
+
+def _read_parameter(value: Any, where: Where) -> str:
+    if not isinstance(value, str) or not re.fullmatch(PATTERN, value):
+        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+        raise where.refuse(value, f"must be {ALLOWED}", kind)
+    return value
+
+
+PARAMETER = Rule(_read_parameter, {"type": "string", "pattern": PATTERN}, ALLOWED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Families:
+    """One curve for each value of a second number of the scene.
+
+    Attributes:
+        key: key of the scene, as in `--set`; a stored model must be able to run with other values.
+        values: its values.
+    """
+
+    key: Annotated[str, name]
+    values: Annotated[tuple[float, ...], list_of(number())]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """The curves of `fenicsrom response`.
+
+    Attributes:
+        parameter: number of the scene that changes along a curve; with "frequency" all loads and
+            the surfaces with waves change theirs in proportion, and the value is the lowest
+            frequency of the loads in Hz.
+        first: value of the parameter at which a curve starts.
+        last: value of the parameter at which a curve ends, above `first`.
+        points: largest number of points of a curve.
+        families: a second number of the scene; a curve for each of its values.
+    """
+
+    parameter: Annotated[str, PARAMETER] = "frequency"
+    first: Annotated[float, number(least=0.0)]
+    last: Annotated[float, number(above=0.0)]
+    points: Annotated[int, integer(2, 100_000)] = 500
+    families: Annotated[Families | None, table_of(Families)] = None

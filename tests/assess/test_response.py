@@ -1,0 +1,293 @@
+"""Response curves of a Duffing oscillator: folds, stability, families, files and errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene, first, linear_model
+
+from fenicsrom.assess.response import Response, family_of, judged_multiplier, response
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.model import reduced_model
+from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.simulate import load_histories
+from fenicsrom.post.response_figures import in_order, stretches
+from fenicsrom.scene import Scene
+
+DAMPING, CUBIC, FORCE = 0.02, 0.1, 0.02
+LOW, HIGH = 0.9 / (2.0 * np.pi), 1.2 / (2.0 * np.pi)
+
+
+def scene_with(*overrides: str) -> Scene:
+    """The scene of the oscillator; its mesh is never made."""
+    settings = (
+        f"loads.0.force={FORCE}",
+        f"loads.0.frequency={LOW}",
+        f"material.mass_damping={DAMPING}",
+        "time.steps_per_period=100",
+        f"response.first={LOW}",
+        f"response.last={HIGH}",
+    )
+    return beam_scene(2, (*settings, *overrides), contacts=None, probe={"group": "tip"})
+
+
+def oscillator(*overrides: str) -> StoredModel:
+    """x'' + damping x' + x + cubic x^3 = force sin(omega t), moving along x."""
+    scene = scene_with(*overrides)
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * CUBIC)
+    )
+    model = reduced_model(
+        np.ones((1, 1)),
+        scene.material.mass_damping,
+        elastic,
+        np.ones((1, 1)),
+        load_histories(scene),
+        *first(0, 1),
+        np.eye(2, 1),
+        np.zeros(2),
+    )
+    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([1.0 / (2.0 * np.pi)]), {})
+
+
+def fold_frequencies() -> NDArray[np.float64]:
+    """The folds of the first harmonic: extremes of the frequency over the amplitude a.
+
+    ((K - omega^2)^2 + (damping omega)^2) a^2 = force^2 with K = 1 + 3/4 cubic a^2; the upper
+    branch omega(a) folds at its maximum and, at a smaller amplitude, at its minimum.
+    """
+    a = np.linspace(0.05, 1.2, 400_001)
+    k = 1.0 + 0.75 * CUBIC * a**2
+    inside = 0.25 * DAMPING**4 - k * DAMPING**2 + (FORCE / a) ** 2
+    upper = np.sqrt(k - 0.5 * DAMPING**2 + np.sqrt(np.where(inside >= 0.0, inside, np.nan)))
+    slope = np.diff(upper)
+    turns = np.flatnonzero(slope[:-1] * slope[1:] < 0.0) + 1
+    return np.sort(upper[turns]) / (2.0 * np.pi)
+
+
+def ignore(line: str) -> None:
+    """Drop a line of progress."""
+
+
+@pytest.fixture(scope="module")
+def found() -> Response:
+    return response(oscillator(), ignore)
+
+
+def test_duffing_folds_are_where_the_first_harmonic_has_them(found: Response) -> None:
+    (curve,) = found.curves
+    folds = sorted(point.parameter for point in curve.special)
+    assert [point.kind for point in curve.special] == ["fold", "fold"]
+    np.testing.assert_allclose(folds, fold_frequencies(), rtol=1e-3)
+    assert [piece.reason for piece in curve.pieces] == ["end of the range"]
+    assert curve.points[0].parameter == pytest.approx(LOW, rel=1e-12)
+    assert curve.points[-1].parameter == pytest.approx(HIGH, rel=1e-12)
+
+
+def test_curve_is_unstable_between_its_folds_only(found: Response) -> None:
+    (curve,) = found.curves
+    (piece,) = curve.pieces
+    assert [stable for stable, _ in stretches(in_order(piece))] == [True, False, True]
+    low, high = sorted(point.parameter for point in curve.special)
+    for point in curve.points:
+        assert point.stable == (abs(judged_multiplier(point)) <= 1.0 + 1e-8)
+        assert point.stable or low < point.parameter < high
+
+
+def test_peak_amplitude_follows_the_backbone(found: Response) -> None:
+    # at the peak force = damping omega a; the third harmonic adds to the crest
+    top = max(found.curves[0].points, key=lambda point: point.amplitude.max())
+    omega = 2.0 * np.pi * top.parameter
+    a = FORCE / (DAMPING * omega)
+    assert omega == pytest.approx(np.sqrt(1.0 + 0.75 * CUBIC * a**2), rel=1e-3)
+    third = 0.25 * CUBIC * a**3 / (9.0 * omega**2 - 1.0)
+    assert float(top.amplitude.max()) == pytest.approx(a + third, rel=5e-4)
+    assert found.curves[0].step_error is not None and found.curves[0].step_error < 1e-3
+
+
+def test_force_curve_with_families_passes_the_same_motions(found: Response) -> None:
+    (point,) = [p for p in found.curves[0].points[:1]]
+    stored = oscillator(
+        'response.parameter="loads.0.force"',
+        f"response.first={0.5 * FORCE}",
+        f"response.last={FORCE}",
+        f'response.families={{key="material.mass_damping", values=[{DAMPING}, {2 * DAMPING}]}}',
+    )
+    both = response(stored, ignore)
+    assert [curve.value for curve in both.curves] == [DAMPING, 2 * DAMPING]
+    same, damped = (curve.points[-1] for curve in both.curves)
+    assert same.parameter == pytest.approx(FORCE, rel=1e-12)
+    np.testing.assert_allclose(same.amplitude, point.amplitude, rtol=1e-6)
+    assert damped.amplitude.max() < 0.999 * same.amplitude.max()
+
+
+def test_interrupt_keeps_the_part_that_is_done() -> None:
+    from fenicsrom.assess import response as module
+
+    lines: list[str] = []
+
+    def stop(line: str) -> None:
+        lines.append(line)
+        if "points" in line:
+            raise KeyboardInterrupt
+
+    patch = pytest.MonkeyPatch()
+    with patch.context() as context:
+        context.setattr(module, "REPORT_INTERVAL", 0.0)
+        found = response(oscillator(), stop)
+    assert found.interrupted
+    (curve,) = found.curves
+    assert len(curve.points) == 2
+    assert curve.pieces[0].reason == "interrupted"
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value"),
+    [
+        ("frequency", 3.5),
+        ("loads.0.force", 70.0),
+        ("material.mass_damping", 2.0),
+        ("contacts.1.preload", 30.0),
+        ("contacts.1.gap", 1e-3),
+        ("contacts.1.normal_stiffness", 3e4),
+        ("contacts.1.tangential_stiffness", 3e4),
+        ("contacts.1.friction", 0.1),
+    ],
+)
+def test_family_gives_the_problem_of_the_changed_scene(parameter: str, value: float) -> None:
+    place = {"group": "tip", "normal_stiffness": 1e4, "tangential_stiffness": 2e4, "friction": 0.3}
+    wall = place | {"normal": [1.0, 0.0], "preload": 5.0}
+    round_one = place | {"surface": {"kind": "cylinder", "point": [0.0, 0.0]}, "gap": 2e-3}
+    table = {"parameter": parameter, "first": 0.5 * value, "last": value}
+    other = wall if parameter == "contacts.1.preload" else round_one
+    scene = beam_scene(2, contacts=[wall, other], response=table)
+    points = first(4, 4)[0]._replace(
+        tributary_area=np.array([1.0, 0.25]), position=np.array([[2.0, 0.0], [2.0, 0.1]])
+    )
+    model = linear_model(np.eye(4), np.eye(4), loads=np.ones((4, 1)), masters=4)._replace(
+        points=points, load_histories=load_histories(scene)
+    )
+    stored = StoredModel(model, scene, "rubin", tuple("abcd"), 9, np.ones(1), {})
+    key = "loads.0.frequency" if parameter == "frequency" else parameter
+    wanted = stored.with_overrides([f"{key}={value}"])
+    problem = family_of(stored)(value)
+    assert problem.period == pytest.approx(wanted.scene.period, rel=1e-14)
+    assert problem.model.damping == wanted.model.damping or parameter != "material.mass_damping"
+    np.testing.assert_allclose(
+        problem.model.load_histories.sines, wanted.model.load_histories.sines, rtol=1e-14
+    )
+    expected = contacts_of(wanted.scene, points)
+    for name, found, right in zip(expected._fields, problem.contacts, expected, strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-14, err_msg=name)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "reduced_model.npz"
+    save_model(path, oscillator())
+    return path
+
+
+def run(model: Path, folder: Path, *overrides: str) -> int:
+    """The exit code of `fenicsrom response --from`."""
+    sets = [word for override in overrides for word in ("--set", override)]
+    return main(["response", "--from", str(model), "--output", str(folder), *sets])
+
+
+def test_command_writes_the_files_of_a_stored_model(
+    model: Path, tmp_path: Path, capsys: Any
+) -> None:
+    assert run(model, tmp_path / "out") == 0
+    folder = tmp_path / "out"
+    assert {path.name for path in folder.iterdir()} == {
+        "report.html",
+        "response.csv",
+        "response.json",
+        "response.png",
+    }
+    summary = json.loads((folder / "response.json").read_text())
+    (curve,) = summary["curves"]
+    assert [item["bifurcation"] for item in curve["bifurcations"]] == ["fold", "fold"]
+    with open(folder / "response.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == curve["points"] + 2
+    assert {row["stability"] for row in rows} == {"stable", "fold"}
+    printed = capsys.readouterr().out
+    assert str(folder / "report.html") in printed
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "kind"),
+    [
+        ('response.parameter="geometry.thickness"', "response.parameter", ErrorKind.RANGE),
+        ('response.parameter="contacts.0.preload"', "response.parameter", ErrorKind.RANGE),
+        ('response.parameter="loads.0.pressure"', "response.parameter", ErrorKind.CONFLICT),
+        (f"response.last={LOW}", "response.last", ErrorKind.RANGE),
+        ("response.first=0.0", "response.first", ErrorKind.RANGE),
+    ],
+)
+def test_wrong_table_is_refused_with_its_key(override: str, key: str, kind: ErrorKind) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_with(override)
+    assert (caught.value.key, caught.value.kind) == (key, kind)
+
+
+def test_scene_without_a_period_is_refused() -> None:
+    overrides = (
+        "loads.0.pulse={duration=0.1}",
+        "time.duration=1.0",
+        "time.step=0.01",
+        "response={first=1.0, last=2.0}",
+    )
+    with pytest.raises(SceneError) as caught:
+        beam_scene(2, overrides, loads=[{"group": "load", "direction": [0.0, 1.0], "force": 1.0}])
+    assert caught.value.key == "response.parameter"
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        'response.families={key="geometry.thickness", values=[0.1]}',
+        'basis.elastic_force="projection"',
+        'response.parameter="material.young"',
+    ],
+)
+def test_command_refuses_what_a_reduced_model_cannot_change(
+    model: Path, tmp_path: Path, override: str
+) -> None:
+    assert run(model, tmp_path / "out", override) == 2
+    assert not (tmp_path / "out" / "response.json").exists()
+
+
+def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    stored = oscillator()
+    save_model(
+        tmp_path / "m.npz",
+        replace(stored, scene=replace(stored.scene, response=None)),
+    )
+    assert run(tmp_path / "m.npz", tmp_path / "out") == 2
+
+
+def test_start_without_a_motion_exits_1(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fenicsrom.assess import response as module
+    from fenicsrom.errors import ConvergenceError
+
+    def lost(*arguments: Any, **options: Any) -> None:
+        raise ConvergenceError("no periodic motion")
+
+    monkeypatch.setattr(module, "periodic_motion", lost)
+    assert run(model, tmp_path / "out") == 1
+    assert not (tmp_path / "out" / "response.json").exists()

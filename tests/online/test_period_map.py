@@ -1,0 +1,221 @@
+"""The derivative of the period map against central differences of the compiled march."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import linear_model, one_contact, random_model
+
+from fenicsrom.online.contact_state import OPEN, SLIP, STICK
+from fenicsrom.online.continuation import (
+    Family,
+    contact_family,
+    damping_family,
+    force_family,
+    frequency_family,
+)
+from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.period_map import DONE, PeriodMap
+from fenicsrom.online.scheme import scheme
+from fenicsrom.online.surfaces import CYLINDER, PLANE, SPHERE, Contacts
+
+Array = NDArray[np.float64]
+
+SCHEMES = ["discrete-gradient", "average-acceleration", "generalised-alpha"]
+PERIOD = 2.0 * np.pi / 1.3
+STEPS = 60
+
+
+def shaken(dimension: int = 2, n: int = 4, *, nonlinear: bool = True) -> ReducedModel:
+    """A model whose first coordinates are the displacement of one contact point."""
+    if nonlinear and dimension == 2:
+        return random_model(n, seed=3, damping=0.1, masters=2, force=2.0, omega=1.3)
+    rng = np.random.default_rng(5)
+    root = rng.standard_normal((n, n))
+    return linear_model(
+        np.eye(n) + 0.2 * root @ root.T,
+        np.diag(1.0 + np.arange(n)) + 0.1 * (root + root.T),
+        damping=0.1,
+        loads=rng.uniform(0.5, 1.5, (n, 1)),
+        load_histories=harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3])),
+        masters=dimension,
+        probes=dimension,
+    )
+
+
+def curved(contacts: Contacts, kind: int, spin: float) -> Contacts:
+    """Contacts before the inside of a turning surface of radius 3 m; a cylinder has waves."""
+    d = contacts.centre.shape[1]
+    waves = 2 if kind == CYLINDER else 0
+    centre = np.zeros_like(contacts.centre)
+    centre[:, 0] = -3.0
+    axes = np.tile(np.eye(d), (contacts.preload.size, 1, 1))
+    return contacts._replace(
+        kind=np.full(contacts.preload.size, kind),
+        axes=axes,
+        centre=centre,
+        radius=np.full(contacts.preload.size, 3.0),
+        spin=np.full(contacts.preload.size, spin),
+        order=np.arange(1.0, 1.0 + waves),
+        height=np.full((contacts.preload.size, waves), 0.05),
+        phase=np.full((contacts.preload.size, waves), 0.4),
+    )
+
+
+RUB: dict[str, Any] = {
+    "preload": 0.4,
+    "normal_stiffness": 6.0,
+    "tangential_stiffness": 5.0,
+    "friction": 0.4,
+}
+
+
+def period_map(model: ReducedModel, contacts: Contacts, name: str) -> PeriodMap:
+    plan = scheme(name, model, 0.8)
+    return PeriodMap(
+        model, contacts, plan, contacts.centre.shape[1], np.linspace(0.0, 1.0, STEPS + 1)
+    )
+
+
+def end(pmap: PeriodMap, model: ReducedModel, contacts: Contacts, z: Array, **options: Any) -> Any:
+    status, found = pmap(model, contacts, options.pop("period", PERIOD), z, **options)
+    assert status == DONE
+    return found
+
+
+def run_in(pmap: PeriodMap, model: ReducedModel, contacts: Contacts, periods: int = 6) -> Array:
+    """Variables after some periods from rest."""
+    z = np.zeros(pmap.size)
+    for _ in range(periods):
+        z = end(pmap, model, contacts, z, derive=False).z
+    return z
+
+
+def assert_matrix(
+    pmap: PeriodMap,
+    model: ReducedModel,
+    contacts: Contacts,
+    z: Array,
+    *,
+    step: float = 1e-6,
+    tolerance: float = 2e-6,
+) -> Any:
+    """Compare the monodromy matrix with central differences of the march."""
+    found = end(pmap, model, contacts, z)
+    columns = []
+    for k in range(z.size):
+        change = np.zeros(z.size)
+        change[k] = step
+        ahead = end(pmap, model, contacts, z + change, derive=False).z
+        behind = end(pmap, model, contacts, z - change, derive=False).z
+        columns.append((ahead - behind) / (2.0 * step))
+    differences = np.array(columns).T
+    size = np.abs(differences).max()
+    assert np.abs(found.matrix - differences).max() <= tolerance * size
+    return found
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("friction", [0.4, 3.0])
+def test_monodromy_of_lift_off_slip_and_stick_matches_differences(
+    name: str, friction: float
+) -> None:
+    model, contacts = shaken(), one_contact(**RUB | {"friction": friction})
+    pmap = period_map(model, contacts, name)
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    assert set(np.unique(found.record.state)) >= {OPEN, STICK} | ({SLIP} if friction < 1 else set())
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("preload", [-50.0, 50.0, 4.0])
+def test_monodromy_of_open_stuck_and_pressed_points_matches_differences(
+    name: str, preload: float
+) -> None:
+    model, contacts = shaken(), one_contact(**RUB | {"preload": preload})
+    pmap = period_map(model, contacts, name)
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    states = set(np.unique(found.record.state))
+    assert states == {-50.0: {OPEN}, 50.0: {STICK}}.get(preload, {STICK, SLIP})
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_monodromy_of_gyroscopic_model_matches_differences(name: str) -> None:
+    model, contacts = shaken(), one_contact(**RUB)
+    skew = np.triu(np.random.default_rng(2).standard_normal((4, 4)), 1)
+    model = model._replace(gyroscopic_matrix=np.ascontiguousarray(skew - skew.T))
+    pmap = period_map(model, contacts, name)
+    assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("spin", [0.0, 0.7])
+def test_monodromy_of_wavy_turning_cylinder_matches_differences(name: str, spin: float) -> None:
+    model, contacts = shaken(nonlinear=False), curved(one_contact(**RUB), CYLINDER, spin)
+    pmap = period_map(model, contacts, name)
+    assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("kind", [PLANE, CYLINDER, SPHERE])
+def test_monodromy_in_three_dimensions_matches_differences(name: str, kind: int) -> None:
+    model = shaken(3)
+    contacts = one_contact(3, **RUB)
+    if kind != PLANE:
+        contacts = curved(contacts, kind, 0.7 if kind == CYLINDER else 0.0)
+    pmap = period_map(model, contacts, name)
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    assert SLIP in found.record.state
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_monodromy_of_many_points_matches_differences(name: str) -> None:
+    rng = np.random.default_rng(8)
+    root = rng.standard_normal((6, 6))
+    model = linear_model(
+        np.eye(6) + 0.1 * root @ root.T,
+        np.diag(1.0 + np.arange(6)),
+        damping=0.1,
+        loads=rng.uniform(-1.5, 1.5, (6, 1)),
+        load_histories=harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3])),
+        masters=6,
+    )
+    contacts = one_contact(**RUB | {"preload": [0.1, 0.6, 1.5]})
+    pmap = period_map(model, contacts, name)
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    assert set(np.unique(found.record.state)) == {OPEN, SLIP, STICK}
+
+
+FAMILIES = ["frequency", "force", "damping", "preload", "normal_stiffness"]
+FAMILIES += ["tangential_stiffness", "friction", "gap"]
+
+
+def family(name: str, model: ReducedModel, contacts: Contacts) -> tuple[Family, float]:
+    """The family of a parameter, and its value at the model given."""
+    if name == "frequency":
+        return frequency_family(model, contacts, PERIOD), 1.0 / PERIOD
+    if name == "force":
+        return force_family(model, contacts, PERIOD), 1.0
+    if name == "damping":
+        return damping_family(model, contacts, PERIOD), model.damping
+    value = 0.0 if name == "gap" else float(getattr(contacts, name)[0])
+    return contact_family(model, contacts, PERIOD, name), value
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+@pytest.mark.parametrize("parameter", FAMILIES)
+def test_derivative_by_parameter_matches_differences(name: str, parameter: str) -> None:
+    model, contacts = shaken(nonlinear=False), one_contact(**RUB)
+    at, value = family(parameter, model, contacts)
+    pmap = period_map(model, contacts, name)
+    z = run_in(pmap, model, contacts)
+    found = pmap(*at(value)[:3], z, drift=at(value).drift)[1]
+    h = 1e-6
+    ahead = pmap(*at(value + h)[:3], z, derive=False)[1].z
+    behind = pmap(*at(value - h)[:3], z, derive=False)[1].z
+    differences = (ahead - behind) / (2.0 * h)
+    assert np.abs(differences).max() > 0.0
+    assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
