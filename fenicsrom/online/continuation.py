@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
@@ -145,8 +146,10 @@ def contact_family(
             drift = nothing.contacts._replace(radius=change)
         else:
             given = getattr(contacts, name)
-            moved = contacts._replace(**{name: np.where(weights != 0.0, value * weights, given)})
-            drift = nothing.contacts._replace(**{name: weights})
+            chosen: dict[str, Any] = {name: np.where(weights != 0.0, value * weights, given)}
+            moved = contacts._replace(**chosen)
+            along: dict[str, Any] = {name: weights}
+            drift = nothing.contacts._replace(**along)
         return Problem(model, moved, period, nothing._replace(contacts=drift))
 
     return at
@@ -193,7 +196,7 @@ class CurvePoint:
     amplitude: Array
     peak_force: Array
     friction_dissipation: float
-    multipliers: Array
+    multipliers: NDArray[np.complex128]
     verdict: str
     free_sliders: int
     states: Array
@@ -277,7 +280,7 @@ class Continuation:
             marched, derived = marched + 1, derived + fresh
             residual, matrix, by_parameter, end = found
             relative = float(
-                np.linalg.norm(residual) / max(np.linalg.norm(y[:-1]) * self.size, 1e-300)
+                np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
             if fresh:
                 n = residual.size
@@ -287,6 +290,7 @@ class Continuation:
                 jacobian[:n, n] = by_parameter * self.range / self.size
                 jacobian[n] = along
                 last = np.inf
+            assert jacobian is not None
             if relative <= self.tolerance:
                 tangent, tangent_free = self._solve(jacobian, np.append(np.zeros(y.size - 1), 1.0))
                 return self._point(
@@ -307,8 +311,8 @@ class Continuation:
     def _solve(self, jacobian: Array, right: Array) -> tuple[Array, int]:
         """Solve the bordered system, by least squares where sliders are free."""
         try:
-            found = np.linalg.solve(jacobian, right)
-            if np.linalg.norm(found) < 1.0 / RANK * max(np.linalg.norm(right), 1e-300):
+            found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
+            if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
                 return found, 0
         except np.linalg.LinAlgError:
             pass

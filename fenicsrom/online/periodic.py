@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -54,7 +55,7 @@ class PeriodicMotion:
     z: Array
     period: float
     residuals: tuple[float, ...]
-    multipliers: Array
+    multipliers: NDArray[np.complex128]
     verdict: str
     free_sliders: int
     stuck_points: tuple[int, ...]
@@ -198,12 +199,12 @@ def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
     return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
 
 
-def floquet(matrix: Array, free: int) -> tuple[Array, str]:
+def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """Multipliers (N,) of a monodromy matrix, the largest first, and the verdict.
 
     The `free` multipliers nearest to 1 belong to sliders that are not unique and do not count.
     """
-    found = np.linalg.eigvals(matrix)
+    found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(np.complex128)
     found = found[np.argsort(-np.abs(found))]
     judged = np.delete(found, np.argsort(np.abs(found - 1.0))[:free])
     if judged.size == 0 or abs(judged[0]) <= 1.0 + STABLE_WITHIN:
