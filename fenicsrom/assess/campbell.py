@@ -358,7 +358,7 @@ def follow(
         omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,).
     """
     common = _hermitian(solid, shapes, vectors)
-    vectors = vectors @ aligning(common, squares)  # first: these shapes are kept
+    vectors = vectors @ aligning(common, squares)  # these shapes are returned
     common = _hermitian(solid, shapes, vectors)
     common = aligning(common.conj().T, before).conj().T @ common
     mac = np.abs(common) ** 2

@@ -151,7 +151,7 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
         str(geometry.mesh),
         [gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getEntities(0)],
     )
-    with suppress(Exception):  # gmsh raises plain exceptions: the box is empty
+    with suppress(Exception):  # a plain exception of gmsh: the box is empty
         places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
     wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
     if wrong:

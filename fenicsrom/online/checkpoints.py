@@ -116,7 +116,7 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
         ends = ", ".join(f"time.{name}" for name in END_KEYS)
         raise SceneError(
             f"{path}: {key} differs from the scene of the run; "
-            f"a run that continues may only change when it ends: {ends}",
+            f"a run that continues may only change its end, by the keys: {ends}",
             kind=ErrorKind.MISMATCH,
             key=key,
             source=str(path),

@@ -78,7 +78,7 @@ def implicit_blending(
     start: ContactState,
     scratch: ContactScratch,
 ) -> None:
-    """Write the blending weight b of each point: the part of its force at the end in the mean.
+    """Write the blending weight b of each point: the weight of its end force in the mean force.
 
     Where the step is long for the contact, r = k_n n^T G n > 1, the contact spring would oscillate
     from step to step instead of transmitting an impact, and the limit of friction would oscillate

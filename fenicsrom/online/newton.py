@@ -33,8 +33,8 @@ def newton(
     Args:
         start: (n,) unknowns.
         correct: gives the correction at u (n,), or None if it cannot be computed.
-        converged: says whether u (n,) is accepted, from u after the correction, the decrement, that
-            of the first iteration and that of the previous iteration (0 in the first).
+        converged: says whether u (n,) is accepted. Its arguments are u after the correction, the
+            decrement, and the decrements of the first and of the previous iteration (0 at first).
         iterations: largest number of iterations.
         growth: the iteration stops if the decrement exceeds its first value by this factor.
         last_resort: decrement (J) that is accepted after the last iteration.

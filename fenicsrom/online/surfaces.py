@@ -175,10 +175,10 @@ def gap_discrete_gradient(
 ) -> None:
     """The discrete gradient of the penetration between two points, and its derivative by x1.
 
-    n . (x1 - x0) is delta(x1) - delta(x0): exactly for planes, cylinders and spheres, because
-    |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|), and to third order in the distance for
-    waves. If both points are equal, the discrete gradient is the gradient, and the derivative is
-    half the second derivative of the penetration.
+    It satisfies n . (x1 - x0) = delta(x1) - delta(x0). This is exact for planes, cylinders and
+    spheres, because |z1| - |z0| = (z0 + z1) . (z1 - z0) / (|z0| + |z1|). For waves the error is of
+    third order in the distance. If both points are equal, the discrete gradient is the gradient,
+    and the derivative is half the second derivative of the penetration.
 
     Args:
         contacts: the parameters.

@@ -10,7 +10,8 @@ where the columns of G are the attachment modes. A slender body is about 1e8 tim
 bending than under forces that only strain the material near their points, so the difference in (1)
 and the product in (2) lose digits by cancellation. Therefore R_m is computed by a second solve,
 K⁻¹ [B (Bᵀ G)⁻¹], whose forces are in balance, and is then scaled so that Bᵀ R_m = I. The inverse is
-the symmetric product in (1), so that an error in R_m enters it squared.
+computed as the symmetric product in (1): an error of R_m then changes it only by the square of this
+error.
 
 The static modes depend on the method:
 

@@ -83,7 +83,7 @@ def _section(name: str, kind: type) -> Iterator[str]:
 
 
 def _default(value: Any) -> str:
-    """Give a default as the scene file spells it; a table's own section has its defaults."""
+    """Give a default as the scene file spells it; a table has its defaults in its own section."""
     if value is MISSING or value is None or value == () or value == {}:
         return "–"
     if is_dataclass(value):
