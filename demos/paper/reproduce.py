@@ -79,7 +79,7 @@ def tried(kind: str, name: str, *overrides: str) -> tuple[Outcome, ...]:
     reference = full(
         kind, name, *(o for o in overrides if not o.startswith(("compare.", "basis.")))
     )
-    workshop = Workshop(body(kind, of), {}, max(of.compare.modes))
+    workshop = Workshop(body(kind, of), of, {}, max(of.compare.modes))
     return tuple(
         compare_bases(
             workshop, of, reference, lambda line: print(kind, line, flush=True), timing=False

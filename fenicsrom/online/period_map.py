@@ -118,25 +118,49 @@ def begin_period(  # type: ignore[no-untyped-def]
         )
 
 
-@compiled
-def try_step(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
-    """Try a step of size h: whether it converged."""
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state = borrowed(state)
+# The compiled units below are pairs: the inner function is inlined into an outer function, which
+# borrows the arrays and passes them as arguments (see `fenicsrom.online.loop.compiled_march`).
+
+
+def _try_step(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
     load_ahead = model.load(state.scalars[TIME] + h)
     converged, iterations = attempt(model, contacts, scheme, state, h, load_ahead)
     state.scalars[ITERATIONS] += iterations
     return converged
 
 
+_inlined_try_step = compiled(_try_step, forceinline=True)
+
+
 @compiled
-def take_step(model, contacts, scheme, state, h, record, row):  # type: ignore[no-untyped-def]
-    """Accept the step of size h that has converged, and keep it as a row of the record."""
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state, record = borrowed(state), borrowed(record)
+def try_step(model, contacts, scheme, state, h):  # type: ignore[no-untyped-def]
+    """Try a step of size h, and return whether it converged."""
+    return _inlined_try_step(
+        borrowed(model), borrowed(contacts), borrowed(scheme), borrowed(state), h
+    )
+
+
+def _take_step(model, contacts, scheme, state, h, record, row):  # type: ignore[no-untyped-def]
     load_ahead = model.load(state.scalars[TIME] + h)
     accept(model, contacts, scheme, state, h, load_ahead)
     write(model, contacts, state, record, row)
+
+
+_inlined_take_step = compiled(_take_step, forceinline=True)
+
+
+@compiled
+def take_step(model, contacts, scheme, state, h, record, row):  # type: ignore[no-untyped-def]
+    """Accept the converged step of size h, and write it to a row of the record."""
+    _inlined_take_step(
+        borrowed(model),
+        borrowed(contacts),
+        borrowed(scheme),
+        borrowed(state),
+        h,
+        borrowed(record),
+        row,
+    )
 
 
 def march_period(model, contacts, scheme, times, state, record, drift, s, derive):  # type: ignore[no-untyped-def]
@@ -156,8 +180,6 @@ def march_period(model, contacts, scheme, times, state, record, drift, s, derive
     Returns:
         (status, rows written).
     """
-    model, contacts, scheme = borrowed(model), borrowed(contacts), borrowed(scheme)
-    state, record, drift, s = borrowed(state), borrowed(record), borrowed(drift), borrowed(s)
     scalars = state.scalars
     rows, k = 0, 1
     scalars[STEP] = times[1] - times[0]
@@ -193,7 +215,24 @@ def march_period(model, contacts, scheme, times, state, record, drift, s, derive
     return DONE, rows
 
 
-_compiled_march_period = compiled(march_period)
+_inlined_march_period = compiled(march_period, forceinline=True)
+
+
+@compiled
+def _compiled_march_period(  # type: ignore[no-untyped-def]
+    model, contacts, scheme, times, state, record, drift, s, derive
+):
+    return _inlined_march_period(
+        borrowed(model),
+        borrowed(contacts),
+        borrowed(scheme),
+        times,
+        borrowed(state),
+        borrowed(record),
+        borrowed(drift),
+        borrowed(s),
+        derive,
+    )
 
 
 def no_drift(model: ReducedModel, contacts: Contacts) -> Drift:
