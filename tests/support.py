@@ -337,8 +337,7 @@ def on_ranks(
     }
     paths = [
         str(Path(fenicsrom.__file__).parents[1]),
-        str(Path(__file__).parent),
-        str(Path(__file__).parent / "fem"),
+        *(str(Path(__file__).parent / name) for name in ("", "fem", "online")),
         os.environ.get("PYTHONPATH", ""),
     ]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))

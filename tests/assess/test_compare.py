@@ -334,7 +334,7 @@ def test_unwritable_cache_is_reported_and_ignored(tmp_path, monkeypatch):
     scene = beam_scene(overrides=QUICK)
     said = []
     found, _ = full_cache.full_motion(make_solid(scene), scene, said.append)
-    assert found.steps > 0 and any("not kept" in line for line in said)
+    assert found.steps > 0 and any("not stored" in line for line in said)
 
 
 # ------------------------------------------------------------------ files

@@ -300,7 +300,7 @@ def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(solid, "STATIC_ITERATIONS", 1)
     with pytest.raises(
-        ConvergenceError, match="beyond 0 % of the load and of the centrifugal force"
+        ConvergenceError, match="up to 0 % of the load and of the centrifugal force"
     ):
         make_solid(rotating_scene(2))
 

@@ -135,7 +135,7 @@ def test_a_basis_that_does_not_hold_it_is_refused() -> None:
     found = stability.examine(case, table, plain.source, SCENE.parent)
     assert (
         found.buckled > 1
-        and found.verdict == stability.REFUSED
+        and found.verdict == stability.Verdict.REFUSED
         and "basis is too small" in found.why
     )
 
