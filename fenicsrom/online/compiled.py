@@ -14,6 +14,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload, overload_method
 
+_FOLDER = Path(__file__).parent
+TYPES = ("model", "scheme")  # modules of the named tuples that kernels receive but do not import
 FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
 
 
@@ -37,26 +40,34 @@ UNCOUNTED: dict[str, bool] = {"_nrt": False} if PRIVATE else {}
 INLINED = {**UNCOUNTED, "forceinline": True}
 
 
-def _sources() -> str:
-    """A digest of the modules whose compiled functions call each other."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()
+@cache
+def _stamp(module: str) -> str:
+    """A digest of a module and of all modules of this package on which its machine code depends.
 
-
-_SOURCES = _sources() if PRIVATE else ""
+    These are the modules that it imports and those of `TYPES`; for a module of another package, all.
+    """
+    package, _, own = module.rpartition(".")
+    found: dict[str, str] = {}
+    queue = [own, *TYPES] if package == __package__ else [p.stem for p in _FOLDER.glob("*.py")]
+    while queue:
+        name = queue.pop()
+        path = _FOLDER / f"{name}.py"
+        if name not in found and path.exists():
+            found[name] = path.read_text(encoding="utf-8")
+            queue += re.findall(r"from fenicsrom\.online\.(\w+) import", found[name])
+    return hashlib.sha256("".join(found[name] for name in sorted(found)).encode()).hexdigest()
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a function with numba, and store the machine code for the next process.
 
     Numba's own rule keeps stored code until the function's own file changes. The code contains
-    functions of other files too, so this decorator keeps it until any file of this package changes.
+    functions and constants of other files too, so this decorator keeps it until any of these files
+    changes.
     """
     dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
     if PRIVATE:
-        dispatcher._cache._cache_file._source_stamp = _SOURCES
+        dispatcher._cache._cache_file._source_stamp = _stamp(function.__module__)
     return dispatcher
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -38,6 +39,31 @@ def rubbing_motion() -> Motion:
 )
 def test_version_of_numba_is_supported_between_its_bounds(version: str, supported: bool) -> None:
     assert compiled._is_supported(version) == supported
+
+
+@pytest.mark.parametrize(
+    ("changed", "stale"),
+    [
+        ("friction", {"loop", "period_map"}),
+        ("contact_state", {"loop", "period_map"}),
+        ("model", {"loop", "period_map"}),
+        ("step_sensitivity", {"period_map"}),
+        ("periodic", set()),
+    ],
+)
+def test_stored_code_is_stale_where_a_module_it_calls_has_changed(
+    changed: str, stale: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(compiled._FOLDER, tmp_path / "online")
+    monkeypatch.setattr(compiled, "_FOLDER", tmp_path / "online")
+
+    def stamp(module: str) -> str:
+        return compiled._stamp.__wrapped__(f"fenicsrom.online.{module}")
+
+    before = {module: stamp(module) for module in ("loop", "period_map")}
+    with (tmp_path / "online" / f"{changed}.py").open("a") as file:
+        file.write("# changed\n")
+    assert {module for module, was in before.items() if stamp(module) != was} == stale
 
 
 FALLBACK = """
