@@ -44,7 +44,8 @@ INLINED = {**UNCOUNTED, "forceinline": True}
 def _stamp(module: str) -> str:
     """A digest of a module and of all modules of this package on which its machine code depends.
 
-    These are the modules that it imports and those of `TYPES`; for a module of another package, all.
+    These are the modules that it imports and those of `TYPES`. For a module of another package,
+    these are all modules.
     """
     package, _, own = module.rpartition(".")
     found: dict[str, str] = {}
