@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
@@ -245,10 +244,12 @@ class _Kept(Continuation):
 
     piece: Piece
 
-    def _locate(self, a: CurvePoint, b: CurvePoint, tangent: Array) -> list[CurvePoint]:
-        """The bifurcations between two points, also kept."""
-        found = super()._locate(a, b, tangent)
-        self.piece.special.extend(found)
+    def _special(
+        self, a: CurvePoint, b: CurvePoint | None, locate: bool
+    ) -> list[CurvePoint] | None:
+        """The special points between two points, also kept; None if one was not located."""
+        found = super()._special(a, b, locate)
+        self.piece.special.extend(found or [])
         return found
 
 

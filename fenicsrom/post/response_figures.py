@@ -18,7 +18,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = {"fold": "o", "period doubling": "s", "torus": "D"}
+MARKERS = {
+    "fold": "o",
+    "branch point": "p",
+    "period doubling": "s",
+    "torus": "D",
+    "non-smooth": "X",
+    "first touch": "v",
+    "last touch": "v",
+    "first lift-off": "^",
+    "last lift-off": "^",
+    "first slip": ">",
+    "last slip": ">",
+}
 UNITS = {
     "frequency": "Hz",
     "force": "N",
