@@ -4,8 +4,9 @@ Between two points of a curve there is a special point where
 
 - the tangent has no component along the parameter: a fold;
 - the number of Floquet multipliers outside of the unit circle changes: the multiplier that crosses
-  the circle tells the kind. If it passes the circle in a jump, which the derivative of a motion
-  with contact may do where a contact state first occurs, the bifurcation is non-smooth;
+  the circle tells the kind. One that crosses at +1 away from a fold marks a branch point. If it
+  crosses in a jump, which the derivative of a motion with contact may do where a contact state
+  first occurs, the bifurcation is non-smooth;
 - a contact state first or last occurs at a contact point (`fenicsrom.online.contact_events`).
 
 Each is a change of sign of a function of the motion, bracketed on the curve itself by the secant
@@ -100,11 +101,20 @@ def _changes(a: CurvePoint, b: CurvePoint) -> Iterator[tuple[str, int, Test]]:
         opens = [bool(point.states[p] & OPENS) for point in (a, b)]
         slips = [bool(point.states[p] & SLIPS) for point in (a, b)]
         if touches[0] != touches[1]:
-            yield _end(touches, "touch"), p, lambda point, p=p: float(point.extremes.touch[p])
+            yield _end(touches, "touch"), p, _extreme("touch", p)
         if opens[0] != opens[1]:
-            yield _end(opens, "lift-off"), p, lambda point, p=p: float(point.extremes.lift_off[p])
+            yield _end(opens, "lift-off"), p, _extreme("lift_off", p)
         if slips[0] != slips[1] and all(touches):
-            yield _end(slips, "slip"), p, lambda point, p=p: float(point.extremes.slip[p])
+            yield _end(slips, "slip"), p, _extreme("slip", p)
+
+
+def _extreme(name: str, p: int) -> Test:
+    """The function that reads a field of `Extremes` at a contact point."""
+
+    def test(point: CurvePoint) -> float:
+        return float(getattr(point.extremes, name)[p])
+
+    return test
 
 
 def _end(occurs: list[bool], what: str) -> str:
@@ -152,10 +162,7 @@ def _kind(bracket: Bracket, rank: int, change: float) -> str:
     multiplier = bracket.nearest.judged[rank - 1]
     if abs(multiplier.imag) > REAL:
         return "torus"
-    if multiplier.real < 0.0:
-        return "period doubling"
-    turned = bracket.before.tangent[-1] * bracket.after.tangent[-1] < 0.0
-    return "fold" if turned else "branch point"
+    return "period doubling" if multiplier.real < 0.0 else "branch point"
 
 
 def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket | None:

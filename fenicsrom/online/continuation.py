@@ -182,6 +182,11 @@ class Continuation:
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
         )
 
+    def monodromy(self, point: CurvePoint) -> Array | None:
+        """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
+        found = self._evaluate(self.place(point), derive=True)
+        return None if found is None else np.asarray(found[1])
+
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
         return np.append(point.s / self.size, point.parameter / self.range)
@@ -203,6 +208,8 @@ class Continuation:
         points: int = 500,
         locate: bool = True,
         progress: Callable[[CurvePoint], None] | None = None,
+        curve: Curve | None = None,
+        largest_size: float = np.inf,
     ) -> Curve:
         """Follow the curve.
 
@@ -216,11 +223,13 @@ class Continuation:
             points: largest number of points.
             locate: whether to locate bifurcations and contact events.
             progress: called with each point.
+            curve: receives the points, after those that it has; the last of these is `start`.
+            largest_size: of the scaled variables, at which the continuation ends.
         """
         tangent = start.tangent
         if direction is not None:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        curve = Curve([start])
+        curve = Curve([start]) if curve is None else curve
         ys, arcs = [self.place(start)], [0.0]
         tangents = [tangent]
         while len(curve.points) < points:
@@ -251,6 +260,9 @@ class Continuation:
             curve.points.append(found)
             if progress is not None:
                 progress(found)
+            if float(np.linalg.norm(found.s)) > largest_size:
+                curve.reason = "grown"
+                return curve
             arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
             ys.append(self.place(found))
             tangents.append(found.tangent)
@@ -296,9 +308,8 @@ class Continuation:
 
     def _arrival(self, curve: Curve, before: CurvePoint, found: CurvePoint) -> str:
         """Why the curve ends between two points; its last point is then added. Else ""."""
-        start = curve.points[0]
-        if len(curve.points) > 2 and self._passes(start, before, found):
-            curve.points.append(start)
+        if len(curve.points) > 2 and self._passes(curve.points[:2], before, found):
+            curve.points.append(curve.points[0])
             return "closed"
         here, there = before.alternation, found.alternation
         if found.periods > 1 and float(here @ there) < 0.0:
@@ -310,13 +321,13 @@ class Continuation:
             return "end of the branch"
         return ""
 
-    def _passes(self, point: CurvePoint, before: CurvePoint, found: CurvePoint) -> bool:
-        """Whether the curve from `before` to `found` passes a point along its tangent."""
-        first, last, y = self.place(before), self.place(found), self.place(point)
-        chord = last - first
+    def _passes(self, home: list[CurvePoint], before: CurvePoint, found: CurvePoint) -> bool:
+        """Whether the curve passes the first of two points in their direction."""
+        first, last, y = self.place(before), self.place(found), self.place(home[0])
+        chord, way = last - first, self.place(home[1]) - y
         length = float(np.linalg.norm(chord))
         share = float(chord @ (y - first)) / length**2
-        if not 0.0 < share <= 1.0 or point.tangent @ chord < 0.9 * length:
+        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * float(np.linalg.norm(way)):
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
         return float(np.linalg.norm(near - y)) < CLOSED * length

@@ -59,7 +59,7 @@ class CurvePoint:
     multipliers: NDArray[np.complex128]
     verdict: str
     free_sliders: int
-    states: Array
+    states: NDArray[np.int64]
     residual: float
     marches: tuple[int, int]
     extremes: Extremes

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.response import Piece, Response, judged_multiplier
+from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.response import Response, judged_multiplier
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
