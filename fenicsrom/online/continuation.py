@@ -33,6 +33,8 @@ CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
+AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
+STRAIGHT = 0.8  # least cosine of the angle between the tangents of two neighbours
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
@@ -105,9 +107,9 @@ class Continuation:
                 jacobian = self._bordered(matrix, by_parameter, along)
             assert jacobian is not None
             if relative <= self.tolerance:
-                tangent, free = self._solve(jacobian, np.append(0.0 * y[:-1], 1.0), stuck)
+                tangent, free = self._tangent(jacobian, stuck)
                 return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
-            step, _ = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
+            step = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
             length = float(np.linalg.norm(step))
             if length > LARGEST_CORRECTION:
                 return None
@@ -125,25 +127,39 @@ class Continuation:
         jacobian[n] = along
         return jacobian
 
-    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> tuple[Array, int]:
+    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> Array:
         """Solve the bordered system, by least squares where sliders are free.
 
         Args:
             jacobian: (N + 1, N + 1).
             right: (N + 1,).
             stuck: whether a point sticks during the whole period.
-
-        Returns:
-            The solution, and the number of free slider components.
         """
         if not stuck:
             try:
                 found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
                 if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
-                    return found, 0
+                    return found
             except np.linalg.LinAlgError:
                 pass
-        return least_squares_step(jacobian, right)
+        return least_squares_step(jacobian, right)[0]
+
+    def _tangent(self, jacobian: Array, stuck: bool) -> tuple[Array, int]:
+        """The unit tangent (N + 1,) of the curve, and the number of free slider components.
+
+        Where sliders are free the motions of a parameter are a family. The tangent is then normal
+        to the family, so that the free sliders rest.
+        """
+        if not stuck:
+            found = self._solve(jacobian, np.append(np.zeros(len(jacobian) - 1), 1.0), stuck)
+            return found / np.linalg.norm(found), 0
+        _, sigma, rows = np.linalg.svd(jacobian[:-1])
+        count = 1 + int(np.sum(sigma <= RANK * sigma[0]))
+        flat = rows[-count:]
+        found = flat[:, -1] @ flat
+        if np.linalg.norm(found) < RANK:  # a fold
+            found = (flat @ jacobian[-1]) @ flat
+        return found / np.linalg.norm(found), count - 1
 
     def _point(
         self,
@@ -167,14 +183,14 @@ class Continuation:
             parameter=float(y[-1] * self.range),
             z=self.shooting.unscaled(s),
             s=s,
-            tangent=tangent / np.linalg.norm(tangent),
+            tangent=tangent,
             amplitude=np.ptp(displacement, axis=0) / 2.0,
             peak_force=np.max(record.force[:, :, 0], axis=0, initial=0.0),
             friction_dissipation=float(np.sum(record.friction_dissipation[-1])),
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=state_bits(record),
+            states=state_bits(record, problem.contacts),
             residual=residual,
             marches=marches,
             extremes=extremes(record, problem.contacts),
@@ -236,7 +252,7 @@ class Continuation:
             guess = predict(ys, arcs, tangents[-1], step)
             inside = self.low <= guess[-1] * self.range <= self.high
             before = replaced(curve.points[-1], tangent=tangents[-1])
-            found = self._next(guess, tangents[-1], step, smallest_step)
+            found = self._next(before, guess, step, smallest_step)
             if found is not None and not self.low <= found.parameter <= self.high:
                 last = self._end(before, found)
                 special = self._special(before, last, locate)
@@ -263,7 +279,10 @@ class Continuation:
             if float(np.linalg.norm(found.s)) > largest_size:
                 curve.reason = "grown"
                 return curve
-            arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
+            if _kink(before, found):
+                ys, arcs = [], []
+            way = float(np.linalg.norm(self.place(found) - ys[-1])) if ys else 0.0
+            arcs.append(arcs[-1] + way if arcs else 0.0)
             ys.append(self.place(found))
             tangents.append(found.tangent)
             marched, derived = found.marches
@@ -275,20 +294,24 @@ class Continuation:
         return curve
 
     def _next(
-        self, guess: Array, tangent: Array, step: float, smallest_step: float
+        self, before: CurvePoint, guess: Array, step: float, smallest_step: float
     ) -> CurvePoint | None:
         """The point near a guess (N + 1,), or None to ask for a shorter step.
 
-        A sharp turn or a far correction shows that the step was too long.
+        A far correction or a sharp turn shows that the step was too long, unless the curve has a
+        kink.
         """
-        found = self.correct(guess, tangent)
+        found = self.correct(guess, before.tangent)
         if found is None:
             return None
-        turn = float(np.dot(found.tangent, tangent))
+        way = self.place(found) - self.place(before)
+        found = replaced(found, tangent=found.tangent * (np.sign(found.tangent @ way) or 1.0))
         away = float(np.linalg.norm(self.place(found) - guess))
-        if (abs(turn) < 0.8 or away > 0.5 * step) and step > 4.0 * smallest_step:
-            return None
-        return replaced(found, tangent=found.tangent * (np.sign(turn) or 1.0))
+        if _kink(before, found):
+            too_long = away > KINK_AWAY * step
+        else:
+            too_long = away > AWAY * step or float(found.tangent @ before.tangent) < STRAIGHT
+        return None if too_long and step > 4.0 * smallest_step else found
 
     def _end(self, inside: CurvePoint, outside: CurvePoint) -> CurvePoint | None:
         """The point on the bound of the range between two points, if it is found."""
@@ -331,6 +354,11 @@ class Continuation:
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
         return float(np.linalg.norm(near - y)) < CLOSED * length
+
+
+def _kink(a: CurvePoint, b: CurvePoint) -> bool:
+    """Whether the curve has a kink between two points: other contact states, other free sliders."""
+    return bool(np.any(a.states != b.states)) or a.free_sliders != b.free_sliders
 
 
 def follow(
