@@ -353,7 +353,7 @@ def _follow_more(
         return _first_point(stored, family, start_motion(stored, family, value, say), value)[1]
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
-    follow_isolated(curve.pieces, path_of, follow, start, table.isolated)
+    follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())
 
 
 def _reporter(table: ResponseTable, piece: Piece, say: Callable[[str], None]) -> Callable[[], None]:

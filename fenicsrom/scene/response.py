@@ -93,4 +93,4 @@ class Response:
     points: Annotated[int, integer(2, 100_000)] = 500
     families: Annotated[Families | None, table_of(Families)] = None
     branches: Annotated[int, integer(0, 10)] = 0
-    isolated: Annotated[tuple[float, ...], list_of(number())] = ()
+    isolated: Annotated[tuple[float, ...] | None, list_of(number())] = None
