@@ -201,6 +201,11 @@ def _parser() -> argparse.ArgumentParser:
         metavar="MODEL",
         help="take the reduced_model.npz of an earlier run, without a mesh and dolfinx",
     )
+    response.add_argument(
+        "--resume",
+        metavar="STATE",
+        help="continue the curves from the folder response_state of an earlier run",
+    )
     response.set_defaults(command=_response)
 
     schema = commands.add_parser("schema", help="print the JSON schema of scene files, for editors")
@@ -373,20 +378,38 @@ def _response(options: argparse.Namespace) -> int:
         raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
     comm, say, scene, folder = _start(options)
     from fenicsrom import study
+    from fenicsrom.assess.processes import available_cores
 
-    found = study.response(scene, comm, say, folder=folder, stop=_is_terminated)
-    return _end_response(found, folder, comm.rank == 0)
+    found = study.response(
+        scene,
+        comm,
+        say,
+        folder=folder,
+        resume=Path(options.resume) if options.resume else None,
+        workers=available_cores(),
+        stop=_is_terminated,
+    )
+    return _end_response(found, comm.rank == 0)
 
 
 def _stored_response(options: argparse.Namespace) -> int:
     """Compute the response curves of a stored model."""
     from fenicsrom import study
+    from fenicsrom.assess.processes import available_cores
     from fenicsrom.online import archive
 
     current = _stored_model(options, archive.load_model(Path(options.stored)))
     folder = _folder(options, options.scene or options.stored)
     folder.mkdir(parents=True, exist_ok=True)
-    return _end_response(study.response_of_model(current, _progress), folder, True)
+    found = study.response_of_model(
+        current,
+        _progress,
+        folder=folder,
+        resume=Path(options.resume) if options.resume else None,
+        workers=available_cores(),
+        stop=_is_terminated,
+    )
+    return _end_response(found, True)
 
 
 def _stored_model(options: argparse.Namespace, stored: Any) -> Any:
@@ -396,8 +419,8 @@ def _stored_model(options: argparse.Namespace, stored: Any) -> Any:
     return stored.with_overrides(options.overrides)
 
 
-def _end_response(found: Any, folder: Path, first_rank: bool) -> int:
-    """Write and print response curves as far as they were found; give the exit code.
+def _end_response(found: Any, first_rank: bool) -> int:
+    """Print response curves as far as they were found; give the exit code.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted.
@@ -406,9 +429,8 @@ def _end_response(found: Any, folder: Path, first_rank: bool) -> int:
     from fenicsrom.post import response_report
 
     if found.curves and first_rank:
-        files = response_report.write(found, folder)
         _results(found.scene, response_report.terminal(found), found.warnings)
-        _files(files)
+        _files(found.files)
     if found.interrupted:
         raise KeyboardInterrupt
     if found.unfinished:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 ALL_STATIC = "all loads are static, so only the equilibrium is computed"
 MODES_ONLY = "only the modes are asked for"
+STATE = "response_state"  # folder of what is kept of response curves
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 
 
@@ -453,51 +454,106 @@ def response(
     say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
     stop: Callable[[], bool] = never,
 ) -> Response:
-    """Build the reduced model of a scene and compute its response curves.
+    """Build the reduced model of a scene, compute its response curves and write their files.
 
     Args:
         scene: the scene, with a table [response].
         comm: MPI communicator of the offline stages; by default all ranks.
         say: receives the progress, one line at a time; by default nobody.
-        folder: folder of the reduced model; None writes no model.
-        stop: asked between the offline stages; the run ends where it returns True.
+        folder: folder of the output files; None writes no files.
+        resume: folder of the state of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time, see
+            `fenicsrom.assess.response.response`; several ranks compute without processes.
+        stop: asked between the offline stages and at each point of a curve; the run ends where it
+            returns True.
 
     Raises:
-        SceneError: the scene cannot be used.
+        SceneError: the scene or the earlier state cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
         KeyboardInterrupt: `stop` returned True before the curves began.
-        OSError: the model cannot be written.
+        OSError: a file cannot be written.
     """
     from fenicsrom.assess.response import check_response
+    from fenicsrom.assess.response_files import check_folder
     from fenicsrom.online.archive import save_model
     from fenicsrom.post.record import Study
+    from fenicsrom.post.response_report import write
     from fenicsrom.post.summary import MODEL, stored_model
 
     check_response(scene)
+    if resume is not None:
+        check_folder(resume)
     say = say if say is not None else (lambda line: None)
     run = Run(Study(scene), comm or _all_ranks(), Stopwatch(say), folder, stop=stop)
     execute(run, _offline_stages(scene, modes_only=False))
     stored = stored_model(run.study)
     if folder is not None and run.comm.rank == 0:
         save_model(folder / MODEL, stored)
-    found = response_of_model(stored, say)
+    found = _curves(
+        stored,
+        say,
+        folder if run.comm.rank == 0 else None,
+        resume,
+        workers if run.comm.size == 1 else 1,
+        stop,
+    )
     found.warnings[:0] = run.study.warnings
+    if folder is not None and found.curves:
+        found.files = [*write(found, stored, folder, run.study), *found.files]
     return found
 
 
-def response_of_model(stored: StoredModel, say: Callable[[str], None] | None = None) -> Response:
+def response_of_model(
+    stored: StoredModel,
+    say: Callable[[str], None] | None = None,
+    *,
+    folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = never,
+) -> Response:
     """Compute the response curves of a stored model; arguments as `response`.
 
     Raises:
-        SceneError: the scene of the model cannot be used.
+        SceneError: the scene of the model or the earlier state cannot be used.
+        OSError: a file cannot be written.
     """
+    from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.post.response_report import write
+
+    if resume is not None:
+        check_folder(resume)
+    found = _curves(stored, say, folder, resume, workers, stop)
+    if folder is not None and found.curves:
+        found.files = write(found, stored, folder)
+    return found
+
+
+def _curves(
+    stored: StoredModel,
+    say: Callable[[str], None] | None,
+    folder: Path | None,
+    resume: Path | None,
+    workers: int,
+    stop: Callable[[], bool],
+) -> Response:
+    """Compute the response curves of a stored model; arguments as `response`."""
     from fenicsrom.assess import response as curves
 
     watch = Stopwatch(say if say is not None else lambda line: None)
     with watch("response curves"):
-        return curves.response(stored, watch.say)
+        return curves.response(
+            stored,
+            lambda line: watch.say(f"  {line}"),
+            state=None if folder is None else folder / STATE,
+            resume=resume,
+            workers=workers,
+            stop=stop,
+        )
 
 
 def _all_ranks() -> Any:

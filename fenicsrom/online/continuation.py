@@ -12,14 +12,16 @@ by bisection, on the curve itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.curve_measures import harmonics, states_over_period
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.period_map import no_drift
@@ -30,6 +32,7 @@ from fenicsrom.online.periodic import (
     floquet,
     least_squares_step,
 )
+from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.step_sensitivity import Drift
 from fenicsrom.online.surfaces import Contacts
 
@@ -187,6 +190,10 @@ class CurvePoint:
         residual: relative.
         marches: number of marched periods it took, and of those with derivatives.
         kind: "" of an ordinary point, else the bifurcation located there.
+        harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
+            `fenicsrom.online.curve_measures.harmonics`.
+        period_states: (phases, P) contact states over the period.
+        damping_dissipation: energy dissipated by damping in the period, J.
     """
 
     parameter: float
@@ -203,6 +210,9 @@ class CurvePoint:
     residual: float
     marches: tuple[int, int]
     kind: str = ""
+    harmonics: NDArray[np.complex128] = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
+    period_states: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), np.int8))
+    damping_dissipation: float = 0.0
 
     @property
     def stable(self) -> bool:
@@ -250,7 +260,7 @@ class Continuation:
         """
         self.shooting, self.family, self.tolerance = shooting, family, tolerance
         self.low, self.high, self.range = low, high, high - low
-        self.size = size
+        self.size, self.step = size, 0.0
 
     def _evaluate(self, y: Array, *, derive: bool) -> Any:
         problem = self.family(y[-1] * self.range)
@@ -337,6 +347,8 @@ class Continuation:
         for bit, state in enumerate((-1, 0, 1)):
             bits |= np.any(record.state == state, axis=0).astype(np.int64) << bit
         s = y[:-1] * self.size
+        problem = self.family(float(y[-1] * self.range))
+        histories = problem.model.load_histories
         return CurvePoint(
             parameter=float(y[-1] * self.range),
             z=self.shooting.unscaled(s),
@@ -351,6 +363,9 @@ class Continuation:
             states=bits,
             residual=residual,
             marches=marches,
+            harmonics=harmonics(record, histories, problem.period),
+            period_states=states_over_period(record),
+            damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
         )
 
     def place(self, point: CurvePoint) -> Array:
@@ -374,11 +389,15 @@ class Continuation:
         points: int = 500,
         locate: bool = True,
         progress: Callable[[CurvePoint], None] | None = None,
+        before: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
+        The size of the next step is in `step` when `progress` is called. An interrupted run
+        continues bit for bit with it, with the points so far and with the `guess` of `shooting`.
+
         Args:
-            start: its first point.
+            start: its first point, or the last one of an interrupted run.
             direction: sign of the change of the parameter at the start.
             step: first step along the curve.
             largest_step: largest step.
@@ -386,10 +405,15 @@ class Continuation:
             points: largest number of points.
             locate: whether to locate bifurcations.
             progress: called with each point.
+            before: the points of an interrupted run before `start`.
         """
-        curve = Curve([start])
-        tangent = start.tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        ys, arcs = [self.place(start)], [0.0]
+        curve = Curve([*before, start])
+        tangent = start.tangent
+        if not before:
+            tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
+        ys, arcs = [self.place(point) for point in curve.points], [0.0]
+        for behind, ahead in pairwise(ys):
+            arcs.append(arcs[-1] + float(np.linalg.norm(ahead - behind)))
         tangents = [tangent]
         while len(curve.points) < points:
             guess = _predict(ys, arcs, tangents[-1], step)
@@ -421,8 +445,6 @@ class Continuation:
             if locate:
                 curve.special.extend(self._locate(before, found, tangents[-1]))
             curve.points.append(found)
-            if progress is not None:
-                progress(found)
             arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
             ys.append(self.place(found))
             tangents.append(tangent)
@@ -431,6 +453,9 @@ class Continuation:
             step = min(largest_step, step * (1.5 if effort <= 3 else 1.0 if effort <= 6 else 0.6))
             if not inside:
                 step = max(0.5 * step, smallest_step)
+            self.step = step
+            if progress is not None:
+                progress(found)
         curve.reason = "number of points"
         return curve
 
