@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.continuation import Continuation, CurvePoint
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import CurvePoint
 
 if TYPE_CHECKING:
     from fenicsrom.assess.response import Piece, ResponseCurve

@@ -23,9 +23,9 @@ from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, fo
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.continuation import (
-    Continuation,
-    CurvePoint,
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.families import (
     Family,
     contact_family,
     damping_family,

@@ -17,7 +17,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.checkpoints import fingerprint
-from fenicsrom.online.continuation import CurvePoint
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.packing import pack, unpack
 from fenicsrom.online.scene_changes import changed_run_key, first_difference
 from fenicsrom.scene import Scene, parse_scene, scene_table

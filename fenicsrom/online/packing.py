@@ -19,7 +19,8 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
     """Split a value into a tree that JSON can hold and flat arrays by their type.
 
     Args:
-        value: a dataclass, list, tuple, array of `DTYPES`, complex or JSON value, nested at will.
+        value: a dataclass, list, tuple (named or not), array of `DTYPES`, complex or JSON value,
+            nested at will.
 
     Returns:
         The tree, and the arrays: an array in the tree is a place in one of them.
@@ -45,6 +46,9 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
             return {"complex": [item.real, item.imag]}
         if isinstance(item, list):
             return [tree(one) for one in item]
+        if isinstance(item, tuple) and hasattr(item, "_fields"):
+            named = {name: tree(one) for name, one in zip(item._fields, item, strict=True)}
+            return {"class": type(item).__name__, "fields": named}
         if isinstance(item, tuple):
             return {"tuple": [tree(one) for one in item]}
         if is_dataclass(item) and not isinstance(item, type):
@@ -64,7 +68,7 @@ def unpack(tree: Any, arrays: Mapping[str, Any], classes: Mapping[str, Any]) -> 
     Args:
         tree: the tree.
         arrays: the arrays by their type.
-        classes: the dataclasses that may occur, by name.
+        classes: the dataclasses and named tuples that may occur, by name.
 
     Raises:
         KeyError, TypeError, ValueError: the tree was not made by `pack`, or of other classes.

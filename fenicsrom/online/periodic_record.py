@@ -8,7 +8,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.continuation import Problem
+from fenicsrom.online.families import Problem
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.period_map import DONE, PeriodMap
 from fenicsrom.online.periodic import Shooting

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response import Response, ResponseCurve
-from fenicsrom.online.continuation import CurvePoint
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.curve_measures import HARMONICS
 from fenicsrom.post.response_figures import (
     INK,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from fenicsrom.assess.response import Response, ResponseCurve, family_of
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.continuation import CurvePoint
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic_record import recorded_motion
 from fenicsrom.online.surfaces import Contacts
