@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.curve_measures import HARMONICS
 from fenicsrom.post.response_figures import (
     INK,
     curve_name,
@@ -63,7 +62,7 @@ def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
     far = size > FARTHEST
     drawn = np.where(far, values / np.maximum(size, 1e-300) * FARTHEST, values)
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    axis.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9, zorder=1)
+    axis.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9, zorder=4)
     look = {"cmap": "viridis", "norm": colours, "linewidths": 0.0, "zorder": 3}
     axis.scatter(drawn[~far].real, drawn[~far].imag, c=parameters[~far], s=9, **look)
     if np.any(far):
@@ -92,23 +91,23 @@ def harmonics_figure(found: Response) -> Figure:
     place, direction = largest_component(found)
     drawn = new_figure(max(3.1 * len(curves), 6.4) + 0.8, 3.9)
     axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True)[0]
-    largest = 0.0
+
+    def sizes(points: list[CurvePoint]) -> Array:
+        """Amplitudes (H, points) of the harmonics, mm."""
+        return 1e3 * np.abs([point.harmonics[:, place, direction] for point in points]).T
+
+    highest = np.max([sizes(curve.points).max(axis=1) for curve in curves], axis=0)
+    drawable = np.flatnonzero(highest > FLOOR * highest.max())
     for axis, curve in zip(axes, curves, strict=True):
-        for k in range(HARMONICS):
-
-            def values(points: list[CurvePoint], k: int = k) -> Array:
-                found = [abs(point.harmonics[k, place, direction]) for point in points]
-                return 1e3 * np.array(found)
-
-            draw_curves(axis, found, [curve], values, COLOURS[k], marked=False)
-            largest = max(largest, float(values(curve.points).max()))
+        for k in drawable:
+            draw_curves(axis, found, [curve], lambda p, k=k: sizes(p)[k], COLOURS[k], marked=False)
         axis.set_yscale("log")
         axis.set_title(curve_name(found, curve))
         axis.set_xlabel(parameter_label(found))
-    axes[0].set_ylim(FLOOR * largest, 2.0 * largest)
+    axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
     axes[0].set_ylabel(f"{directions(found)[direction]} harmonics, mm")
     handles: list[Any] = [
-        Line2D([], [], color=COLOURS[k], label=f"harmonic {k + 1}") for k in range(HARMONICS)
+        Line2D([], [], color=COLOURS[k], label=f"harmonic {k + 1}") for k in drawable
     ]
     handles += style_handles(found)
     drawn.legend(handles=handles, loc="outside upper center", ncols=4)

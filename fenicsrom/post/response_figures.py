@@ -124,11 +124,16 @@ def figure(found: Response) -> Figure:
 
     panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
         (f"{name} amplitude, mm", each(lambda p: 1e3 * float(p.amplitude[:, direction].max()))),
-        ("phase, degrees", lambda points: phases(points, place, direction)),
+        ("phase,\ndegrees", lambda points: phases(points, place, direction)),
     ]
     if found.contacts:
-        panels.append(("peak force, N", each(lambda p: float(p.peak_force.max()))))
-    panels.append(("dissipated, J", each(lambda p: p.friction_dissipation + p.damping_dissipation)))
+        panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
+    panels.append(
+        (
+            "dissipated in\na period, J",
+            each(lambda p: p.friction_dissipation + p.damping_dissipation),
+        )
+    )
     heights = [2.4, *(1.0 for _ in panels[1:])]
     drawn = new_figure(8.4, 2.0 * sum(heights))
     axes = drawn.subplots(len(panels), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
