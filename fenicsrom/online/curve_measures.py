@@ -9,7 +9,7 @@ from fenicsrom.online.load_histories import AMPLITUDE, OMEGA, PHASE, LoadHistori
 from fenicsrom.online.state import Record
 
 HARMONICS = 5  # number of harmonics that a point keeps
-PHASES = 120  # instants of the period at which a point keeps the contact states
+PHASES = 200  # instants of the period at which a point keeps the contact states
 
 
 def load_harmonic(histories: LoadHistories, period: float) -> tuple[int, complex]:

@@ -141,7 +141,7 @@ def figure(found: Response) -> Figure:
         draw_curves(axis, found, found.curves, values)
         axis.set_ylabel(label)
     for axis in (axes[0], *axes[2:]):
-        axis.set_ylim(bottom=0.0)
+        axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # a curve at zero stays visible
     axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
