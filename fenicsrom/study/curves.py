@@ -6,9 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.study.execution import all_ranks, execute
-from fenicsrom.study.scene_stages import offline_stages
-from fenicsrom.study.stage import Run
+from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
@@ -42,18 +40,15 @@ def response(
     """
     from fenicsrom.assess.response import check_response
     from fenicsrom.online.archive import save_model
-    from fenicsrom.post.record import Study
     from fenicsrom.post.summary import MODEL, stored_model
 
     check_response(scene)
-    say = say if say is not None else (lambda line: None)
-    run = Run(Study(scene), comm or all_ranks(), Stopwatch(say), folder, stop=stop)
-    execute(run, offline_stages(scene, modes_only=False))
-    stored = stored_model(run.study)
-    if folder is not None and run.comm.rank == 0:
+    built = offline(scene, comm, Stopwatch(say), stop=stop)
+    stored = stored_model(built)
+    if folder is not None and built.solid.comm.rank == 0:
         save_model(folder / MODEL, stored)
     found = response_of_model(stored, say)
-    found.warnings[:0] = run.study.warnings
+    found.warnings[:0] = built.warnings
     return found
 
 
@@ -65,6 +60,6 @@ def response_of_model(stored: StoredModel, say: Callable[[str], None] | None = N
     """
     from fenicsrom.assess import response as curves
 
-    watch = Stopwatch(say if say is not None else lambda line: None)
+    watch = Stopwatch(say)
     with watch("response curves"):
         return curves.response(stored, watch.say)

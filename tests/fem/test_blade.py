@@ -86,7 +86,7 @@ def assert_close(motion: Motion, full: Motion) -> None:
 
 
 @pytest.mark.slow
-def test_reduced_blade_against_the_full_one() -> None:
+def test_reduced_blade_matches_full_blade() -> None:
     """2 000 unknowns, three revolutions: the tip rubs at several nodes, slips, and lifts off."""
     solid = make_solid(
         blade(
@@ -110,7 +110,7 @@ def test_reduced_blade_against_the_full_one() -> None:
 
 
 @pytest.mark.slow
-def test_reduced_blade_with_coriolis_force_against_the_full_one() -> None:
+def test_reduced_blade_with_coriolis_force_matches_full_blade() -> None:
     """Gyroscopic forces turn the motion, do no work, and are the same in both models."""
     motions = {}
     for coriolis in ("true", "false"):
@@ -208,7 +208,7 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     return np.array(rates), np.array(forces), np.array(reactions)
 
 
-def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum() -> None:
+def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
     """To rounding in the full model, step by step; the reduced one has the reaction that its
     momentum asks for.
 
@@ -234,7 +234,7 @@ def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum(
 # ------------------------------------------------------------------ points
 
 
-def test_two_contacts_of_half_the_stiffness_on_one_place_are_one() -> None:
+def test_two_contacts_of_half_stiffness_equal_one_contact() -> None:
     """Their displacements depend on one another: interface modes leave out what does."""
 
     def contact(share: float) -> dict[str, Any]:
@@ -278,7 +278,7 @@ def test_two_contacts_of_half_the_stiffness_on_one_place_are_one() -> None:
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_many_nodes_of_a_slender_body_are_masters(method: str) -> None:
+def test_slender_body_with_many_masters_keeps_its_basis(method: str) -> None:
     """Nine nodes of a tip face, 1e8 times stiffer against one another than the beam: R_m and modes
     with them held."""
     contacts = [
@@ -315,7 +315,7 @@ def test_many_nodes_of_a_slender_body_are_masters(method: str) -> None:
         np.testing.assert_allclose(found.omega**2, squares, rtol=1e-5)
 
 
-def test_the_shares_of_nodes_add_up_to_the_area_or_the_length() -> None:
+def test_tributary_areas_add_up_to_area_or_length() -> None:
     """Corners of quadratic tetrahedra have no share of a facet and are no points; the others keep
     the order of an edge."""
     contacts = [
@@ -373,7 +373,7 @@ if solid.comm.rank == 0:
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks_find_the_same_points_in_the_same_order(tmp_path: Path) -> None:
+def test_two_ranks_find_same_points_in_same_order(tmp_path: Path) -> None:
     found = []
     for ranks in (1, 2):
         on_ranks(ranks, "-c", POINTS, str(tmp_path / f"{ranks}.npz"))
@@ -395,7 +395,7 @@ def test_two_ranks_find_the_same_points_in_the_same_order(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: int) -> None:
+def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> None:
     """A slow approach of the casing to a beam along its radius: N (1/k + 1/K) is what it has come
     beyond the gap."""
     surface: dict[str, Any] = {"kind": "cylinder", "point": [-1.0, 0.0, 0.0][:dimension]}
@@ -441,7 +441,7 @@ def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: i
     assert motion.gap[-1, 0] == pytest.approx(-expected / stiffness, rel=2e-3)
 
 
-def test_what_is_out_of_reach_is_said() -> None:
+def test_points_out_of_reach_are_reported_with_smallest_gap() -> None:
     """The run says so, with the smallest gap that was left; points that touch are not named."""
     scene = blade(
         *SHORT,
@@ -467,7 +467,7 @@ def test_what_is_out_of_reach_is_said() -> None:
     assert out_of_reach(replace(motion, force=np.ones_like(motion.force)), found.solid.points) == []
 
 
-def test_plan_of_a_rub() -> None:
+def test_plan_of_rub_counts_contact_displacements() -> None:
     """The plan counts displacements, and leaves out what one point, or a body at rest, does not
     need."""
 
@@ -521,7 +521,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, 
     return solid, stored_model(study), path
 
 
-def test_equilibrium_is_sought_in_parts_of_what_presses(
+def test_equilibrium_in_overlapping_casing_is_found_by_load_steps(
     stored: tuple[Any, StoredModel, Path],
 ) -> None:
     """The blade grows into its casing at speed: from nothing, where it would touch without
@@ -538,7 +538,9 @@ def test_equilibrium_is_sought_in_parts_of_what_presses(
     assert found[0] <= 1e-9 * found[2] and 0.3 < found[1] / found[2] < 0.7
 
 
-def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path]) -> None:
+def test_stored_model_with_another_casing_equals_new_model(
+    stored: tuple[Any, StoredModel, Path],
+) -> None:
     """From the file the same motion, bit for bit; with another casing that of the model made for
     it."""
     solid, made, path = stored
@@ -564,7 +566,7 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
     assert np.abs(after.force - before.force).max() > 0.1 * before.force.max()
 
 
-def test_surfaces_of_other_normals_need_another_model() -> None:
+def test_surface_with_other_normals_is_refused_by_stored_model() -> None:
     """What turns the normals at the contact points needs the mesh; everything else about a surface
     may change."""
     made = blade()
@@ -624,7 +626,7 @@ def test_demo_rubs_to_a_steady_state() -> None:
     )
 
 
-def test_demo_says_what_it_is() -> None:
+def test_scene_of_demo_survives_stored_model() -> None:
     """The demo's scene survives the way into a stored model, its casing at rest and turning as seen
     from the blade."""
     from fenicsrom.online.surfaces import spin_of

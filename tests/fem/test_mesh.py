@@ -115,7 +115,7 @@ def integral(mesh: Mesh, integrand: object, measure: ufl.Measure | None = None) 
 
 @pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize(("dimension", "cells"), CUT)
-def test_beam(dimension: int, cells: str, curved: bool) -> None:
+def test_beam_mesh_has_its_size_and_groups(dimension: int, cells: str, curved: bool) -> None:
     through = 2
     mesh = beam(dimension, cells, curved, elements_along=10, elements_through=through, load_at=0.52)
     section = HEIGHT * (WIDTH if dimension == 3 else 1.0)
@@ -143,7 +143,7 @@ def test_beam(dimension: int, cells: str, curved: bool) -> None:
 
 
 @pytest.mark.parametrize(("dimension", "cells"), CUT)
-def test_load_section_is_inside_and_conforming(dimension: int, cells: str) -> None:
+def test_load_section_of_beam_conforms_with_cells(dimension: int, cells: str) -> None:
     mesh = beam(dimension, cells)
     topology = mesh.domain.topology
     for name, neighbours in (("root", 1), ("load", 2), ("tip", 1)):
@@ -176,20 +176,20 @@ def test_load_section_is_inside_and_conforming(dimension: int, cells: str) -> No
         ("structured", 1.0, "must be one of elements_along"),
     ],
 )
-def test_wrong_parameter(dimension: int, name: str, value: float, allowed: str) -> None:
+def test_wrong_parameter_is_refused(dimension: int, name: str, value: float, allowed: str) -> None:
     key = rf"beam{dimension}d\.geo: geometry\.parameters\.{name} = {value:g}"
     with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
         beam(dimension, **{name: value})
 
 
-def test_wrong_width() -> None:
+def test_negative_width_is_refused() -> None:
     with pytest.raises(
         SceneError, match=r"geometry\.parameters\.width = -1: must be greater than 0"
     ):
         beam(3, width=-1.0)
 
 
-def test_a_mesh_of_absurd_size_does_not_disturb_the_next() -> None:
+def test_huge_mesh_does_not_disturb_the_next_mesh() -> None:
     """Gmsh scales its tolerances by the extent of the last model of the process: points of the next
     would fall together."""
     before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
@@ -218,7 +218,7 @@ def profile(u: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 @pytest.mark.parametrize("curved", [False, True])
 @pytest.mark.parametrize("cells", ["structured", "simplex"])
-def test_blade(cells: str, curved: bool) -> None:
+def test_blade_mesh_has_its_groups(cells: str, curved: bool) -> None:
     mesh = blade(cells, curved)
     assert not mesh.warnings
     cut = {"structured": (1, 1), "simplex": (6, 2)}[cells]
@@ -255,7 +255,7 @@ def test_blade(cells: str, curved: bool) -> None:
     assert set(vertices) == {v for edge in edges for v in topology.connectivity(1, 0).links(edge)}
 
 
-def test_blade_has_the_shape_it_is_given() -> None:
+def test_blade_mesh_has_the_given_shape() -> None:
     size = {
         "span": 0.6,
         "chord": 0.2,
@@ -331,7 +331,7 @@ def test_blade_has_the_shape_it_is_given() -> None:
         ("load_at", 0.99, "at least one of the 12 elements on each side"),
     ],
 )
-def test_wrong_blade(name: str, value: float, allowed: str) -> None:
+def test_wrong_parameter_of_blade_is_refused(name: str, value: float, allowed: str) -> None:
     key = rf"blade\.geo: geometry\.parameters\.{name} = {value:g}"
     with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
         blade(**{name: value})
@@ -360,7 +360,7 @@ def test_parameters_are_found_among_comments(tmp_path: Path) -> None:
     assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "geometry.cells")
 
 
-def test_error_in_geometry_is_the_first_and_does_no_harm(tmp_path: Path) -> None:
+def test_error_in_geometry_names_first_line_and_leaves_gmsh_usable(tmp_path: Path) -> None:
     path = tmp_path / "wrong.geo"
     path.write_text("Point(1) = {0, 0, nothing};\nLine(1) = {1, 7};\nBogus(3;\n")
     for _ in range(2):
@@ -370,7 +370,7 @@ def test_error_in_geometry_is_the_first_and_does_no_harm(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("name", ["absent.msh", "absent.geo", "present.stl"])
-def test_wrong_file(tmp_path: Path, name: str) -> None:
+def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "present.stl").touch()
     with pytest.raises(
         SceneError, match=rf"{name}': must be an existing file of one of \.geo, \.msh, .*, \.vtu$"
@@ -378,7 +378,7 @@ def test_wrong_file(tmp_path: Path, name: str) -> None:
         read(tmp_path / name)
 
 
-def test_rubbish(tmp_path: Path) -> None:
+def test_file_without_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rubbish.msh"
     path.write_text("rubbish\n")
     with pytest.raises(SceneError, match=r"rubbish\.msh: "):
@@ -386,14 +386,14 @@ def test_rubbish(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_dimension(dimension: int) -> None:
+def test_mesh_of_another_dimension_is_refused(dimension: int) -> None:
     with pytest.raises(
         SceneError, match=f"geometry.dimension = {5 - dimension}: must be {dimension} for this file"
     ):
         read(shared_meshes() / f"beam{dimension}d.geo", 5 - dimension)
 
 
-def test_missing_group() -> None:
+def test_missing_group_is_refused_with_known_names() -> None:
     mesh = beam(2)
     for ask in (mesh.facets, mesh.surface, lambda name: unclamped_pieces(mesh, [name])):
         with pytest.raises(
@@ -404,7 +404,7 @@ def test_missing_group() -> None:
         mesh.facets("solid")
 
 
-def test_msh(tmp_path: Path) -> None:
+def test_msh_file_equals_the_mesh_of_its_geometry(tmp_path: Path) -> None:
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()))
     assert mesh.groups.keys() == {"solid", "root", "tip"}
     assert integral(mesh, 1.0) == pytest.approx(2.0)
@@ -414,7 +414,7 @@ def test_msh(tmp_path: Path) -> None:
     assert not mesh.warnings
 
 
-def test_without_facet_groups(tmp_path: Path) -> None:
+def test_mesh_without_facet_groups_is_read(tmp_path: Path) -> None:
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()[:2], [(2, 1, "solid")]))
     assert mesh.groups.keys() == {"solid"} and not mesh.node_groups
     left = Region(box=((0.0, 0.0), (0.0, 1.0)))
@@ -426,7 +426,7 @@ def test_without_facet_groups(tmp_path: Path) -> None:
         mesh.facets("root")
 
 
-def test_points_and_curves_are_node_groups(tmp_path: Path) -> None:
+def test_groups_of_points_and_curves_become_node_groups(tmp_path: Path) -> None:
     with session() as gmsh:
         gmsh.merge(str(shared_meshes() / "beam3d.geo"))
         gmsh.model.mesh.generate(3)
@@ -448,7 +448,7 @@ def test_points_and_curves_are_node_groups(tmp_path: Path) -> None:
     assert unclamped_pieces(mesh, ["points"]) == 0
 
 
-def test_facet_in_two_groups_and_group_without_a_name(tmp_path: Path) -> None:
+def test_facet_in_two_groups_is_in_both(tmp_path: Path) -> None:
     edges = [(LINE, 4, edge) for edge in ((0, 3), (0, 1), (1, 4))]
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares(*edges)))
     assert integral(mesh, 1.0, mesh.surface("4")) == pytest.approx(3.0)
@@ -457,7 +457,7 @@ def test_facet_in_two_groups_and_group_without_a_name(tmp_path: Path) -> None:
     assert not mesh.warnings
 
 
-def test_newer_format_with_a_facet_in_two_groups(tmp_path: Path) -> None:
+def test_facet_in_two_groups_of_newer_format_is_in_both(tmp_path: Path) -> None:
     with session() as gmsh:
         gmsh.merge(str(shared_meshes() / "beam3d.geo"))
         gmsh.model.addPhysicalGroup(2, [1, 26], name="sections")
@@ -468,7 +468,7 @@ def test_newer_format_with_a_facet_in_two_groups(tmp_path: Path) -> None:
     assert set(mesh.facets("sections")) == {*mesh.facets("root"), *mesh.facets("load")}
 
 
-def test_all_cells_without_solid_and_its_cells_only_with_it(tmp_path: Path) -> None:
+def test_cells_are_those_of_solid_group_or_all(tmp_path: Path) -> None:
     elements = [
         (QUADRILATERAL, 4, nodes) if kind == QUADRILATERAL and 4 in nodes else (kind, group, nodes)
         for kind, group, nodes in squares()
@@ -491,7 +491,7 @@ def test_all_cells_without_solid_and_its_cells_only_with_it(tmp_path: Path) -> N
     )
 
 
-def test_facets_that_are_not_facets(tmp_path: Path) -> None:
+def test_facet_across_a_cell_is_left_out_with_warning(tmp_path: Path) -> None:
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares((LINE, 2, (0, 2)))))
     assert len(mesh.facets("root")) == 1
     assert "group 'root': 1 of 2 facets are not facets of a cell" in mesh.warnings[0]
@@ -524,19 +524,21 @@ def test_facets_that_are_not_facets(tmp_path: Path) -> None:
         ([*SQUARE[:5], (2, 1, 0.1)], squares(), r"z differs by 0\.1 m"),
     ],
 )
-def test_wrong_mesh(tmp_path: Path, points: list, elements: list, message: str) -> None:
+def test_damaged_mesh_is_refused(
+    tmp_path: Path, points: list, elements: list, message: str
+) -> None:
     names = [(2, 1, "solid"), (1, 1, "solid"), (1, 2, "root"), (1, 3, "tip")]
     with pytest.raises(SceneError, match=message):
         read(write_msh(tmp_path / "wrong.msh", points, elements, names))
 
 
-def test_clockwise_cells_are_right(tmp_path: Path) -> None:
+def test_clockwise_cells_are_read(tmp_path: Path) -> None:
     elements = [(QUADRILATERAL, 1, (3, 2, 1, 0)), (QUADRILATERAL, 1, (2, 5, 4, 1)), *squares()[2:]]
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, elements))
     assert integral(mesh, 1.0) == pytest.approx(2.0)
 
 
-def test_unsupported_cells_and_facets(tmp_path: Path) -> None:
+def test_unsupported_cells_and_facets_are_refused(tmp_path: Path) -> None:
     points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]
     names = [(3, 1, "solid"), (2, 2, "root")]
     prism = write_msh(
@@ -554,7 +556,7 @@ def test_unsupported_cells_and_facets(tmp_path: Path) -> None:
         read(write_msh(tmp_path / "tetrahedron.msh", points, elements, names), 3)
 
 
-def test_empty_group(tmp_path: Path) -> None:
+def test_empty_group_is_refused(tmp_path: Path) -> None:
     with session() as gmsh:
         gmsh.merge(str(shared_meshes() / "beam2d.geo"))
         gmsh.model.mesh.generate(2)
@@ -564,7 +566,7 @@ def test_empty_group(tmp_path: Path) -> None:
         read(tmp_path / "empty.msh")
 
 
-def test_disc(tmp_path: Path) -> None:
+def test_curved_disc_has_its_area(tmp_path: Path) -> None:
     path = tmp_path / "disc.geo"
     path.write_text(
         'SetFactory("OpenCASCADE"); Disk(1) = {0, 0, 0, 1}; MeshSize{:} = 0.5;\n'
@@ -577,7 +579,7 @@ def test_disc(tmp_path: Path) -> None:
     assert integral(curved, 1.0, curved.surface("root")) == pytest.approx(2 * np.pi, rel=1e-3)
 
 
-def test_curved_file(tmp_path: Path) -> None:
+def test_curved_file_keeps_its_curved_cells(tmp_path: Path) -> None:
     h = 0.1  # the cell [-1, 1]² with its right edge bulged by h: the area grows by 2/3 · 2 h
     corners = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
     points = [*corners, (0, -1, 0), (1 + h, 0, 0), (0, 1, 0), (-1, 0, 0), (0, 0, 0)]
@@ -598,7 +600,7 @@ def test_curved_file(tmp_path: Path) -> None:
         read(write_msh(tmp_path / "two.msh", SQUARE, squares()), curved=True)
 
 
-def test_unclamped_pieces(tmp_path: Path) -> None:
+def test_piece_without_clamp_is_found(tmp_path: Path) -> None:
     assert unclamped_pieces(beam(2), ["root"]) == 0
     assert unclamped_pieces(beam(2), []) == 1
     doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]  # the second square has its own nodes at x = 1
@@ -609,7 +611,7 @@ def test_unclamped_pieces(tmp_path: Path) -> None:
     ] == [2, 1, 1, 0]
 
 
-def test_gmsh_is_left_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_settings_of_gmsh_are_restored(monkeypatch: pytest.MonkeyPatch) -> None:
     import gmsh
 
     seen, check = [], gmsh_model.check_cells
@@ -667,7 +669,7 @@ print("rank", comm.rank, "is right")
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks(tmp_path: Path) -> None:
+def test_two_ranks_give_the_same_mesh(tmp_path: Path) -> None:
     doubled = [*SQUARE, (1, 0, 0), (1, 1, 0)]
     pieces = write_msh(
         tmp_path / "two.msh",

@@ -145,7 +145,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
+def test_rotation_forces_of_linear_field_match_closed_form(dimension: int) -> None:
     """u = x a: integrals over the box are closed forms."""
     solid = make_solid(rotating_scene(dimension))
     omega = 4000.0 / RPM
@@ -217,7 +217,7 @@ def tiny_still() -> Any:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.3])
-def test_spinning_rod_stretches_as_the_boundary_value_problem(slender: Any, speed: float) -> None:
+def test_stretch_of_spinning_rod_matches_boundary_value_problem(slender: Any, speed: float) -> None:
     """k L = `speed`, k^2 = rho Omega^2 / E: (S (1 + u'))' + k^2 (x + u) = 0, S = u' + u'^2/2, u(0)
     = 0 = S(L).
 
@@ -274,7 +274,7 @@ def test_equilibrium_at_speed_balances_and_is_independent_of_the_path(dimension:
     np.testing.assert_allclose(u, solid.static(1.2 * solid.static_load), rtol=0, atol=1e-8 * scale)
 
 
-def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
+def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
     nonlinear, linear = (
         make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
         for word in ("true", "false")
@@ -331,7 +331,9 @@ def test_rotating_cantilever_matches_beam_theory(slender: Any) -> None:
 
 @pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
+def test_polynomial_about_spinning_state_matches_projected_force(
+    dimension: int, loads: Any, method: str
+) -> None:
     scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
     )

@@ -87,7 +87,7 @@ def test_tangent_is_the_derivative_of_the_force(tiny: Any) -> None:
     )
 
 
-def test_a_multiple_of_the_tangent_is_added(tiny: Any) -> None:
+def test_tangent_is_added_with_its_factor(tiny: Any) -> None:
     keep = free_unknowns(tiny)
     u = random_field(tiny, 0.02)
     matrix = tiny.stiffness.copy()
@@ -99,7 +99,7 @@ def test_a_multiple_of_the_tangent_is_added(tiny: Any) -> None:
 
 
 @pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
-def test_derivative_of_the_tangent_at_a_deformed_equilibrium(
+def test_derivative_of_tangent_at_deformed_equilibrium_matches_differences(
     bent: str, request: pytest.FixtureRequest
 ) -> None:
     solid = request.getfixturevalue(bent)
@@ -117,7 +117,7 @@ def test_derivative_of_the_tangent_at_a_deformed_equilibrium(
     np.testing.assert_allclose(by_difference, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
-def test_matrices_are_symmetric_and_the_mass_is_right(tiny: Any) -> None:
+def test_matrices_are_symmetric_and_mass_is_density_times_volume(tiny: Any) -> None:
     keep = free_unknowns(tiny)
     for matrix in (tiny.mass, tiny.stiffness, tiny.tangent(random_field(tiny, 0.02))):
         values = dense(matrix, keep)
@@ -151,7 +151,7 @@ def test_rigid_rotation_is_free_of_stress(tiny: Any) -> None:
 
 
 @pytest.mark.parametrize("plane", ["stress", "strain"])
-def test_plane_body_is_the_solid_one(plane: str) -> None:
+def test_plane_solid_matches_solid_without_lateral_strain(plane: str) -> None:
     flat = make_solid(
         beam_scene(2, (*TINY, f"geometry.plane='{plane}'", "geometry.thickness=0.15"))
     )
@@ -170,7 +170,7 @@ def test_plane_body_is_the_solid_one(plane: str) -> None:
 
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
-def test_small_load_bends_the_beam_as_timoshenko_says(dimension: int, tolerance: float) -> None:
+def test_tip_under_small_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
     load = {"group": "tip", "direction": [0, 1, 0][:dimension], "force": 1e-3, "frequency": 1.0}
     solid = make_solid(
         beam_scene(
@@ -185,7 +185,7 @@ def test_small_load_bends_the_beam_as_timoshenko_says(dimension: int, tolerance:
     assert np.abs(np.delete(tip, 1)).max() < 1e-6 * tip[1]
 
 
-def test_large_load_bends_the_beam_into_the_elastica() -> None:
+def test_tip_under_large_load_matches_elastica() -> None:
     # P L^2 / (E I) = 1: w / L = 0.30172, u / L = -0.05643 (Mattiasson 1981)
     solid = make_solid(beam_scene(2, ("geometry.parameters.elements_along=60",)))
     rows, _ = solid.place(Place(group="tip"), "probe")
@@ -196,7 +196,7 @@ def test_large_load_bends_the_beam_into_the_elastica() -> None:
 
 
 @pytest.mark.parametrize("bent", ["bent2d", "bent3d"])
-def test_equilibrium_under_a_static_load(bent: str, request: pytest.FixtureRequest) -> None:
+def test_equilibrium_under_static_load_balances(bent: str, request: pytest.FixtureRequest) -> None:
     solid = request.getfixturevalue(bent)
     static = solid.loads[1].size * solid.load_vectors[:, 1]
     assert solid.loads[1].static and solid.loaded
@@ -259,7 +259,7 @@ def test_frames_are_right_handed() -> None:
 
 
 @pytest.mark.parametrize("group", ["tip", "load"])
-def test_mean_over_a_group(tiny: Any, group: str) -> None:
+def test_mean_over_group_weighs_by_area(tiny: Any, group: str) -> None:
     d = tiny.dimension
     rows, centroid = tiny.place(Place(group=group), "probe")
     height = tiny.geometry.parameters["height"]
@@ -298,7 +298,7 @@ def test_contact_rows_are_in_the_local_frame() -> None:
     )
 
 
-def test_no_node_lies_there() -> None:
+def test_coordinate_without_node_is_refused() -> None:
     scene = beam_scene(
         2,
         (
@@ -312,7 +312,7 @@ def test_no_node_lies_there() -> None:
     assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0].node")
 
 
-def test_a_place_named_twice_is_warned_of_once() -> None:
+def test_place_used_twice_warns_once() -> None:
     """Contact and probe are the same point, a load is another: two sentences, of which neither says
     the same."""
     place = {"nearest": [1.0, 0.09]}
@@ -347,7 +347,7 @@ def test_clamped_contact_is_refused() -> None:
         assert (caught.value.kind, caught.value.key) == (ErrorKind.PLACE, "contacts[0]")
 
 
-def test_contact_that_is_there_twice_is_refused() -> None:
+def test_contact_given_twice_is_refused() -> None:
     solid = make_solid(beam_scene(2, TINY, contacts=2 * contact_at(group="tip")))
     with pytest.raises(SceneError, match="two contact coordinates always move together"):
         component_modes(solid, Basis(method="rubin", modes=1))

@@ -81,7 +81,7 @@ def test_tangent_is_the_derivative_of_the_force(linear: bool) -> None:
     assert np.array_equal(tangent, tangent.T)
 
 
-def test_compiled_and_plain_python_agree() -> None:
+def test_compiled_beam_equals_plain_python() -> None:
     q = bent(3, 21)
     compiled, plain = (f(q, 0.1, 2.0, 3.0, 5.0) for f in (_assemble, _assemble.py_func))
     for a, b in zip(compiled, plain, strict=True):
@@ -98,7 +98,7 @@ def test_linear_beam_is_the_tangent_at_rest() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.3, 2.0, -3.1])
-def test_rigid_motion_costs_nothing(angle: float) -> None:
+def test_rigid_motion_has_no_energy_and_no_force(angle: float) -> None:
     """Rotation about the root and a shift, no node held: no energy, no force; and the force turns
     with the beam."""
     x = np.linspace(0.0, 2.54, 21)
@@ -138,7 +138,7 @@ def test_linear_statics_is_exact_at_the_nodes(elements: int) -> None:
     assert u == pytest.approx(1e3 / axial, rel=1e-12)
 
 
-def test_mass_and_rotary_inertia() -> None:
+def test_mass_and_rotary_inertia_match_closed_form() -> None:
     """The fields u = x, w = x, θ = x give ρA/3, ρA/3, ρI/3 on a beam of unit length."""
     beam = timoshenko(STOCKY, STEEL, False)
     x = np.arange(1, 21) / 20
@@ -184,7 +184,7 @@ def frequencies(section: BeamSection, number: int) -> Array:
     return np.sqrt(squares) / (2 * np.pi)
 
 
-def test_paper_beam_frequencies() -> None:
+def test_frequencies_match_paper_beam() -> None:
     """3.276 Hz is the printed value for the paper's beam; 20 elements are 0.02 % below it."""
     first, second = frequencies(PAPER, 2)
     exact = timoshenko_frequencies(PAPER, [(3, 4), (18, 23)])
@@ -210,7 +210,7 @@ def test_frequencies_converge_at_second_order() -> None:
     assert np.all(np.abs(errors[-1]) < 2e-3)
 
 
-def test_paper_open_linear_amplitude() -> None:
+def test_linear_amplitude_matches_paper_beam() -> None:
     """The harmonic response at 3.2 Hz to 111.29 N at 0.7 L: 200.78 mm at the tip, and only for that
     node."""
     factor = (2j * np.pi * 3.2) * STEEL.mass_damping - (2 * np.pi * 3.2) ** 2
@@ -227,7 +227,7 @@ def test_paper_open_linear_amplitude() -> None:
 
 
 @pytest.mark.parametrize("turns", [0.25, 1.0])
-def test_moment_rolls_the_beam_to_an_arc(turns: float) -> None:
+def test_beam_under_end_moment_is_an_arc(turns: float) -> None:
     """The end moment 2π EI/L times the turns: the tip turns by M L/EI, and the elements are chords
     of an arc."""
     beam = timoshenko(PAPER, STEEL, False)
@@ -275,7 +275,7 @@ def reissner_tip(section: BeamSection, along: float, across: float) -> Array:
 
 
 @pytest.mark.parametrize("load, w, u", [(1.0, 0.30172, 0.05643), (10.0, 0.81061, 0.55500)])
-def test_elastica(load: float, w: float, u: float) -> None:
+def test_large_deflection_matches_elastica(load: float, w: float, u: float) -> None:
     """Mattiasson's table of the inextensible cantilever, P L²/EI = `load`: first the shooting, then
     the elements."""
     force = load * rigidities(SLENDER)[2]
@@ -308,7 +308,7 @@ def test_stocky_cantilever_converges_to_reissner() -> None:
     assert np.abs(errors[-1] / exact).max() < 1e-3
 
 
-def test_bending_shortens_the_beam() -> None:
+def test_shortening_by_bending_matches_second_order_theory() -> None:
     """A small tip force P pulls the tip back by P² L⁵ / 15 EI², which the linear beam does not
     know."""
     bending = rigidities(PAPER)[2]
@@ -326,7 +326,7 @@ def test_bending_shortens_the_beam() -> None:
     assert np.log2(shortening[1] / shortening[0]) == pytest.approx(2.0, abs=2e-3)
 
 
-def test_places() -> None:
+def test_places_of_beam_are_nodes() -> None:
     beam = timoshenko(PAPER, STEEL, False)
     assert (beam.load_node, beam.tip_node, beam.unknown(1, 0), beam.unknown(20, 2)) == (
         14,
@@ -350,7 +350,7 @@ def test_load_between_nodes_is_refused(load_at: float, allowed: str) -> None:
         timoshenko(replace(PAPER, load_at=load_at), STEEL, False)
 
 
-def test_matrices_are_protected() -> None:
+def test_matrices_of_beam_are_read_only() -> None:
     beam = timoshenko(PAPER, STEEL, True)
     for matrix in (beam.mass, beam.elastic(np.zeros(60))[1]):
         with pytest.raises(ValueError, match="read-only"):

@@ -17,7 +17,7 @@ METHODS = ["rubin", "craig-bampton"]
 SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
 
 
-def test_labels() -> None:
+def test_labels_of_derivatives_name_their_pairs() -> None:
     assert all_pairs(["1V", "2V", "1S"]) == ["1V1V", "1V2V", "1V1S", "2V2V", "2V1S", "1S1S"]
     assert all_pairs([]) == []
     assert split("12V3S") == ("12V", "3S")
@@ -31,7 +31,7 @@ class Identity:
         return block
 
 
-def test_only_what_is_wanted_is_solved_for_in_the_order_asked() -> None:
+def test_derivatives_are_solved_for_given_pairs_in_their_order() -> None:
     seen = []
 
     def derivative(x: Any, y: Any) -> Any:
@@ -48,7 +48,7 @@ def test_only_what_is_wanted_is_solved_for_in_the_order_asked() -> None:
     )
 
 
-def test_asymmetry_is_refused() -> None:
+def test_asymmetric_derivatives_are_refused() -> None:
     with pytest.raises(
         AccuracyError, match=r"modal derivative 1V2V is not symmetric: relative difference 1\.0e-06"
     ):
@@ -92,7 +92,7 @@ def energy(solid: Any, block: Any) -> Any:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SOLIDS)
-def test_exact_against_central_difference(
+def test_derivatives_match_central_differences(
     name: str, method: str, request: pytest.FixtureRequest
 ) -> None:
     """The right-hand sides agree to the rounding of a difference, and so do the derivatives in the
@@ -118,7 +118,7 @@ def test_exact_against_central_difference(
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_derivatives_are_the_curvature_of_static_paths(
+def test_derivatives_match_curvature_of_static_paths(
     name: str, request: pytest.FixtureRequest
 ) -> None:
     """Under the forces s K X_i + t K X_j the body takes the place u(s, t) with u_st = theta_ij at
@@ -152,7 +152,7 @@ def test_derivatives_are_the_curvature_of_static_paths(
 
 
 @pytest.mark.parametrize("name", SOLIDS)
-def test_held_derivatives_leave_the_contact_in_place(
+def test_held_derivatives_do_not_move_the_contact(
     name: str, request: pytest.FixtureRequest
 ) -> None:
     solid = request.getfixturevalue(name)

@@ -104,17 +104,17 @@ def assert_printed(values: Array, printed: list[str]) -> None:
     assert [f"{value:#.7g}" for value in values[: len(printed)]] == printed
 
 
-def test_full_model() -> None:
+def test_frequencies_of_full_model_match_nastran() -> None:
     stiffness, mass = bar(10)
     assert_printed(frequencies(stiffness[2:, 2:], mass[2:, 2:]), FULL)
 
 
 @pytest.mark.parametrize("modes", CRAIG_BAMPTON)
-def test_craig_bampton(modes: int) -> None:
+def test_craig_bampton_frequencies_match_nastran(modes: int) -> None:
     assert_printed(frequencies(*coupled(modes, modes)), CRAIG_BAMPTON[modes])
 
 
-def test_all_modes_are_the_full_model() -> None:
+def test_craig_bampton_with_all_modes_equals_full_model() -> None:
     """Four translations inside the clamped part, five inside the free part: with all their modes
     nothing is lost."""
     for (stiffness, mass, masters), finite in zip(parts(), (4, 5), strict=True):
@@ -127,7 +127,7 @@ def test_all_modes_are_the_full_model() -> None:
 
 
 @pytest.mark.parametrize("part", [0, 1])
-def test_constraint_modes_are_the_partitioned_ones(part: int) -> None:
+def test_constraint_modes_match_partitioned_matrices(part: int) -> None:
     """G (BᵀG)⁻¹ = [I; −K_ss⁻¹ K_sm] for the free part too; the held inverse is K_ss⁻¹; fixed modes
     hold the masters."""
     stiffness, mass, masters = parts()[part]

@@ -83,7 +83,7 @@ def slanted(d: int) -> Array:
 
 
 @pytest.mark.parametrize("group", ["tip", "load", "root"])
-def test_a_traction_acts_on_the_area(stocky: Any, group: str) -> None:
+def test_resultant_of_traction_is_traction_times_area(stocky: Any, group: str) -> None:
     d = stocky.dimension
     total, moments = acting(
         stocky, traction=1.0, direction=tuple(slanted(d)), place=Place(group=group)
@@ -95,14 +95,14 @@ def test_a_traction_acts_on_the_area(stocky: Any, group: str) -> None:
     )
 
 
-def test_an_acceleration_acts_on_the_mass(stocky: Any) -> None:
+def test_resultant_of_acceleration_is_acceleration_times_mass(stocky: Any) -> None:
     d = stocky.dimension
     total, moments = acting(stocky, acceleration=1.0, direction=tuple(slanted(d)))
     np.testing.assert_allclose(total, DENSITY * HEIGHT * WIDTH * slanted(d), rtol=1e-12)
     np.testing.assert_allclose(moments[:, 0], 0.5 * total, rtol=1e-12)
 
 
-def test_a_pressure_acts_against_the_normal(stocky: Any) -> None:
+def test_resultant_of_pressure_is_against_the_normal(stocky: Any) -> None:
     d = stocky.dimension
     total, _ = acting(stocky, pressure=1.0, place=Place(group="tip"))
     np.testing.assert_allclose(total, -HEIGHT * WIDTH * np.eye(d)[0], rtol=0, atol=1e-15)
@@ -114,7 +114,7 @@ def test_a_pressure_acts_against_the_normal(stocky: Any) -> None:
     np.testing.assert_allclose(moments, -volume * np.eye(d), rtol=0, atol=1e-12 * volume)
 
 
-def test_on_a_curved_body_too(curved: Any) -> None:
+def test_resultants_on_curved_blade_match_its_surface_and_mass(curved: Any) -> None:
     """The closed surface of the blade; the volume by its surface is the one its mass is made of."""
     total, moments = acting(curved, pressure=1.0, place=box(3))
     mass = acting(curved, acceleration=1.0, direction=(0.0, 1.0, 0.0))[0][1]
@@ -130,7 +130,7 @@ def test_on_a_curved_body_too(curved: Any) -> None:
     assert pressed[2] > 0.05 and pressed[1] < -0.02
 
 
-def test_base_excitation_is_the_mass_times_a_translation(stocky: Any) -> None:
+def test_base_excitation_load_is_mass_times_translation(stocky: Any) -> None:
     """Where no neighbour is clamped the load is M times the translation, node by node."""
     d = stocky.dimension
     ones = np.tile(np.eye(d)[1], stocky.local // d)
@@ -152,7 +152,7 @@ def beam(dimension: int, *loads: Any, **given: Any) -> Any:
 
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
-def test_a_uniform_load_bends_the_beam_as_timoshenko_says(dimension: int, tolerance: float) -> None:
+def test_tip_under_uniform_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
     """w = q L^4 / (8 EI) + q L^2 / (2 kappa GA), by a traction on its top, a pressure on its
     underside, or its weight."""
     length, side = 2.54, 0.0254
@@ -183,7 +183,7 @@ def tip_of(solid: Any) -> Array:
 
 
 @pytest.mark.slow
-def test_a_pressed_blade_bends_far_and_the_mesh_converges() -> None:
+def test_tip_of_pressed_blade_converges_with_the_mesh() -> None:
     """Nonlinear statics, 60 kPa on the hollow side: the tip goes 97.8 mm, 14 % of the span."""
 
     def tip(along: int, across: int, *overrides: str) -> Array:
@@ -250,7 +250,7 @@ def refused(load: dict[str, Any], **tables: Any) -> tuple[ErrorKind, str]:
         ),
     ],
 )
-def test_mistake_in_a_load_names_kind_and_key(
+def test_mistake_in_load_is_refused_with_kind_and_key(
     load: dict[str, Any], kind: ErrorKind, key: str
 ) -> None:
     assert refused(load, probe={"group": "tip"}) == (kind, f"loads[0].{key}")
@@ -316,7 +316,7 @@ group = "tip"
 """
 
 
-def test_a_scene_in_which_nothing_moves_ends_with_its_equilibrium(
+def test_static_scene_ends_with_its_equilibrium(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from fenicsrom.cli import main
@@ -396,7 +396,7 @@ def struck(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
     return folder, found
 
 
-def test_a_stored_model_holds_its_table(struck: tuple[Path, Any]) -> None:
+def test_stored_model_keeps_the_table_of_its_load(struck: tuple[Path, Any]) -> None:
     from fenicsrom.online.archive import load_model
 
     folder, found = struck
@@ -433,7 +433,7 @@ def test_a_stored_model_holds_its_table(struck: tuple[Path, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_reduced_model_follows_the_full_one(struck: tuple[Path, Any]) -> None:
+def test_reduced_model_under_base_excitation_matches_full_model(struck: tuple[Path, Any]) -> None:
     """Base excitation by a table: both models, with adaptive steps that land where the table
     turns."""
     from dataclasses import replace

@@ -157,7 +157,7 @@ def integral(mesh: Mesh, integrand: Any, measure: ufl.Measure | None = None) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "suffix"), FILES)
-def test_stiffness_is_that_of_gmsh(tmp_path: Path, kind: str, suffix: str) -> None:
+def test_stiffness_of_each_format_matches_gmsh(tmp_path: Path, kind: str, suffix: str) -> None:
     d, curved = CELLS[kind], kind in QUADRATIC
     complete = write_msh(tmp_path / "complete.msh", kind, False)
     own = write_msh(tmp_path / "own.msh", kind, kind in ("quad8", "hexahedron20"))
@@ -178,7 +178,9 @@ def test_stiffness_is_that_of_gmsh(tmp_path: Path, kind: str, suffix: str) -> No
 
 
 @pytest.mark.parametrize(("kind", "suffix"), [file for file in FILES if file[0] in QUADRATIC])
-def test_midside_nodes_are_where_they_belong(tmp_path: Path, kind: str, suffix: str) -> None:
+def test_midside_nodes_of_each_format_are_at_midsides(
+    tmp_path: Path, kind: str, suffix: str
+) -> None:
     own = write_msh(tmp_path / "own.msh", kind, kind in ("quad8", "hexahedron20"), straight=True)
     mesh = read(convert(own, tmp_path / f"other{suffix}", kind), CELLS[kind])
     assert mesh.warnings == ()  # none that the cells were made straight
@@ -200,7 +202,7 @@ def cube(path: Path, kind: str = "hexahedron", **more: Any) -> Path:
     return path
 
 
-def test_element_sets_of_abaqus(tmp_path: Path) -> None:
+def test_abaqus_element_sets_become_groups(tmp_path: Path) -> None:
     sets = {"root": [[], [0], []], "ends": [[], [0], [0]], "second": [[1], [], []]}
     cells = {name: [np.array(part, dtype=int) for part in parts] for name, parts in sets.items()}
     mesh = read(cube(tmp_path / "two.inp", "both", cell_sets=cells))
@@ -209,7 +211,7 @@ def test_element_sets_of_abaqus(tmp_path: Path) -> None:
     assert np.isin(mesh.cell_tags.values, mesh.groups["second"][1]).sum() == 1
 
 
-def test_element_set_named_with_the_elements(tmp_path: Path) -> None:
+def test_abaqus_set_named_at_elements_becomes_group(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp", "both")
     first, second, third = path.read_text().split("*ELEMENT, TYPE=")[1:]
     head = path.read_text().split("*ELEMENT")[0]
@@ -225,7 +227,7 @@ def test_element_set_named_with_the_elements(tmp_path: Path) -> None:
     ) == pytest.approx(1.0)
 
 
-def test_set_in_parts(tmp_path: Path) -> None:
+def test_abaqus_set_in_parts_is_joined(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp")
     more = (
         "*Nset, nset=root\n1, 2,\n*Nset, nset=tip, generate\n9, 12, 1\n"
@@ -240,7 +242,7 @@ def test_set_in_parts(tmp_path: Path) -> None:
     assert [len(mesh.facets(name)) for name in ("root", "tip")] == [1, 1]
 
 
-def test_fields_of_vtu(tmp_path: Path) -> None:
+def test_vtu_fields_become_groups(tmp_path: Path) -> None:
     data = {
         "side": [[0, 0], [1], [2]],
         "root": [[0, 0], [1], [0]],
@@ -256,7 +258,7 @@ def test_fields_of_vtu(tmp_path: Path) -> None:
     assert [len(entities) for entities in mesh.node_groups["corner:3"]] == [1, 0]
 
 
-def test_node_set_is_a_facet_group_and_a_node_group(tmp_path: Path) -> None:
+def test_node_set_becomes_facet_group_and_node_group(tmp_path: Path) -> None:
     sets = {"root": [0, 1, 2, 3], "corner": [8], "middle": [4, 5, 6, 7], "line": [8, 9, 0]}
     mesh = read(
         cube(
@@ -281,7 +283,7 @@ def test_node_set_is_a_facet_group_and_a_node_group(tmp_path: Path) -> None:
         mesh.nodes("rot", space)
 
 
-def test_quadratic_facet_needs_its_midside_nodes(tmp_path: Path) -> None:
+def test_facet_without_midside_nodes_is_not_in_group(tmp_path: Path) -> None:
     source = write_msh(tmp_path / "cube.msh", "tetra10", False)
     path = convert(source, tmp_path / "cube.inp", "tetra10")
     text = path.read_text()
@@ -331,7 +333,7 @@ def test_quadratic_facet_needs_its_midside_nodes(tmp_path: Path) -> None:
         ("C3D8", "C3D6", "cannot be read"),
     ],
 )
-def test_wrong_abaqus(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_damaged_abaqus_file_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = cube(tmp_path / "two.inp", point_sets={"root": np.array([0, 1, 2, 3])})
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
@@ -354,7 +356,7 @@ def test_wrong_abaqus(tmp_path: Path, old: str, new: str, message: str) -> None:
         ("GRID*   3 ", "GRID*   4 ", "cannot be read"),
     ],
 )
-def test_wrong_nastran(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_damaged_nastran_file_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = cube(tmp_path / "two.bdf")
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new))
@@ -362,7 +364,7 @@ def test_wrong_nastran(tmp_path: Path, old: str, new: str, message: str) -> None
         read(path)
 
 
-def test_nastran_without_begin_bulk_and_without_anything(tmp_path: Path) -> None:
+def test_nastran_without_begin_bulk_is_read_and_empty_file_is_refused(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.bdf")
     path.write_text(path.read_text().replace("BEGIN BULK\n", ""))
     assert integral(read(path), 1.0) == pytest.approx(2.0)
@@ -374,7 +376,7 @@ def test_nastran_without_begin_bulk_and_without_anything(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("suffix", [".inp", ".bdf", ".vtu", ".step", ".msh"])
 @pytest.mark.parametrize("keep", [0.0, 0.5])
-def test_truncated_file(tmp_path: Path, suffix: str, keep: float) -> None:
+def test_truncated_file_is_refused(tmp_path: Path, suffix: str, keep: float) -> None:
     path = tmp_path / f"short{suffix}"
     if suffix == ".step":
         write_step(path)
@@ -389,7 +391,7 @@ def test_truncated_file(tmp_path: Path, suffix: str, keep: float) -> None:
     assert "\n" not in str(error.value)
 
 
-def test_other_cells(tmp_path: Path) -> None:
+def test_unsupported_cells_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "prism.vtu"
     points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1.0]]
     meshio.Mesh(points, [("wedge", [[0, 1, 2, 3, 4, 5]])]).write(path)
@@ -403,14 +405,14 @@ def test_other_cells(tmp_path: Path) -> None:
         read(path)
 
 
-def test_meshio_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_meshio_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = cube(tmp_path / "two.inp")
     monkeypatch.setitem(sys.modules, "meshio", None)
     with pytest.raises(SceneError, match=r"two\.inp: reading a \.inp file needs meshio"):
         read(path)
 
 
-def test_doubled_nodes_are_told_and_leave_pieces(tmp_path: Path) -> None:
+def test_doubled_nodes_warn_and_leave_pieces(tmp_path: Path) -> None:
     x = np.array(
         [[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
     )
@@ -430,7 +432,7 @@ def test_doubled_nodes_are_told_and_leave_pieces(tmp_path: Path) -> None:
     assert caught.value.kind is ErrorKind.SUPPORT
 
 
-def test_scale(tmp_path: Path) -> None:
+def test_scale_multiplies_coordinates(tmp_path: Path) -> None:
     path = cube(tmp_path / "two.inp", point_sets={"root": np.array([0, 1, 2, 3])})
     mesh = read(path, scale=1e-3)
     assert integral(mesh, 1.0) == pytest.approx(2e-9)
@@ -452,7 +454,7 @@ def write_step(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".step", ".STP"])
-def test_step(tmp_path: Path, suffix: str) -> None:
+def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
     path = write_step(tmp_path / "rod.step").rename(tmp_path / f"rod{suffix}")
     coarse, fine = (read(path, size=size, curved=True) for size in (0.02, 0.01))
     volume = np.pi * 0.01**2 * 0.1
@@ -471,7 +473,7 @@ def test_step(tmp_path: Path, suffix: str) -> None:
         assert any(set(fine.facets(region)) == set(fine.facets(name)) for name in "123")
 
 
-def test_picks(tmp_path: Path) -> None:
+def test_pick_finds_facets_of_the_boundary_only(tmp_path: Path) -> None:
     mesh = read(cube(tmp_path / "two.inp"))
     plane = {"point": (0.0, 0.0, 0.01), "normal": (0.0, 0.0, 1.0)}
     near = Region(plane=Plane(**plane, tolerance=0.02))
@@ -570,7 +572,7 @@ def test_size_and_scale_that_do_not_fit_the_file_are_refused(
     assert (caught.value.kind, caught.value.key) == (kind, f"geometry.{key}")
 
 
-def test_scene_round_trip(tmp_path: Path) -> None:
+def test_scene_with_picks_survives_round_trip(tmp_path: Path) -> None:
     from fenicsrom.scene import scene_table
 
     path = cube(tmp_path / "two.inp")
@@ -592,7 +594,7 @@ def clamped(solid: Any) -> set[tuple[float, ...]]:
     return {tuple(point) for point in x[np.unique(solid.clamped // 3)]}
 
 
-def test_places_and_supports(tmp_path: Path) -> None:
+def test_places_and_supports_by_pick_match_those_by_group(tmp_path: Path) -> None:
     sets = {"root": [0, 1, 2, 3], "line": [8, 9], "points": [8, 11], "l": [0, 1]}
     path = cube(
         tmp_path / "two.inp", point_sets={name: np.array(nodes) for name, nodes in sets.items()}
@@ -676,7 +678,7 @@ if comm.rank == 0:
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks(tmp_path: Path) -> None:
+def test_two_ranks_give_the_same_imported_mesh(tmp_path: Path) -> None:
     import json
 
     source = write_msh(tmp_path / "source.msh", "hexahedron20", True)

@@ -81,12 +81,12 @@ def coefficient(model: ReducedModel) -> float:
     return 0.75 * (4 * one - two) / 3 * (THICKNESS / middle) ** 2
 
 
-def test_first_frequency(clamped: Any) -> None:
+def test_first_frequency_of_clamped_beam_matches_theory(clamped: Any) -> None:
     modes, _, _ = enriched(clamped, "rubin", 1)
     assert modes.omega[0] == pytest.approx(OMEGA, rel=1e-3)
 
 
-def test_mode_with_its_derivative(clamped: Any) -> None:
+def test_hardening_of_mode_with_derivative_matches_theory(clamped: Any) -> None:
     _, theta, basis = enriched(clamped, "rubin", 1)
     assert basis.labels == ("1V", "1V1V")
     model = project(clamped, basis)
@@ -98,7 +98,7 @@ def test_mode_with_its_derivative(clamped: Any) -> None:
     assert found == pytest.approx(SOLID, rel=3e-3)
 
 
-def test_mode_alone_is_too_stiff(clamped: Any) -> None:
+def test_hardening_of_mode_alone_is_four_times_too_large(clamped: Any) -> None:
     _, _, basis = enriched(clamped, "rubin", 1, [])
     found = coefficient(project(clamped, basis))
     if clamped.dimension == 3:

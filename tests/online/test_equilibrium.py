@@ -66,7 +66,7 @@ def elastica(preload: float) -> tuple[float, Array]:
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
-def test_below_the_buckling_load_the_beam_stays_straight(
+def test_beam_below_buckling_load_stays_straight(
     models: dict[str, Any], name: str, ratio: float
 ) -> None:
     _, buckled, x = press(models[name], ratio * CRITICAL)
@@ -77,7 +77,7 @@ def test_below_the_buckling_load_the_beam_stays_straight(
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize(("ratio", "tolerance"), [(1.01, 0.08), (1.1, 0.01), (2.0, 0.003)])
-def test_beyond_it_the_beam_is_the_elastica(
+def test_beam_beyond_buckling_load_matches_elastica(
     models: dict[str, Any], name: str, ratio: float, tolerance: float
 ) -> None:
     """Its deflection grows with the root of the excess: just above the load an error of it by 0.2 %
@@ -108,7 +108,7 @@ def energy(model: Any, q: Array, preload: float) -> float:
 
 
 @pytest.mark.parametrize("name", ["beam", "full"])
-def test_the_buckling_load_is_euler_s(models: dict[str, Any], name: str) -> None:
+def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
     """Found by bisection: that of the finite elements, to 0.3 % from above."""
     found = brentq(
         lambda preload: press(models[name], preload)[1] - 0.5,
@@ -119,14 +119,14 @@ def test_the_buckling_load_is_euler_s(models: dict[str, Any], name: str) -> None
     assert found / CRITICAL == pytest.approx(1.0, abs=3e-3)
 
 
-def test_the_basis_about_the_straight_state_holds_the_buckled_one(models: dict[str, Any]) -> None:
+def test_basis_about_straight_state_spans_buckled_state(models: dict[str, Any]) -> None:
     for ratio in (1.01, 1.1, 2.0):
         x, exact = (press(models[name], ratio * CRITICAL)[2] for name in ("reduced", "full"))
         assert np.linalg.norm(x - exact) < (1e-3 if ratio < 1.05 else 2e-4) * np.linalg.norm(exact)
 
 
 @pytest.mark.slow
-def test_a_basis_that_does_not_hold_it_is_refused() -> None:
+def test_basis_that_misses_buckled_state_is_refused() -> None:
     """A soft beam, pressed far beyond its buckling load: no derivative is left out, but more modes
     give another shape."""
     pytest.importorskip("dolfinx")
@@ -140,7 +140,7 @@ def test_a_basis_that_does_not_hold_it_is_refused() -> None:
     )
 
 
-def test_a_motion_starts_buckled_and_becomes_steady(models: dict[str, Any]) -> None:
+def test_motion_of_buckled_beam_becomes_steady(models: dict[str, Any]) -> None:
     preload = 1.1 * CRITICAL
     wanted = scene(preload, "contacts.0.friction=0.1")
     motion = online.simulate(models["reduced"], wanted)
@@ -156,7 +156,7 @@ def test_a_motion_starts_buckled_and_becomes_steady(models: dict[str, Any]) -> N
     assert np.ptp(still.displacement[:, 0], axis=0).max() < 1e-9 * motion.displacement[0, 0, 1]
 
 
-def test_nothing_presses_nothing_moves() -> None:
+def test_contact_without_preload_keeps_beam_at_rest() -> None:
     """A contact with a gap, and one whose preload a linear spring carries."""
     model = linear_model(np.eye(2), np.diag([3.0, 2.0]), masters=2)
     for preload, gap, moved in ((0.0, 0.1, 0.0), (6.0, 0.0, -6.0 / (3.0 + 1.0))):

@@ -465,7 +465,7 @@ def test_ledger_of_other_schemes_closes_with_the_step(scheme: str) -> None:
     assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.4)
 
 
-def test_kept_coordinates_are_those_of_the_last_period() -> None:
+def test_kept_coordinates_cover_the_last_period() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
@@ -651,7 +651,7 @@ def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
     assert stopped.value.partial.steps == 4096
 
 
-def test_stop_is_not_asked_at_the_end_of_a_run() -> None:
+def test_stop_at_the_end_of_a_run_is_ignored() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=1, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)
