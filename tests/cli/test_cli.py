@@ -231,26 +231,21 @@ def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
 
 
 @pytest.mark.parametrize(
-    ("override", "sentence"),
+    ("override", "key"),
     [
-        ("material.young=1e9", "material cannot change on a stored reduced model"),
-        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal cannot change"),
+        ("material.young=1e9", "material"),
+        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal"),
         ("contacts.0.friction=-1", "contacts[0].friction"),
-        ("geometry.thickness=0.05", "geometry cannot change on a stored reduced model"),
-        ("supports.0.group='tip'", "supports cannot change on a stored reduced model"),
-        ("basis.modes=2", "basis cannot change on a stored reduced model"),
-        (
-            "geometrically_nonlinear=false",
-            "geometrically_nonlinear cannot change on a stored reduced model",
-        ),
+        ("geometry.thickness=0.05", "geometry"),
+        ("supports.0.group='tip'", "supports"),
+        ("basis.modes=2", "basis"),
+        ("geometrically_nonlinear=false", "geometrically_nonlinear"),
     ],
 )
-def test_stored_model_with_changed_structure_is_refused(
-    results, tmp_path, capsys, override, sentence
-):
+def test_stored_model_with_changed_structure_is_refused(results, tmp_path, capsys, override, key):
     model = str(results / "reduced_model.npz")
     assert main(["run", "--from", model, "--output", str(tmp_path), "--set", override]) == 2
-    assert sentence in capsys.readouterr().err
+    assert f": {key} " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
-from support import needs_mpirun, on_ranks
+from support import needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import gmsh_model
@@ -160,32 +160,36 @@ def test_load_section_of_beam_conforms_with_cells(dimension: int, cells: str) ->
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize(
-    ("name", "value", "allowed"),
+    ("name", "value"),
     [
-        ("length", -1.0, "greater than 0"),
-        ("height", 0.0, "greater than 0"),
-        ("elements_along", 1.0, "at least 2"),
-        ("elements_along", 2.5, "whole number"),
-        ("elements_through", 0.0, "at least 1"),
-        ("elements_through", 1.5, "whole number"),
-        ("load_at", 0.0, "between 0 and 1"),
-        ("load_at", 1.0, "between 0 and 1"),
-        ("load_at", 0.01, "at least one of the 20 elements on each side"),
-        ("load_at", 0.99, "at least one of the 20 elements on each side"),
-        ("size", 2.0, "must be one of elements_along, elements_through, height, length, load_at"),
-        ("structured", 1.0, "must be one of elements_along"),
+        ("length", -1.0),
+        ("height", 0.0),
+        ("elements_along", 1.0),
+        ("elements_along", 2.5),
+        ("elements_through", 0.0),
+        ("elements_through", 1.5),
+        ("load_at", 0.0),
+        ("load_at", 1.0),
+        ("load_at", 0.01),  # less than one of the 20 elements
+        ("load_at", 0.99),
     ],
 )
-def test_wrong_parameter_is_refused(dimension: int, name: str, value: float, allowed: str) -> None:
-    key = rf"beam{dimension}d\.geo: geometry\.parameters\.{name} = {value:g}"
-    with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
+def test_wrong_parameter_is_refused(dimension: int, name: str, value: float) -> None:
+    with refusal(ErrorKind.RANGE, f"geometry.parameters.{name}", f"beam{dimension}d.geo"):
         beam(dimension, **{name: value})
 
 
+@pytest.mark.parametrize("name", ["size", "structured"])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_unknown_parameter_is_refused_with_known_names(dimension: int, name: str) -> None:
+    key = f"geometry.parameters.{name}"
+    known = "elements_along, elements_through, height, length, load_at"
+    with refusal(ErrorKind.UNKNOWN_KEY, key, f"beam{dimension}d.geo", names=known):
+        beam(dimension, **{name: 1.0})
+
+
 def test_negative_width_is_refused() -> None:
-    with pytest.raises(
-        SceneError, match=r"geometry\.parameters\.width = -1: must be greater than 0"
-    ):
+    with refusal(ErrorKind.RANGE, "geometry.parameters.width", "beam3d.geo"):
         beam(3, width=-1.0)
 
 
@@ -193,7 +197,7 @@ def test_huge_mesh_does_not_disturb_the_next_mesh() -> None:
     """Gmsh scales its tolerances by the extent of the last model of the process: points of the next
     would fall together."""
     before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
-    with pytest.raises(SceneError, match="inverted or degenerate"):
+    with refusal(ErrorKind.MESH, file="beam2d.geo"):
         beam(2, length=1e15)
     for dimension in (2, 3):
         after = beam(dimension)
@@ -302,43 +306,31 @@ def test_blade_mesh_has_the_given_shape() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "allowed"),
+    ("name", "value"),
     [
-        *(
-            (name, 0.0, "greater than 0")
-            for name in ("span", "chord", "tip_chord", "thickness", "tip_thickness")
-        ),
-        *((name, 0.31, "at most 0.3") for name in ("thickness", "tip_thickness")),
-        ("camber", -0.01, "from 0 to 0.2"),
-        ("camber", 0.21, "from 0 to 0.2"),
-        ("camber_at", 0.05, "from 0.1 to 0.9"),
-        ("edge", 0.01, "from 0.02 to 1"),
-        ("edge", 1.1, "from 0.02 to 1"),
-        *(
-            (name, value, "from -90 to 90")
-            for name in ("stagger", "twist")
-            for value in (-91.0, 91.0)
-        ),
-        *(
-            (name, value, "at most the span, 0.7")
-            for name in ("sweep", "lean")
-            for value in (-0.8, 0.8)
-        ),
-        ("elements_along", 1.0, "at least 2"),
-        ("elements_across", 0.0, "at least 1"),
-        ("elements_across", 1.5, "whole number"),
-        ("elements_through", 0.0, "at least 1"),
-        ("load_at", 0.99, "at least one of the 12 elements on each side"),
+        *((name, 0.0) for name in ("span", "chord", "tip_chord", "thickness", "tip_thickness")),
+        *((name, 0.31) for name in ("thickness", "tip_thickness")),
+        ("camber", -0.01),
+        ("camber", 0.21),
+        ("camber_at", 0.05),
+        ("edge", 0.01),
+        ("edge", 1.1),
+        *((name, value) for name in ("stagger", "twist") for value in (-91.0, 91.0)),
+        *((name, value) for name in ("sweep", "lean") for value in (-0.8, 0.8)),
+        ("elements_along", 1.0),
+        ("elements_across", 0.0),
+        ("elements_across", 1.5),
+        ("elements_through", 0.0),
+        ("load_at", 0.99),  # less than one of the 12 elements
     ],
 )
-def test_wrong_parameter_of_blade_is_refused(name: str, value: float, allowed: str) -> None:
-    key = rf"blade\.geo: geometry\.parameters\.{name} = {value:g}"
-    with pytest.raises(SceneError, match=f"{key}: .*{allowed}"):
+def test_wrong_parameter_of_blade_is_refused(name: str, value: float) -> None:
+    with refusal(ErrorKind.RANGE, f"geometry.parameters.{name}", "blade.geo"):
         blade(**{name: value})
 
 
 def test_blade_too_thin_for_its_curves_is_refused() -> None:
-    with pytest.raises(SceneError, match=r"blade\.geo: .* cells are inverted or degenerate"):
+    with refusal(ErrorKind.MESH, file="blade.geo"):
         blade("simplex", thickness=0.01, tip_thickness=0.01, twist=80, elements_along=4)
 
 
@@ -353,18 +345,18 @@ def test_parameters_are_found_among_comments(tmp_path: Path) -> None:
     )
     mesh = read(path, cells="simplex", parameters={"side": 3.0})
     assert integral(mesh, 1.0) == pytest.approx(9.0)
-    with pytest.raises(SceneError, match=r"must be one of lonely, side$"):
+    known = "lonely, side"
+    with refusal(ErrorKind.UNKNOWN_KEY, "geometry.parameters.other", path.name, names=known):
         read(path, cells="simplex", parameters={"other": 3.0})
-    with pytest.raises(SceneError, match=r"Triangle") as caught:
+    with refusal(ErrorKind.CONFLICT, "geometry.cells", path.name, names="Triangle"):
         read(path, cells="structured")
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "geometry.cells")
 
 
 def test_error_in_geometry_names_first_line_and_leaves_gmsh_usable(tmp_path: Path) -> None:
     path = tmp_path / "wrong.geo"
     path.write_text("Point(1) = {0, 0, nothing};\nLine(1) = {1, 7};\nBogus(3;\n")
     for _ in range(2):
-        with pytest.raises(SceneError, match=r"wrong\.geo.*Unknown variable 'nothing'$"):
+        with refusal(ErrorKind.MESH, file="wrong.geo", names="'nothing'"):
             read(path)
     assert beam(2).facets("tip").size == 1
 
@@ -372,35 +364,29 @@ def test_error_in_geometry_names_first_line_and_leaves_gmsh_usable(tmp_path: Pat
 @pytest.mark.parametrize("name", ["absent.msh", "absent.geo", "present.stl"])
 def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "present.stl").touch()
-    with pytest.raises(
-        SceneError, match=rf"{name}': must be an existing file of one of \.geo, \.msh, .*, \.vtu$"
-    ):
+    with refusal(ErrorKind.FILE, "geometry.mesh", name, names=".geo, .msh"):
         read(tmp_path / name)
 
 
 def test_file_without_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rubbish.msh"
     path.write_text("rubbish\n")
-    with pytest.raises(SceneError, match=r"rubbish\.msh: "):
+    with refusal(ErrorKind.MESH, file="rubbish.msh"):
         read(path)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_mesh_of_another_dimension_is_refused(dimension: int) -> None:
-    with pytest.raises(
-        SceneError, match=f"geometry.dimension = {5 - dimension}: must be {dimension} for this file"
-    ):
+    with refusal(ErrorKind.CONFLICT, "geometry.dimension", f"beam{dimension}d.geo"):
         read(shared_meshes() / f"beam{dimension}d.geo", 5 - dimension)
 
 
 def test_missing_group_is_refused_with_known_names() -> None:
     mesh = beam(2)
     for ask in (mesh.facets, mesh.surface, lambda name: unclamped_pieces(mesh, [name])):
-        with pytest.raises(
-            SceneError, match=r"beam2d\.geo: no facet group 'rot': must be one of load, root, tip$"
-        ):
+        with refusal(ErrorKind.PLACE, file="beam2d.geo", names="load, root, tip"):
             ask("rot")
-    with pytest.raises(SceneError, match="no facet group 'solid'"):
+    with refusal(ErrorKind.PLACE, file="beam2d.geo", names="'solid'"):
         mesh.facets("solid")
 
 
@@ -420,9 +406,7 @@ def test_mesh_without_facet_groups_is_read(tmp_path: Path) -> None:
     left = Region(box=((0.0, 0.0), (0.0, 1.0)))
     assert integral(mesh, 1.0, mesh.surface(left)) == pytest.approx(1.0)
     assert unclamped_pieces(mesh, [left]) == 0
-    with pytest.raises(
-        SceneError, match=r"no facet group 'root': must be one of \(there are none\)$"
-    ):
+    with refusal(ErrorKind.PLACE, file="two.msh", names="'root'"):
         mesh.facets("root")
 
 
@@ -443,7 +427,7 @@ def test_groups_of_points_and_curves_become_node_groups(tmp_path: Path) -> None:
     x = np.sort(space.tabulate_dof_coordinates()[mesh.nodes("curves", space)] / 0.0127, axis=0)
     assert np.allclose(x.T, [[0, 0, 0, 0, 0], [-1, 0, 1, 1, 1], [-1, -1, -1, 0, 1]])
     assert not mesh.has_facets("points") and mesh.has_facets("root")
-    with pytest.raises(SceneError, match="no facet group 'points'"):
+    with refusal(ErrorKind.PLACE, file="beam.msh", names="'points'"):
         mesh.facets("points")
     assert unclamped_pieces(mesh, ["points"]) == 0
 
@@ -498,38 +482,23 @@ def test_facet_across_a_cell_is_left_out_with_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("points", "elements", "message"),
+    ("points", "elements", "key", "names"),
     [
-        (
-            SQUARE,
-            squares((LINE, 1, (0, 1))),
-            "group 'solid' has dimension 1: rename it, or give it dimension 2",
-        ),
-        (
-            SQUARE,
-            squares((TRIANGLE, 1, (0, 1, 2))),
-            "cells Triangle 3, Quadrilateral 4: must be of one type",
-        ),
-        (
-            SQUARE,
-            [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]],
-            "1 cells are inverted or degenerate",
-        ),
-        (
-            SQUARE,
-            [(QUADRILATERAL, 1, (0, 3, 2, 1)), *squares()[1:]],
-            r"inverted .* one at \(0\.5, 0\.5\)",
-        ),
-        ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "1 cells are inverted or degenerate"),
-        ([*SQUARE[:5], (2, 1, 0.1)], squares(), r"z differs by 0\.1 m"),
+        (SQUARE, squares((LINE, 1, (0, 1))), "", "'solid'"),
+        (SQUARE, squares((TRIANGLE, 1, (0, 1, 2))), "", "Triangle 3, Quadrilateral 4"),
+        (SQUARE, [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]], "", "1 cells"),
+        (SQUARE, [(QUADRILATERAL, 1, (0, 3, 2, 1)), *squares()[1:]], "", "(0.5, 0.5)"),
+        ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "", "1 cells"),
+        ([*SQUARE[:5], (2, 1, 0.1)], squares(), "geometry.dimension", "0.1 m"),
     ],
 )
 def test_damaged_mesh_is_refused(
-    tmp_path: Path, points: list, elements: list, message: str
+    tmp_path: Path, points: list, elements: list, key: str, names: str
 ) -> None:
-    names = [(2, 1, "solid"), (1, 1, "solid"), (1, 2, "root"), (1, 3, "tip")]
-    with pytest.raises(SceneError, match=message):
-        read(write_msh(tmp_path / "wrong.msh", points, elements, names))
+    groups = [(2, 1, "solid"), (1, 1, "solid"), (1, 2, "root"), (1, 3, "tip")]
+    path = write_msh(tmp_path / "wrong.msh", points, elements, groups)
+    with refusal(ErrorKind.MESH, key, path.name, names):
+        read(path)
 
 
 def test_clockwise_cells_are_read(tmp_path: Path) -> None:
@@ -544,15 +513,10 @@ def test_unsupported_cells_and_facets_are_refused(tmp_path: Path) -> None:
     prism = write_msh(
         tmp_path / "prism.msh", points, [(6, 1, range(6)), (TRIANGLE, 2, (0, 1, 2))], names
     )
-    with pytest.raises(
-        SceneError,
-        match="cells Prism 6: must be triangles, quadrilaterals, tetrahedra or hexahedra",
-    ):
+    with refusal(ErrorKind.MESH, file="prism.msh", names="Prism 6"):
         read(prism, 3)
     elements = [(TETRAHEDRON, 1, range(4)), (QUADRILATERAL, 2, (0, 1, 4, 3))]
-    with pytest.raises(
-        SceneError, match="group 'root' has facets Quadrilateral 4: must be Triangle 3"
-    ):
+    with refusal(ErrorKind.MESH, file="tetrahedron.msh", names="Quadrilateral 4"):
         read(write_msh(tmp_path / "tetrahedron.msh", points, elements, names), 3)
 
 
@@ -562,7 +526,7 @@ def test_empty_group_is_refused(tmp_path: Path) -> None:
         gmsh.model.mesh.generate(2)
         gmsh.model.addPhysicalGroup(1, [gmsh.model.addDiscreteEntity(1)], name="nothing")
         gmsh.write(str(tmp_path / "empty.msh"))
-    with pytest.raises(SceneError, match=r"empty\.msh: group 'nothing' is empty"):
+    with refusal(ErrorKind.MESH, file="empty.msh", names="'nothing'"):
         read(tmp_path / "empty.msh")
 
 
@@ -593,10 +557,7 @@ def test_curved_file_keeps_its_curved_cells(tmp_path: Path) -> None:
         "curved cells are made straight, which moves a node by up to 4.8 % of the size of its cell"
         in straight.warnings[0]
     )
-    with pytest.raises(
-        SceneError,
-        match="curved = true needs Quadrilateral 9, but the cells are Quadrilateral 4",
-    ):
+    with refusal(ErrorKind.CONFLICT, "geometry.curved", "two.msh", names="Quadrilateral 9"):
         read(write_msh(tmp_path / "two.msh", SQUARE, squares()), curved=True)
 
 

@@ -27,7 +27,7 @@ def test_created_and_lost_energy_is_refused() -> None:
         float(np.max(motion.kinetic + motion.elastic)),
     )
     for share, refused in ((0.9e-2, False), (1.1e-2, True)):
-        with pytest.raises(AccuracyError, match="is created") if refused else nullcontext():
+        with pytest.raises(AccuracyError, match="created") if refused else nullcontext():
             check_energy(
                 replace(
                     motion, damping_dissipation=motion.damping_dissipation + share * most * ramp
@@ -36,11 +36,7 @@ def test_created_and_lost_energy_is_refused() -> None:
     # lost energy acts as damping: it is compared with the work of the loads too
     most += float(np.max(motion.work))
     for share, refused in ((0.9e-2, False), (1.1e-2, True)):
-        with (
-            pytest.raises(AccuracyError, match="the work of the loads is lost")
-            if refused
-            else nullcontext()
-        ):
+        with pytest.raises(AccuracyError, match="lost") if refused else nullcontext():
             check_energy(
                 replace(
                     motion, damping_dissipation=motion.damping_dissipation - share * most * ramp

@@ -49,9 +49,7 @@ def test_derivatives_are_solved_for_given_pairs_in_their_order() -> None:
 
 
 def test_asymmetric_derivatives_are_refused() -> None:
-    with pytest.raises(
-        AccuracyError, match=r"modal derivative 1V2V is not symmetric: relative difference 1\.0e-06"
-    ):
+    with pytest.raises(AccuracyError, match=r"1V2V .* 1\.0e-06"):
         modal_derivatives(
             np.eye(2),
             ["1V", "2V"],
