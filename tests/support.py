@@ -1,5 +1,5 @@
-"""What several test files share: differences, slopes, small scenes and small models, runs on
-several ranks."""
+"""Helpers of several test files: differences, slopes, small scenes and models, runs on several
+ranks."""
 
 from __future__ import annotations
 

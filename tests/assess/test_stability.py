@@ -63,8 +63,8 @@ def test_fifty_steps_per_period_are_within_two_percent(name: str) -> None:
 
 
 def test_forty_modes_agree_with_five() -> None:
-    """The residual flexibility of forty modes is nearly nothing: its condition grows, that of the
-    basis does not."""
+    """The residual flexibility of forty modes is almost zero, so its condition grows; the condition
+    of the basis does not."""
     pytest.importorskip("dolfinx")
     amplitudes, conditions, flexibilities = {}, {}, {}
     for count in (5, 40):

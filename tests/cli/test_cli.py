@@ -90,8 +90,8 @@ def test_files_of_run_can_be_opened(results):
 
 
 def test_contact_points_file_agrees_with_body_and_contact_law(results):
-    """Point sets at the same instants as the grids: the tip node's displacement, and the law of the
-    contact."""
+    """The point sets and the grids have the same instants; the files agree with the displacement of
+    the tip node and with the contact law."""
     import pyvista
 
     grids = pyvista.get_reader(results / "motion" / "motion.pvd")
@@ -547,7 +547,7 @@ def test_modes_command_prints_frequencies_and_writes_shapes(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_interrupted_run_leaves_only_complete_files(tmp_path):
-    """SIGINT during a long run: exit code 130, and every file there is can be read."""
+    """SIGINT during a long run gives exit code 130, and every file can be read."""
     arguments = [
         "-m",
         "fenicsrom",

@@ -154,8 +154,8 @@ def test_reduced_model_in_3d_matches_the_recomputed_amplitude():
 
 
 def test_adaptive_steps_match_fixed_steps_on_the_paper_case():
-    """Contact opens and closes, and what is too fast for the steps rings: the step control goes
-    on."""
+    """The contact opens and closes, and vibrations that the steps do not resolve are excited; the
+    step control still finishes."""
     scene = demo("slip_liftoff_2d", "time.tolerance=1e-4", "time.periods=25")
     model, _ = reduced(body(scene), scene)
     across, along = across_and_along(simulate(model, scene))
@@ -165,7 +165,7 @@ def test_adaptive_steps_match_fixed_steps_on_the_paper_case():
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_basis_for_oblique_wall_is_orthonormal(method):
-    """Derivatives that nearly depend on one another are orthonormalised all the same."""
+    """Almost dependent derivatives are orthonormalised too."""
     wanted = [
         f'basis.method="{method}"',
         "basis.modes=5",

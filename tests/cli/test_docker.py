@@ -1,5 +1,5 @@
-"""`docker/run` against an engine that only notes what it is asked, and where an installed package
-finds its meshes."""
+"""`docker/run` against a fake engine that records its arguments, and the meshes of an installed
+package."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def engine(tmp_path: Path) -> Path:
 def docker_run(
     engine: Path, *command: str, checkout: Path = CHECKOUT, folder: Path = CHECKOUT
 ) -> tuple[int, str]:
-    """Run docker/run with the noting engine first in PATH; give its exit code and what it said."""
+    """Run docker/run with a fake engine first in PATH; give its exit code and output."""
     path = f"{engine}:{os.environ['PATH']}"
     environment = {
         "PATH": path,

@@ -1,4 +1,4 @@
-"""Geometry from elsewhere: Abaqus, Nastran, VTK and STEP files, node groups, and regions picked by
+"""Imported geometry: Abaqus, Nastran, VTK and STEP files, node groups, and regions picked by
 coordinates."""
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def write_msh(path: Path, kind: str, incomplete: bool, straight: bool = False) -
 
 
 def convert(source: Path, path: Path, kind: str) -> Path:
-    """The same mesh in another format, its root and tip as node sets, shells with a property, or
+    """The same mesh in another format; root and tip become node sets, shells with a property, or
     integer fields."""
     mesh = meshio.read(source)
     cells = np.concatenate([block.data for block in mesh.cells if block.type == kind])
@@ -133,7 +133,8 @@ def nodes_of(mesh: Any, used: Any) -> dict[str, Any]:
 
 
 def stiffness(mesh: Mesh) -> tuple[Any, Any]:
-    """A dense stiffness of degree 2 with its nodes in the order of their coordinates, and these."""
+    """A dense stiffness of degree 2, with the nodes sorted by their coordinates, and these
+    coordinates."""
     d = mesh.domain.geometry.dim
     space = fem.functionspace(mesh.domain, ("Lagrange", 2, (d,)))
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
@@ -476,7 +477,7 @@ def table(
 
 
 def scene(path: Path, support: dict[str, Any], place: dict[str, Any], **geometry: Any) -> Scene:
-    """The same, checked."""
+    """The checked scene of `table`."""
     return parse_scene(table(path, support, place, **geometry), "s.toml", path.parent)
 
 

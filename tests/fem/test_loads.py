@@ -115,7 +115,7 @@ def test_resultant_of_pressure_is_against_the_normal(stocky: Any) -> None:
 
 
 def test_resultants_on_curved_blade_match_its_surface_and_mass(curved: Any) -> None:
-    """The closed surface of the blade; the volume by its surface is the one its mass is made of."""
+    """The closed surface of the blade gives the volume from which its mass follows."""
     total, moments = acting(curved, pressure=1.0, place=box(3))
     mass = acting(curved, acceleration=1.0, direction=(0.0, 1.0, 0.0))[0][1]
     area = acting(curved, traction=1.0, direction=(1.0, 0.0, 0.0), place=box(3))[0][0]
@@ -131,7 +131,7 @@ def test_resultants_on_curved_blade_match_its_surface_and_mass(curved: Any) -> N
 
 
 def test_base_excitation_load_is_mass_times_translation(stocky: Any) -> None:
-    """Where no neighbour is clamped the load is M times the translation, node by node."""
+    """At nodes without a clamped neighbour the load is M times the translation."""
     d = stocky.dimension
     ones = np.tile(np.eye(d)[1], stocky.local // d)
     load = stocky.load_vector(Load.of(acceleration=1.0, direction=tuple(np.eye(d)[1])), "loads[0]")
@@ -153,8 +153,8 @@ def beam(dimension: int, *loads: Any, **given: Any) -> Any:
 
 @pytest.mark.parametrize(("dimension", "tolerance"), [(2, 1e-3), (3, 2e-3)])
 def test_tip_under_uniform_load_matches_timoshenko(dimension: int, tolerance: float) -> None:
-    """w = q L^4 / (8 EI) + q L^2 / (2 kappa GA), by a traction on its top, a pressure on its
-    underside, or its weight."""
+    """w = q L^4 / (8 EI) + q L^2 / (2 kappa GA), for a traction on the top, a pressure on the
+    underside, and the weight."""
     length, side = 2.54, 0.0254
     up = [0.0, 1.0, 0.0][:dimension]
 
@@ -184,7 +184,7 @@ def tip_of(solid: Any) -> Array:
 
 @pytest.mark.slow
 def test_tip_of_pressed_blade_converges_with_the_mesh() -> None:
-    """Nonlinear statics, 60 kPa on the hollow side: the tip goes 97.8 mm, 14 % of the span."""
+    """Nonlinear statics, 60 kPa on the concave side: the tip moves by 97.8 mm, 14 % of the span."""
 
     def tip(along: int, across: int, *overrides: str) -> Array:
         size = (
@@ -375,7 +375,7 @@ def test_static_scene_ends_with_its_equilibrium(
 
 @pytest.fixture(scope="module")
 def struck(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
-    """A shaken beam, its base moving as a table says: the folder of its run, and its scene."""
+    """A beam whose base moves by a table: the folder of its run, and its study."""
     from mpi4py import MPI
 
     from fenicsrom import study
@@ -431,8 +431,8 @@ def test_stored_model_keeps_the_table_of_its_load(struck: tuple[Path, Any]) -> N
 
 @pytest.mark.slow
 def test_reduced_model_under_base_excitation_matches_full_model(struck: tuple[Path, Any]) -> None:
-    """Base excitation by a table: both models, with adaptive steps that land where the table
-    turns."""
+    """Base excitation by a table: in both models the adaptive steps end at the corners of the
+    table."""
     from dataclasses import replace
 
     from fenicsrom.fem.full import full_model

@@ -1,4 +1,4 @@
-"""Meshes: the beams, the blade, what is refused, groups, pieces, and the same on two ranks."""
+"""Meshes: the beams, the blade, refused files, groups, pieces, and equality on two ranks."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def read(path: Path, dimension: int = 2, **keys: object) -> Mesh:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """The test's own use of gmsh."""
+    """A gmsh session of the test itself."""
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -194,8 +194,8 @@ def test_negative_width_is_refused() -> None:
 
 
 def test_huge_mesh_does_not_disturb_the_next_mesh() -> None:
-    """Gmsh scales its tolerances by the extent of the last model of the process: points of the next
-    would fall together."""
+    """Gmsh scales its tolerances by the extent of the last model of the process, and would merge
+    points of the next model."""
     before = [integral(beam(dimension), 1.0) for dimension in (2, 3)]
     with refusal(ErrorKind.MESH, file="beam2d.geo"):
         beam(2, length=1e15)

@@ -78,7 +78,8 @@ SMALL = ["geometry.parameters.elements_along=10", "time.periods=2"]
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
-    """Errors and indicators of `fenicsrom compare`, each time against a full model of its own."""
+    """Errors and indicators of `fenicsrom compare`; each number of ranks computes its own full
+    model."""
     lists = [
         "compare.modes=[1]",
         "compare.derivatives=['none', 'mmi-nls']",
@@ -148,7 +149,7 @@ def test_error_of_two_ranks_is_printed_once(tmp_path: Path) -> None:
 def test_error_of_one_rank_is_printed_and_stops_the_other(
     sentence: str, ranks: str, expected: list[str], tmp_path: Path
 ) -> None:
-    """The rank that goes on is stopped: it would wait for the other."""
+    """The other rank is stopped, because it would wait forever."""
     done = on_ranks(
         2, "-c", ALONE, SCENE, sentence, str(tmp_path), *ranks.split(), code=2, timeout=100
     )
@@ -161,8 +162,8 @@ def test_error_of_one_rank_is_printed_and_stops_the_other(
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
-    """Grids in pieces, contact points whole, an animation where it can be drawn; the same contact
-    points as of one rank."""
+    """Each rank writes its piece of the grids; the contact points and the animation are written
+    once. The contact points equal those of one rank."""
     pyvista = pytest.importorskip("pyvista")
     wanted = [
         "output.motion=true",

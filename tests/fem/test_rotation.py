@@ -1,5 +1,5 @@
-"""A turning body: its forms, its equilibrium at speed, its frequencies against beam theory, and the
-Campbell diagram."""
+"""A rotating body: its forms, its equilibrium at speed, its frequencies against beam theory, and
+the Campbell diagram."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ PUSH = [
 def rotating_scene(
     dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
 ) -> Any:
-    """A short turning beam on a tiny mesh."""
+    """A short rotating beam on a tiny mesh."""
     rotation = rotation or (
         {"speed_rpm": 4000.0, "point": [-0.2, 0.1]} | ({"coriolis": True})
         if dimension == 2
@@ -87,7 +87,7 @@ def spun(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="module")
 def slender() -> Any:
-    """The paper's beam without Poisson's effect, clamped on the axis z, at rest."""
+    """The paper's beam with a Poisson's ratio of zero, clamped on the axis z, at rest."""
     still = {"speed_rpm": 0.0, "axis": [0.0, 0.0, 1.0]}
     sizes = ("geometry.parameters.elements_along=40", "material.poisson=0.0")
     return make_solid(beam_scene(3, sizes, contacts=None, rotation=still))
@@ -425,8 +425,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
 
 @pytest.mark.parametrize("complex_shapes", [False, True])
 def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
-    """Two modes of one frequency, returned as any combination of one another, are told apart by
-    what they were before."""
+    """The solver returns any combination of two modes of equal frequency; the modes at the previous
+    speed tell them apart."""
     rng = np.random.default_rng(4)
     shapes = rng.standard_normal((9, 4)) + 1j * complex_shapes * rng.standard_normal((9, 4))
     shapes, _ = np.linalg.qr(shapes if complex_shapes else shapes.real)
@@ -453,7 +453,7 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
 
 def test_crossing_modes_are_followed() -> None:
     """Two bending modes of a flat beam, out of and in the plane of rotation, cross as the first
-    stiffens: shapes keep apart."""
+    stiffens; each keeps its shape."""
     sizes = (
         "geometry.parameters.elements_along=10",
         "geometry.parameters.height=0.0254",
@@ -500,7 +500,7 @@ def world() -> Any:
 
 @pytest.mark.parametrize("coriolis", [False, True])
 def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
-    """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
+    """The axis lies beyond the tip: a straight beam stays straight, but unstable."""
     table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
     scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
@@ -519,8 +519,8 @@ def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
 
 
 def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Path) -> None:
-    """At speed the tip swings by more than the beam's height: by the polynomial about the spinning
-    state, and on the mesh."""
+    """At speed the tip swings by more than the height of the beam; the elastic force is the
+    polynomial about the spinning state, or is projected on the mesh."""
     shake = [
         "loads.0.force=5e3",
         "loads.0.frequency=40",

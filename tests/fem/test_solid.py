@@ -41,7 +41,7 @@ KINDS = {
 
 @pytest.fixture(scope="module", params=KINDS)
 def tiny(request: pytest.FixtureRequest) -> Any:
-    """A stocky cantilever of two elements, of each kind."""
+    """A stocky cantilever of two elements, of each kind of cell."""
     dimension, overrides = KINDS[request.param]
     return make_solid(beam_scene(dimension, (*TINY, *overrides)))
 
@@ -53,7 +53,7 @@ def positions(solid: Any) -> Array:
 
 
 def affine(solid: Any, gradient: Array) -> Array:
-    """The displacement of a uniform gradient, on clamped unknowns too."""
+    """The displacement of a uniform gradient; clamped unknowns are not zero."""
     return (positions(solid) @ gradient.T).ravel()
 
 
@@ -314,8 +314,7 @@ def test_coordinate_without_node_is_refused() -> None:
 
 
 def test_place_used_twice_warns_once() -> None:
-    """Contact and probe are the same point, a load is another: two sentences, of which neither says
-    the same."""
+    """Contact and probe are the same point, a load is another: two different sentences."""
     place = {"nearest": [1.0, 0.09]}
     shake = {"nearest": [0.5, 0.03], "direction": [0.0, 1.0], "force": 1.0, "frequency": 3.0}
     solid = make_solid(beam_scene(2, TINY, contacts=contact_at(**place), loads=[shake]))

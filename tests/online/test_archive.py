@@ -1,4 +1,4 @@
-"""Stored reduced models: what they may run under, and files of other versions."""
+"""Stored reduced models: the scenes that they accept, and files of other versions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The energy verdict: created, lost and given by friction."""
+"""The energy verdict: energy that is created, lost, or given by friction."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_energy_errors_read_a_known_imbalance() -> None:
 
 @pytest.mark.parametrize("scheme", SCHEME_TOLERANCE)
 def test_scheme_balance_is_refused_beyond_its_tolerance(scheme: str) -> None:
-    """Lost energy counts too, but against generalised-alpha."""
+    """Lost energy counts for every scheme except generalised-alpha."""
     _, _, motion = oscillator()
     found = energy_errors(motion)
     most = SCHEME_TOLERANCE[scheme] * (found.energy + found.work)

@@ -45,15 +45,16 @@ def models() -> dict[str, Any]:
 
 
 def press(model: Any, preload: float, *changes: str) -> tuple[Array, int, Array]:
-    """Equilibrium, unstable directions of the straight one, and displacement of the tip."""
+    """The equilibrium, the number of unstable directions of the straight state, and the
+    displacement of the tip."""
     wanted = scene(preload, *changes)
     q, buckled = statics.equilibrium(model, contacts_of(wanted, model.points), 2)
     return q, buckled, model.contact_displacement(q).copy()
 
 
 def elastica(preload: float) -> tuple[float, Array]:
-    """Force and displacement of the tip of a buckled cantilever pressed on by the spring of the
-    contact."""
+    """Force and displacement of the tip of a buckled cantilever that the spring of the contact
+    presses."""
 
     def at(slope: float) -> tuple[float, Array]:
         k = np.sin(slope / 2)
@@ -80,8 +81,8 @@ def test_beam_below_buckling_load_stays_straight(
 def test_beam_beyond_buckling_load_matches_elastica(
     models: dict[str, Any], name: str, ratio: float, tolerance: float
 ) -> None:
-    """Its deflection grows with the root of the excess: just above the load an error of it by 0.2 %
-    is one of 7 %."""
+    """The deflection grows with the square root of the excess: just above the buckling load, an
+    error of 0.2 % of this load changes it by 7 %."""
     model, preload = models[name], ratio * CRITICAL
     q, buckled, x = press(model, preload)
     force, exact = elastica(preload)
@@ -109,7 +110,7 @@ def energy(model: Any, q: Array, preload: float) -> float:
 
 @pytest.mark.parametrize("name", ["beam", "full"])
 def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
-    """Found by bisection: that of the finite elements, to 0.3 % from above."""
+    """Found by bisection; the finite elements are at most 0.3 % above it."""
     found = brentq(
         lambda preload: press(models[name], preload)[1] - 0.5,
         0.98 * CRITICAL,
@@ -127,8 +128,8 @@ def test_basis_about_straight_state_spans_buckled_state(models: dict[str, Any]) 
 
 @pytest.mark.slow
 def test_basis_that_misses_buckled_state_is_refused() -> None:
-    """A soft beam, pressed far beyond its buckling load: no derivative is left out, but more modes
-    give another shape."""
+    """A soft beam far beyond its buckling load: no derivative is left out, but more modes give
+    another shape."""
     pytest.importorskip("dolfinx")
     table, plain = stability.load(SCENE)
     case = stability.Case("buckled", "", ("material.young=1e3",))

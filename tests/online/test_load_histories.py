@@ -1,5 +1,5 @@
-"""Time factors of the loads: each against its formula, and the motions they cause against what is
-known of them."""
+"""Time factors of the loads against their formulas, and the motions that they cause against known
+solutions."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ LOADS = [
 
 
 def at(found: LoadHistories, times: Any) -> Array:
-    """Factors (times, loads)."""
+    """Factors (times, loads) at these times."""
     return np.array([factors(found, float(time)) for time in times])
 
 
@@ -87,8 +87,8 @@ def test_factor_of_each_history_matches_its_formula() -> None:
 
 @pytest.mark.parametrize(("index", "low", "high"), [(5, 2.0, 5.0), (6, 8.0, 1.0)])
 def test_sweep_has_its_start_and_end_frequency(index: int, low: float, high: float) -> None:
-    """The angle is the integral of the frequency, linear or logarithmic in time, and then of the
-    last one."""
+    """The angle is the integral of the frequency, which is linear or logarithmic in time and
+    constant after the sweep."""
 
     def frequency(time: float) -> float:
         share = min(time / 1.5, 1.0)
@@ -179,10 +179,9 @@ def test_response_to_impact_matches_duhamels_integral(settings: dict[str, float]
 @pytest.mark.parametrize("kind", ["pulse", "table"])
 @pytest.mark.parametrize("start", [0.0, 7.77])
 def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> None:
-    """An impact of a thousandth of the run: what it leaves is the free vibration of its impulse.
-
-    The tolerance is relative to the static response to the crest, which is forty times what the
-    impact leaves."""
+    """The impact lasts a thousandth of the run; after it, the free vibration of its impulse
+    remains. The tolerance is relative to the static response to the peak load, which is forty times
+    the free vibration."""
     short = 0.01
     given = {"pulse": PulseTable(start=start, duration=short)}
     if kind == "table":
@@ -200,8 +199,8 @@ def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> N
 
 
 def test_adaptive_steps_do_not_alias_a_fast_load() -> None:
-    """A sine of 100 Hz over 100 s, a period of which is the first step of a run of no other
-    measure."""
+    """A sine of 100 Hz over 100 s: without the load history, the first step would be a whole period
+    of it."""
     found = of_loads([load(frequency=100.0, sweep=SweepTable(to=100.0, duration=1.0))])
     motion = run(found, duration=100.0, tolerance=1e-4)
     w, wd = 200 * np.pi, np.sqrt(STIFFNESS / 2.0 - DAMPING**2 / 4)

@@ -36,7 +36,7 @@ SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
 
 
 def evaluate(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array, float]:
-    """Force, tangent, energy."""
+    """Force, tangent and energy at q."""
     force, tangent = np.full(q.size, np.nan), np.full((q.size, q.size), np.nan)
     energy = elastic_force(elastic, q, force, tangent)
     return force, tangent, energy
@@ -49,8 +49,8 @@ def test_pair_numbering_lists_every_pair_once() -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_polynomial_energy_matches_strain_at_points(dimension: int) -> None:
-    """Against the strain of each point, written out: E = sym(G) + G^T G / 2, with the gradient G =
-    G0 + sum q_i G_i."""
+    """Against the strain at each point: E = sym(G) + G^T G / 2 with the gradient G = G0 + sum q_i
+    G_i."""
     rng = np.random.default_rng(0)
     points, n, lame, mu = 6, 3, 1.3, 0.7
     weights, gradients = (
@@ -152,7 +152,7 @@ def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
 
 @pytest.mark.parametrize("nonlinear", [True, False])
 def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
-    """R = I, the contact node first: the reduced model moves as the full one does, with friction
+    """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""
     from fenicsrom.fem.full import FullModel
     from fenicsrom.reduction.projection import project

@@ -1,5 +1,5 @@
-"""The basis: contact displacements first and exact, the rest orthonormal, dependent vectors named,
-nothing lost."""
+"""The basis: contact displacements first and exact, the rest orthonormal, dependent vectors
+named."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_basis_of_solid_is_exact_at_the_contact(
 
 @pytest.mark.parametrize("name", ["beam2d", "bent3d"])
 def test_rubin_spans_modes_and_attachment_modes(name: str, request: pytest.FixtureRequest) -> None:
-    """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact, with any
+    """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact for any
     number of modes."""
     solid = request.getfixturevalue(name)
     attachment = solid.factor.solve(solid.contact_rows.T.copy())

@@ -31,7 +31,7 @@ def rigidities(section: BeamSection) -> tuple[float, float, float]:
 
 
 def equilibrium(beam: TimoshenkoBeam, loads: list[Array]) -> Array:
-    """Newton's method along the loads, from rest."""
+    """Newton's method for a series of loads, from rest."""
     q = np.zeros(len(beam.mass))
     for load in loads:
         for _ in range(60):
@@ -100,8 +100,8 @@ def test_linear_beam_is_the_tangent_at_rest() -> None:
 
 @pytest.mark.parametrize("angle", [0.3, 2.0, -3.1])
 def test_rigid_motion_has_no_energy_and_no_force(angle: float) -> None:
-    """Rotation about the root and a shift, no node held: no energy, no force; and the force turns
-    with the beam."""
+    """Without supports, a rotation about the root and a shift have no energy and no force, and the
+    force rotates with the beam."""
     x = np.linspace(0.0, 2.54, 21)
     rigid = np.column_stack(
         (x * (np.cos(angle) - 1) + 0.4, x * np.sin(angle) - 0.7, np.full(21, angle))
@@ -129,7 +129,7 @@ def test_rigid_motion_has_no_energy_and_no_force(angle: float) -> None:
 
 @pytest.mark.parametrize("elements", [1, 2, 20])
 def test_linear_statics_is_exact_at_the_nodes(elements: int) -> None:
-    """A tip force bends by P L³/3EI and shears by P L/κGA, whatever the number of elements."""
+    """A tip force gives P L³/3EI by bending and P L/κGA by shear, for any number of elements."""
     beam = timoshenko(replace(STOCKY, elements=elements), STEEL, True)
     axial, shear, bending = rigidities(STOCKY)
     _, w, theta = tip(beam, equilibrium(beam, [tip_load(beam, 1, 1e3)]))
@@ -212,8 +212,8 @@ def test_frequencies_converge_at_second_order() -> None:
 
 
 def test_linear_amplitude_matches_paper_beam() -> None:
-    """The harmonic response at 3.2 Hz to 111.29 N at 0.7 L: 200.78 mm at the tip, and only for that
-    node."""
+    """The harmonic response at 3.2 Hz to 111.29 N at 0.7 L is 200.78 mm at the tip; loads at the
+    neighbouring nodes give another amplitude."""
     factor = (2j * np.pi * 3.2) * STEEL.mass_damping - (2 * np.pi * 3.2) ** 2
     amplitudes = []
     for place in (0.65, 0.7, 0.75):
@@ -229,8 +229,8 @@ def test_linear_amplitude_matches_paper_beam() -> None:
 
 @pytest.mark.parametrize("turns", [0.25, 1.0])
 def test_beam_under_end_moment_is_an_arc(turns: float) -> None:
-    """The end moment 2π EI/L times the turns: the tip turns by M L/EI, and the elements are chords
-    of an arc."""
+    """The end moment is 2π EI/L times the turns: the tip turns by M L/EI, and the elements are
+    chords of an arc."""
     beam = timoshenko(PAPER, STEEL, False)
     moment = 2 * np.pi * turns * rigidities(PAPER)[2] / PAPER.length
     u, w, theta = tip(
@@ -245,8 +245,8 @@ def test_beam_under_end_moment_is_an_arc(turns: float) -> None:
 
 
 def reissner_tip(section: BeamSection, along: float, across: float) -> Array:
-    """u, w, θ of the tip of the continuous beam under a tip force, shooting for the moment at the
-    root."""
+    """u, w, θ of the tip of the continuous beam under a tip force, by shooting for the moment at
+    the root."""
     axial, shear, bending = rigidities(section)
 
     def slope(_: float, state: Array) -> list[float]:
@@ -277,8 +277,8 @@ def reissner_tip(section: BeamSection, along: float, across: float) -> Array:
 
 @pytest.mark.parametrize("load, w, u", [(1.0, 0.30172, 0.05643), (10.0, 0.81061, 0.55500)])
 def test_large_deflection_matches_elastica(load: float, w: float, u: float) -> None:
-    """Mattiasson's table of the inextensible cantilever, P L²/EI = `load`: first the shooting, then
-    the elements."""
+    """Mattiasson's table of the inextensible cantilever, P L²/EI = `load`, against the shooting
+    method and then the elements."""
     force = load * rigidities(SLENDER)[2]
     exact = reissner_tip(SLENDER, 0.0, force)
     np.testing.assert_allclose(exact[:2], [-u, w], atol=6e-6)
@@ -290,8 +290,8 @@ def test_large_deflection_matches_elastica(load: float, w: float, u: float) -> N
 
 
 def test_stocky_cantilever_converges_to_reissner() -> None:
-    """Large displacement with shear and extension that matter, an oblique force: second order in
-    the element."""
+    """Large displacements with significant shear and extension under an oblique force: second order
+    in the element size."""
     _, _, bending = rigidities(STOCKY)
     along, across = -0.8 * bending, 2.5 * bending
     exact = reissner_tip(STOCKY, along, across)
@@ -310,8 +310,8 @@ def test_stocky_cantilever_converges_to_reissner() -> None:
 
 
 def test_shortening_by_bending_matches_second_order_theory() -> None:
-    """A small tip force P pulls the tip back by P² L⁵ / 15 EI², which the linear beam does not
-    know."""
+    """A small tip force P moves the tip back by P² L⁵ / 15 EI²; the linear beam has no such
+    motion."""
     bending = rigidities(PAPER)[2]
     shortening = []
     for force in (5.0, 10.0):

@@ -1,5 +1,5 @@
-"""Static modal derivatives: symmetric, the same by differences, and the curvature of static
-response paths."""
+"""Static modal derivatives: symmetric, equal to differences, and the curvature of static response
+paths."""
 
 from __future__ import annotations
 
@@ -93,11 +93,9 @@ def energy(solid: Any, block: Any) -> Any:
 def test_derivatives_match_central_differences(
     name: str, method: str, request: pytest.FixtureRequest
 ) -> None:
-    """The right-hand sides agree to the rounding of a difference, and so do the derivatives in the
-    energy norm.
-
-    Entry by entry a derivative may differ more: a slender body turns the rounding of a force into
-    bending."""
+    """The right-hand sides agree to the rounding error of the difference, and the derivatives agree
+    in the energy norm. A single entry of a derivative may differ more, because a slender body turns
+    the rounding error of a force into bending."""
     solid = request.getfixturevalue(name)
     found = component(solid, method)
     labels = all_pairs(found.labels)
@@ -119,8 +117,8 @@ def test_derivatives_match_central_differences(
 def test_derivatives_match_curvature_of_static_paths(
     name: str, request: pytest.FixtureRequest
 ) -> None:
-    """Under the forces s K X_i + t K X_j the body takes the place u(s, t) with u_st = theta_ij at
-    the start."""
+    """The forces s K X_i + t K X_j cause the displacement u(s, t), with u_st = theta_ij at the
+    start."""
     solid = request.getfixturevalue(name)
     found = component(solid, "rubin")
     labels = ["1V1V", "1V2V", "1V1S", "2V2S"]

@@ -44,7 +44,7 @@ def body(request: pytest.FixtureRequest) -> Any:
 
 
 def matrices(solid: Any) -> tuple[NDArray[np.int64], Array, Array, Array]:
-    """Free unknowns, K, M and B of them."""
+    """The free unknowns, and K, M and B of these unknowns."""
     keep = free_unknowns(solid)
     return keep, dense(solid.stiffness, keep), dense(solid.mass, keep), solid.contact_rows.T[keep]
 

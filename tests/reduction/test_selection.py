@@ -1,5 +1,5 @@
-"""Selection: coordinates by least squares, whatever the scale of a mode, and both weights on an
-example by hand."""
+"""Selection: least-squares coordinates that do not depend on the scale of a mode, and both weights
+against a hand calculation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def largest(vectors: Array) -> Array:
 
 @pytest.fixture
 def vectors() -> Array:
-    """Modes as different in size as metres per square-root kilogram and metres per newton."""
+    """Modes of very different size, such as metres per square-root kilogram and metres per
+    newton."""
     return np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 3.0, 1e-5, 1e-8]
 
 

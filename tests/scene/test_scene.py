@@ -1,4 +1,4 @@
-"""Scenes: every demo is read, every mistake has its kind and key, no other error occurs."""
+"""Scenes: every demo is read, every mistake has its kind and key, and no other error occurs."""
 
 from __future__ import annotations
 
@@ -1057,7 +1057,7 @@ ALIKE = {
 
 
 def examples(number: int) -> settings:
-    """So many examples, however slow the machine."""
+    """Settings of hypothesis: this many examples, without a time limit."""
     return settings(
         max_examples=number, deadline=None, suppress_health_check=[HealthCheck.too_slow]
     )
