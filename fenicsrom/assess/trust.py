@@ -9,19 +9,30 @@ compared.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.estimates import richer_basis
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.families import Family
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import FALLBACK_STEPS, Shooting, periodic_motion
+from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.modes import ComponentModes
+from fenicsrom.reduction.selection import Selection
+from fenicsrom.reduction.stages import Derivatives, reduce
 
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
+
+LARGEST = "largest amplitude"
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
 
@@ -46,12 +57,25 @@ class Check:
 
 
 @dataclass(frozen=True, eq=False)
+class RicherModel:
+    """A model with a richer basis, and how its coordinates follow from those of the model.
+
+    Attributes:
+        stored: the model under the scene.
+        transfer: (n', n) its coordinates of the displacement that the model's coordinates describe.
+    """
+
+    stored: StoredModel
+    transfer: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Richer:
-    """A model with a richer basis.
+    """The periodic problems of a model with a richer basis.
 
     Attributes:
         family: its periodic problems by the parameter.
-        transfer: (n', n) its coordinates of the displacement that the model's coordinates describe.
+        transfer: as in `RicherModel`.
     """
 
     family: Family
@@ -63,7 +87,7 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     points = [point for piece in pieces for point in piece.points]
     if not points:
         return []
-    found = [("largest amplitude", max(points, key=lambda point: float(point.amplitude.max())))]
+    found = [(LARGEST, max(points, key=lambda point: float(point.amplitude.max())))]
     for piece in pieces:
         found += [("fold", point) for point in piece.special if point.kind == "fold"]
         found += [("first", piece.points[0]), ("last", piece.points[-1])]
@@ -123,12 +147,13 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     path = Continuation(shooting, family, 0.0, range_, float(np.linalg.norm(s)) or 1.0)
     if not fold:
         return path.at_parameter(s, point.parameter)
-    found = path.monodromy(point)
+    here = replaced(point, s=s)
+    found = path.monodromy(here)
     if found is None:
         return None
     values, vectors = np.linalg.eig(found)
     along = np.append(np.real(vectors[:, int(np.argmin(np.abs(values - 1.0)))]), 0.0)
-    return path.correct(path.place(point), along / np.linalg.norm(along))
+    return path.correct(path.place(here), along / np.linalg.norm(along))
 
 
 def _basis_error(point: CurvePoint, richer: Richer, settings: Any) -> float | None:
@@ -147,6 +172,35 @@ def _basis_error(point: CurvePoint, richer: Richer, settings: Any) -> float | No
     except ConvergenceError:
         return None
     return _change(point.amplitude, motion.amplitude)
+
+
+def richer_model(
+    body: Structure,
+    stored: StoredModel,
+    basis: ReducedBasis,
+    modes: ComponentModes,
+    selection: Selection,
+    derivatives: Derivatives,
+) -> RicherModel | None:
+    """The model with a richer basis (`fenicsrom.assess.estimates.richer_basis`), or None.
+
+    Args:
+        body: the structure.
+        stored: its reduced model.
+        basis: the basis of this model.
+        modes: its component modes.
+        selection: the modes and derivatives that were selected.
+        derivatives: the derivatives of the basis.
+    """
+    scene = stored.scene
+    richer = richer_basis(body, scene, modes, selection, derivatives)
+    if richer is None:
+        return None
+    model = reduce(body, scene.basis, richer)
+    if not isinstance(model, ReducedModel):
+        return None
+    other = replace(stored, model=model, labels=richer.labels)
+    return RicherModel(other, transfer(body.mass_inner, basis.vectors, richer.vectors))
 
 
 def transfer(inner: Callable[[Array, Array], Array], vectors: Array, richer: Array) -> Array:

@@ -8,7 +8,8 @@ last points and corrected orthogonally to its tangent (Keller 1977; Seydel 2010,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
 from fenicsrom.online.contact_events import extremes, state_bits
 from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
+from fenicsrom.online.curve_measures import harmonics, states_over_period
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import (
@@ -27,6 +29,7 @@ from fenicsrom.online.periodic import (
     least_squares_step,
     stuck_points,
 )
+from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
@@ -63,7 +66,7 @@ class Continuation:
         """
         self.shooting, self.family, self.tolerance = shooting, family, tolerance
         self.low, self.high, self.range = low, high, high - low
-        self.size = size
+        self.size, self.step = size, 0.0
 
     def _evaluate(self, y: Array, *, derive: bool) -> Any:
         problem = self.family(y[-1] * self.range)
@@ -196,6 +199,9 @@ class Continuation:
             extremes=extremes(record, problem.contacts),
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
+            harmonics=harmonics(record, problem.model.load_histories, problem.period),
+            period_states=states_over_period(record),
+            damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
         )
 
     def monodromy(self, point: CurvePoint) -> Array | None:
@@ -226,11 +232,15 @@ class Continuation:
         progress: Callable[[CurvePoint], None] | None = None,
         curve: Curve | None = None,
         largest_size: float = np.inf,
+        before: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
+        The size of the next step is in `step` when `progress` is called. An interrupted run
+        continues bit for bit with it, with the points so far and with the `guess` of `shooting`.
+
         Args:
-            start: its first point.
+            start: its first point, or the last one of an interrupted run.
             direction: sign of the change of the parameter at the start; None follows the tangent of
                 `start`.
             step: first step along the curve.
@@ -241,57 +251,65 @@ class Continuation:
             progress: called with each point.
             curve: receives the points, after those that it has; the last of these is `start`.
             largest_size: of the scaled variables, at which the continuation ends.
+            before: the points of an interrupted run before `start`.
         """
         tangent = start.tangent
-        if direction is not None:
+        if direction is not None and not before:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        curve = Curve([start]) if curve is None else curve
-        ys, arcs = [self.place(start)], [0.0]
-        tangents = [tangent]
+        curve = Curve([*before, start]) if curve is None else curve
+        ys: list[Array] = []
+        arcs: list[float] = []
+        for point in _since_kink([*before, start]):
+            self._extend(ys, arcs, point)
         while len(curve.points) < points:
-            guess = predict(ys, arcs, tangents[-1], step)
+            behind = replaced(curve.points[-1], tangent=tangent)
+            guess = predict(ys, arcs, tangent, step)
             inside = self.low <= guess[-1] * self.range <= self.high
-            before = replaced(curve.points[-1], tangent=tangents[-1])
-            found = self._next(before, guess, step, smallest_step)
+            found = self._next(behind, guess, step, smallest_step)
             if found is not None and not self.low <= found.parameter <= self.high:
-                last = self._end(before, found)
-                special = self._special(before, last, locate)
+                last = self._end(behind, found)
+                special = self._special(behind, last, locate)
                 if last is not None and special is not None:
                     curve.points.append(last)
                     curve.special.extend(special)
                 curve.reason = "end of the range"
                 return curve
-            special = self._special(before, found, locate)
+            special = self._special(behind, found, locate)
             if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
                     curve.reason = "no convergence"
                     return curve
                 continue
-            reason = self._arrival(curve, before, found)
-            if reason:
-                curve.reason = reason
+            curve.reason = self._arrival(curve, behind, found)
+            if curve.reason:
                 return curve
             curve.special.extend(special or [])
             curve.points.append(found)
-            if progress is not None:
-                progress(found)
-            if float(np.linalg.norm(found.s)) > largest_size:
-                curve.reason = "grown"
-                return curve
-            if _kink(before, found):
-                ys, arcs = [], []
-            way = float(np.linalg.norm(self.place(found) - ys[-1])) if ys else 0.0
-            arcs.append(arcs[-1] + way if arcs else 0.0)
-            ys.append(self.place(found))
-            tangents.append(found.tangent)
+            if _kink(behind, found):
+                ys.clear()
+                arcs.clear()
+            self._extend(ys, arcs, found)
+            tangent = found.tangent
             marched, derived = found.marches
             effort = marched + derived
             step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
             if not inside:
                 step = max(0.5 * step, smallest_step)
+            self.step = step
+            if progress is not None:
+                progress(found)
+            if float(np.linalg.norm(found.s)) > largest_size:
+                curve.reason = "grown"
+                return curve
         curve.reason = "number of points"
         return curve
+
+    def _extend(self, ys: list[Array], arcs: list[float], point: CurvePoint) -> None:
+        """Add a point to those through which the curve is extrapolated, which have no kink."""
+        y = self.place(point)
+        arcs.append(arcs[-1] + float(np.linalg.norm(y - ys[-1])) if ys else 0.0)
+        ys.append(y)
 
     def _next(
         self, before: CurvePoint, guess: Array, step: float, smallest_step: float
@@ -354,6 +372,12 @@ class Continuation:
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
         return float(np.linalg.norm(near - y)) < CLOSED * length
+
+
+def _since_kink(points: list[CurvePoint]) -> list[CurvePoint]:
+    """The last points of a curve without a kink between them."""
+    kinks = [k for k, (a, b) in enumerate(pairwise(points), 1) if _kink(a, b)]
+    return points[max(kinks, default=0) :]
 
 
 def _kink(a: CurvePoint, b: CurvePoint) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.bifurcations import LOCATED, outside, special_points
-from fenicsrom.online.branching import walk
+from fenicsrom.online.branching import follow_growing
 from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import BIFURCATIONS, Curve, CurvePoint
@@ -53,7 +53,7 @@ def curve_over_force(
     path = Continuation(shooting, family, low, high, float(np.linalg.norm(s)))
     start = path.at_parameter(s, low)
     assert start is not None
-    return path, family, walk(path, start, 1.0, Curve(), points=300, largest_step=0.05)
+    return path, family, follow_growing(path, start, 1.0, Curve(), points=300, largest_step=0.05)
 
 
 def occurs(path: Continuation, near: CurvePoint, value: float, bits: int) -> bool:

@@ -1,0 +1,127 @@
+"""Response curves: of a scene, whose reduced model is built first, or of a stored model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.study.execution import offline
+from fenicsrom.study.stopwatch import Stopwatch, never
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.response import Response
+    from fenicsrom.assess.trust import RicherModel
+    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.scene import Scene
+
+
+STATE = "response_state"  # folder of what is kept of the curves
+
+
+def response(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] | None = None,
+    *,
+    folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = never,
+) -> Response:
+    """Build the reduced model of a scene, compute its response curves and write their files.
+
+    Args:
+        scene: the scene, with a table [response].
+        comm: MPI communicator of the offline stages; by default all ranks.
+        say: receives the progress, one line at a time; by default nobody.
+        folder: folder of the output files; None writes no files.
+        resume: folder of the state of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time, see
+            `fenicsrom.assess.response.response`; with several ranks there are no processes.
+        stop: asked between the offline stages and at each point of a curve; the run ends where it
+            returns True.
+
+    Raises:
+        SceneError: the scene or the earlier state cannot be used.
+        ConvergenceError, AccuracyError: an offline stage failed.
+        KeyboardInterrupt: `stop` returned True before the curves began.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.response import check_response
+    from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.assess.trust import richer_model
+    from fenicsrom.online.archive import save_model
+    from fenicsrom.post.response_report import write
+    from fenicsrom.post.summary import MODEL, stored_model
+
+    check_response(scene)
+    if resume is not None:
+        check_folder(resume)
+    built = offline(scene, comm, Stopwatch(say), stop=stop)
+    stored, ranks = stored_model(built), built.solid.comm
+    kept = folder if ranks.rank == 0 else None
+    if kept is not None:
+        save_model(kept / MODEL, stored)
+    assert built.basis is not None and built.modes is not None
+    richer = None
+    if built.derivatives is not None:
+        richer = richer_model(
+            built.solid, stored, built.basis, built.modes, built.selection, built.derivatives
+        )
+    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop, richer)
+    found.warnings[:0] = built.warnings
+    if folder is not None and found.curves:
+        found.files = write(found, stored, folder, built)
+    return found
+
+
+def response_of_model(
+    stored: StoredModel,
+    say: Callable[[str], None] | None = None,
+    *,
+    folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = never,
+) -> Response:
+    """Compute the response curves of a stored model; arguments as `response`.
+
+    Raises:
+        SceneError: the scene of the model or the earlier state cannot be used.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.post.response_report import write
+
+    if resume is not None:
+        check_folder(resume)
+    found = _curves(stored, say, folder, resume, workers, stop)
+    if folder is not None and found.curves:
+        found.files = write(found, stored, folder)
+    return found
+
+
+def _curves(
+    stored: StoredModel,
+    say: Callable[[str], None] | None,
+    folder: Path | None,
+    resume: Path | None,
+    workers: int,
+    stop: Callable[[], bool],
+    richer: RicherModel | None = None,
+) -> Response:
+    """Compute the response curves of a stored model; arguments as `response`."""
+    from fenicsrom.assess import response as curves
+
+    watch = Stopwatch(say)
+    with watch("response curves"):
+        return curves.response(
+            stored,
+            lambda line: watch.say(f"  {line}"),
+            state=None if folder is None else folder / STATE,
+            resume=resume,
+            workers=workers,
+            stop=stop,
+            richer=richer,
+        )
