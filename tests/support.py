@@ -1,5 +1,5 @@
-"""What several test files share: differences, slopes, small scenes and small models, runs on
-several ranks."""
+"""Helpers of several test files: differences, slopes, small scenes and models, runs on several
+ranks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -17,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fenicsrom
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
@@ -342,6 +344,24 @@ def period_steps(steps: int, scheme: str = "discrete-gradient") -> Time:
 # ------------------------------------------------------------------ ranks
 
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+
+
+@contextmanager
+def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> Iterator[None]:
+    """Expect a `SceneError` in one line.
+
+    Args:
+        kind: its kind.
+        key: the key that it is about.
+        file: the name of the file that it is about; by default any file.
+        names: text that its message contains, such as a name that stands in the file.
+    """
+    with pytest.raises(SceneError) as caught:
+        yield
+    error = caught.value
+    assert (error.kind, error.key) == (kind, key), error
+    assert not file or (Path(error.source).name == file and error.source in str(error))
+    assert names in str(error) and "\n" not in str(error)
 
 
 def on_ranks(

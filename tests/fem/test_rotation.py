@@ -1,5 +1,5 @@
-"""A turning body: its forms, its equilibrium at speed, its frequencies against beam theory, and the
-Campbell diagram."""
+"""A rotating body: its forms, its equilibrium at speed, its frequencies against beam theory, and
+the Campbell diagram."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ PUSH = [
 def rotating_scene(
     dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
 ) -> Any:
-    """A short turning beam on a tiny mesh."""
+    """A short rotating beam on a tiny mesh."""
     rotation = rotation or (
         {"speed_rpm": 4000.0, "point": [-0.2, 0.1]} | ({"coriolis": True})
         if dimension == 2
@@ -87,7 +87,7 @@ def spun(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="module")
 def slender() -> Any:
-    """The paper's beam without Poisson's effect, clamped on the axis z, at rest."""
+    """The paper's beam with a Poisson's ratio of zero, clamped on the axis z, at rest."""
     still = {"speed_rpm": 0.0, "axis": [0.0, 0.0, 1.0]}
     sizes = ("geometry.parameters.elements_along=40", "material.poisson=0.0")
     return make_solid(beam_scene(3, sizes, contacts=None, rotation=still))
@@ -145,7 +145,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
+def test_rotation_forces_of_linear_field_match_closed_form(dimension: int) -> None:
     """u = x a: integrals over the box are closed forms."""
     solid = make_solid(rotating_scene(dimension))
     omega = 4000.0 / RPM
@@ -217,7 +217,7 @@ def tiny_still() -> Any:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.3])
-def test_spinning_rod_stretches_as_the_boundary_value_problem(slender: Any, speed: float) -> None:
+def test_stretch_of_spinning_rod_matches_boundary_value_problem(slender: Any, speed: float) -> None:
     """k L = `speed`, k^2 = rho Omega^2 / E: (S (1 + u'))' + k^2 (x + u) = 0, S = u' + u'^2/2, u(0)
     = 0 = S(L).
 
@@ -274,7 +274,7 @@ def test_equilibrium_at_speed_balances_and_is_independent_of_the_path(dimension:
     np.testing.assert_allclose(u, solid.static(1.2 * solid.static_load), rtol=0, atol=1e-8 * scale)
 
 
-def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
+def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
     nonlinear, linear = (
         make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
         for word in ("true", "false")
@@ -331,7 +331,9 @@ def test_rotating_cantilever_matches_beam_theory(slender: Any) -> None:
 
 @pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
+def test_polynomial_about_spinning_state_matches_projected_force(
+    dimension: int, loads: Any, method: str
+) -> None:
     scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
     )
@@ -423,8 +425,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
 
 @pytest.mark.parametrize("complex_shapes", [False, True])
 def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
-    """Two modes of one frequency, returned as any combination of one another, are told apart by
-    what they were before."""
+    """The solver returns any combination of two modes of equal frequency; the modes at the previous
+    speed tell them apart."""
     rng = np.random.default_rng(4)
     shapes = rng.standard_normal((9, 4)) + 1j * complex_shapes * rng.standard_normal((9, 4))
     shapes, _ = np.linalg.qr(shapes if complex_shapes else shapes.real)
@@ -451,7 +453,7 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
 
 def test_crossing_modes_are_followed() -> None:
     """Two bending modes of a flat beam, out of and in the plane of rotation, cross as the first
-    stiffens: shapes keep apart."""
+    stiffens; each keeps its shape."""
     sizes = (
         "geometry.parameters.elements_along=10",
         "geometry.parameters.height=0.0254",
@@ -498,7 +500,7 @@ def world() -> Any:
 
 @pytest.mark.parametrize("coriolis", [False, True])
 def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
-    """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
+    """The axis lies beyond the tip: a straight beam stays straight, but unstable."""
     table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
     scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
@@ -517,8 +519,8 @@ def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
 
 
 def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Path) -> None:
-    """At speed the tip swings by more than the beam's height: by the polynomial about the spinning
-    state, and on the mesh."""
+    """At speed the tip swings by more than the height of the beam; the elastic force is the
+    polynomial about the spinning state, or is projected on the mesh."""
     shake = [
         "loads.0.force=5e3",
         "loads.0.frequency=40",

@@ -1,4 +1,4 @@
-"""Scenes: every demo is read, every mistake has its kind and key, no other error occurs."""
+"""Scenes: every demo is read, every mistake has its kind and key, and no other error occurs."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def test_linear_variant_of_demo_changes_one_key(path: Path) -> None:
     assert linear == dataclasses.replace(read_scene(path), geometrically_nonlinear=False)
 
 
-def test_defaults_are_filled_in() -> None:
+def test_missing_keys_get_their_defaults() -> None:
     scene = parse(RUBBING)
     assert (scene.title, scene.geometrically_nonlinear, scene.source) == ("", True, "s.toml")
     assert (scene.geometry.cells, scene.geometry.degree, scene.geometry.plane) == (
@@ -254,7 +254,7 @@ def test_unit_vector_is_unchanged_to_the_bit() -> None:
     assert parse(RUBBING, f"contacts.0.normal={list(once)}").contacts[0].normal == once
 
 
-def test_the_period_is_that_of_the_lowest_frequency() -> None:
+def test_period_is_that_of_the_lowest_frequency() -> None:
     first = '{group="load", direction=[0,1], force=1.0, frequency=9.6}'
     scene = parse(
         RUBBING, f'loads=[{first}, {{group="tip", direction=[1,0], force=1, frequency=3.2}}]'
@@ -270,7 +270,7 @@ def test_the_period_is_that_of_the_lowest_frequency() -> None:
     ("label", "same"),
     [("1V1S", "1V1S"), ("1S1V", "1V1S"), ("2V1V", "1V2V"), ("1S3V", "3V1S"), ("2S1S", "1S2S")],
 )
-def test_derivative_has_one_label(label: str, same: str) -> None:
+def test_label_of_derivative_is_in_canonical_order(label: str, same: str) -> None:
     assert parse(RUBBING, f'basis.derivatives=["{label}"]').basis.derivatives == (same,)
 
 
@@ -1057,7 +1057,7 @@ ALIKE = {
 
 
 def examples(number: int) -> settings:
-    """So many examples, however slow the machine."""
+    """Settings of hypothesis: this many examples, without a time limit."""
     return settings(
         max_examples=number, deadline=None, suppress_health_check=[HealthCheck.too_slow]
     )
