@@ -31,7 +31,7 @@ from fenicsrom.online.surfaces import Contacts
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
 SMALLEST_DAMPING = 1.0 / 16.0
-RANK = 1e-8  # singular values of dP/dz - I below this part of the largest count as zero
+RANK = 1e-8  # singular values below this part of the largest count as zero
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
 
@@ -89,10 +89,13 @@ def settled_contacts(contacts: Contacts) -> Contacts:
 
 
 class Shooting:
-    """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
+    """The equation of a periodic motion in scaled variables s.
 
-    M = L L^T. A slider component is scaled by the square root of the mass that its direction feels,
-    1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+    s = (L^T q, L^T v / omega, L^T a h / omega, .. w) with M = L L^T and the mean step h. Over a
+    step, an acceleration changes the velocity by h a. With a / omega^2 the accelerations of stiff
+    coordinates would outweigh all other variables. A slider component is scaled by the square root
+    of the mass that its direction feels, 1 / (b^T M^-1 b), so that the norm has the same unit in
+    all components.
     """
 
     def __init__(
@@ -126,10 +129,11 @@ class Shooting:
         self._scale = np.zeros((self.map.size, self.map.size))
         self._unscale = np.zeros_like(self._scale)
         inverse = np.linalg.inv(root)
-        for k in range(self.map.blocks):
+        step = m * period / (grid.size - 1)
+        for k, time in enumerate((1.0, 1.0 / omega, step / omega)[: self.map.blocks]):
             part = slice(k * n, (k + 1) * n)
-            self._scale[part, part] = root / omega**k
-            self._unscale[part, part] = inverse * omega**k
+            self._scale[part, part] = root * time
+            self._unscale[part, part] = inverse / time
         rest = np.arange(self.map.blocks * n, self.map.size)
         self._scale[rest, rest] = slider[self.map.memory]
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
@@ -193,10 +197,15 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
 
 
 def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
-    """The shortest solution of a square system, and how many of its directions are free."""
-    u, sigma, vt = np.linalg.svd(matrix)
+    """The shortest solution of a square system, and how many of its directions are free.
+
+    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
+    decide which singular values count as zero.
+    """
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    u, sigma, vt = np.linalg.svd(matrix / size[:, None])
     keep = sigma > RANK * sigma[0]
-    return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
+    return vt[keep].T @ ((u[:, keep].T @ (right / size)) / sigma[keep]), int(np.sum(~keep))
 
 
 def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
@@ -288,8 +297,7 @@ def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> Periodi
 def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
-    sigma = np.linalg.svd(matrix - np.eye(s.size), compute_uv=False)
-    free = int(np.sum(sigma <= RANK * sigma[0]))
+    _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),

@@ -99,6 +99,23 @@ def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:
         np.testing.assert_allclose(amplitude(marched), point.amplitude.ravel(), rtol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["discrete-gradient", "average-acceleration", "generalised-alpha"])
+def test_stiff_model_without_contact_has_a_unique_motion(name: str) -> None:
+    model = linear_model(
+        np.eye(2),
+        np.array([[2.0, -1.0], [-1.0, 1e6]]),
+        damping=0.01,
+        loads=[[1.0], [0.5]],
+        load_histories=harmonic(np.ones(1), np.array([1.3]), np.zeros(1)),
+    )
+    start = np.zeros(2), np.zeros(2), np.zeros((0, 2))
+    motion = periodic_motion(
+        model, no_contacts(), period_steps(100, name), 2.0 * np.pi / 1.3, start
+    )
+    assert motion.free_sliders == 0
+    assert len(motion.residuals) == 2  # the problem is linear
+
+
 def test_resonance_without_damping_is_not_found() -> None:
     model = linear_model(
         np.eye(2),
