@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact_state import STICK
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import DONE, PeriodEnd, PeriodMap
+from fenicsrom.online.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.scheme import scheme
+from fenicsrom.online.sensitivity import Drift
 from fenicsrom.online.state import Checkpoint, Record
-from fenicsrom.online.step_sensitivity import Drift
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
