@@ -6,19 +6,13 @@ import numpy as np
 
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
-from fenicsrom.online.contact_sensitivity import perturb
+from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
 from fenicsrom.online.model import ReducedModel, Tangent, write_effective_solution
 from fenicsrom.online.polynomial import elastic_force_with, elastic_mean
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
 from fenicsrom.online.step import step_coefficients
 from fenicsrom.online.surfaces import Contacts, gap_discrete_gradient
-
-BLENDING_RESOLVED = 1e-5
-"""Weight of the implicit blending below which its changes are neglected.
-
-They change a contact force by less than this part of it.
-"""
 
 
 @kernel

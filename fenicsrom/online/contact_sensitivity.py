@@ -41,6 +41,12 @@ PARAMETERS = (
     "phase",
 )
 
+BLENDING_RESOLVED = 1e-5
+"""Weight of the implicit blending below which its changes are neglected.
+
+They change a contact force by less than this part of it.
+"""
+
 
 class ComplexInterval(NamedTuple):
     """An `Interval`; the imaginary parts of its times are `STEP` times their derivatives."""
@@ -161,7 +167,8 @@ def differentiate_law(
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
     A slider that follows the point has no derivative of its own: the law has a kink at w0 = x0.
-    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero.
+    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero. Before a plane, the
+    normal component of the slider has no effect.
 
     A step of zero length, begin = end = 0 with a = 0, is the state that `at_rest` accepts: its
     derivative by x is the sum of those by x0 and x1.
@@ -188,7 +195,9 @@ def differentiate_law(
         step.discrete_gradient,
     )
     for c in range(3 * d + 2):
-        if follows and 2 * d <= c < 3 * d:
+        plane = c == 2 * d and contacts.kind[p] == PLANE
+        without_effect = 2 * d <= c < 3 * d and (follows or plane)
+        if without_effect or (c == 3 * d and not blending > BLENDING_RESOLVED):
             for k in range(d):
                 law.force[p, k, c] = 0.0
                 law.slider[p, k, c] = 0.0
