@@ -1,4 +1,10 @@
-"""Derivative of the weight of the implicit blending (`contact_step.implicit_blending`)."""
+"""Derivative of the weight of the implicit blending (`contact_step.implicit_blending`).
+
+The weight b = r^2/(1 + r^2), r = k_n n^T G n, uses the G = B^T S^-1 B of the first guess of a step.
+Where the G of the converged step gives weights below `BLENDING_RESOLVED`, these serve, which saves
+another evaluation of the tangent: both differ by a part of the weight of the size of the error of
+the guess.
+"""
 
 from __future__ import annotations
 
@@ -44,6 +50,52 @@ def solve_at_guess(model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float
 
 
 @kernel
+def solve_at_end(model: ReducedModel, linear: bool, s: Sensitivity, mass: float) -> None:
+    """Write S^-1 B and G of the converged step to the workspace; s.by_step holds S.
+
+    `mass` is the coefficient of M in S, by which a linear model keeps its factor.
+    """
+    tangent = Tangent(s.by_step, mass)
+    write_effective_solution(
+        model.mass,
+        model.gyroscopic_matrix,
+        model.contact_rows,
+        linear,
+        model.work,
+        0.0,
+        0.0,
+        tangent,
+        s.before[0],
+    )
+
+
+@kernel
+def write_weights(
+    model: ReducedModel, contacts: Contacts, drift: Drift, s: Sensitivity, behind: complex
+) -> bool:
+    """Write the weights of the points that touch to s.weight; True if one is resolved."""
+    d, law, resolved = s.x0.shape[1], s.law, False
+    point, delassus = law.scratch.point, model.work.delassus
+    n, bend = point.gradient, point.gradient_derivative
+    for p in range(s.is_open.size):
+        if s.is_open[p]:
+            continue
+        perturb(law.contacts, p, contacts, drift.contacts, 0.0)
+        for i in range(d):
+            law.start.x[p, i] = s.x0[p, i]
+        x0 = law.start.x[p]
+        gap_discrete_gradient(law.contacts, p, x0, x0, behind, n, bend, point.work)
+        flexibility = 0.0
+        for i in range(d):
+            for j in range(d):
+                flexibility += n[i].real * delassus[p * d + i, p * d + j] * n[j].real
+        ratio = contacts.normal_stiffness[p] * flexibility
+        s.weight[p] = ratio**2 / (1.0 + ratio**2)
+        resolved = resolved or s.weight[p] > BLENDING_RESOLVED
+    return resolved
+
+
+@kernel
 def differentiate_blending(
     model: ReducedModel,
     contacts: Contacts,
@@ -56,42 +108,32 @@ def differentiate_blending(
     last_step: float,
     by_mass: complex,
 ) -> None:
-    """Write the implicit blending of point p to s.weight, and its derivatives to s.blending.
+    """Write the derivatives of the weight of point p to s.blending.
 
-    The weight is b = r^2/(1 + r^2), r = k_n n^T G n. With u = S^-1 B n the flexibility changes by
+    With u = S^-1 B n the flexibility changes by
 
-        d(n^T G n) = 2 dn^T G n - u^T dS u,
+        d(n^T G n) = 2 dn^T G n - u^T dS u
 
-    where S is that of the first guess of dq (`solve_at_guess`; G is taken as symmetric, which it is
-    without gyroscopic forces). The elastic part of u^T dS u needs the second derivative of the
-    force along u. As the force is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give
-    it exactly.
+    (G is taken as symmetric, which it is without gyroscopic forces). The elastic part of u^T dS u
+    needs the second derivative of the force along u. As the force is cubic, A u = (T(u) - T(-u))/2
+    and B u u = T(u) + T(-u) - 2 K give it exactly.
     """
     n, k = s.q.shape
     d = s.x0.shape[1]
     last, row, law = k - 1, p * d, s.law
-    s.weight[p] = 0.0
     for c in range(k):
         s.blending[p, c] = 0.0
-    if not scheme.discrete_gradient:
+    weight = s.weight[p]
+    if not weight > BLENDING_RESOLVED:
         return
+    ratio = np.sqrt(weight / (1.0 - weight))
+    by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
     perturb(law.contacts, p, contacts, drift.contacts, STEP)
     for i in range(d):
         law.start.x[p, i] = s.x0[p, i]
     point = law.scratch.point
     x0, bend = law.start.x[p], point.gradient_derivative
     gap_discrete_gradient(law.contacts, p, x0, x0, behind, point.gradient, bend, point.work)
-    flexibility = 0.0
-    for i in range(d):
-        for j in range(d):
-            both = point.gradient[i].real * point.gradient[j].real
-            flexibility += both * model.work.delassus[row + i, row + j]
-    ratio = contacts.normal_stiffness[p] * flexibility
-    weight = ratio**2 / (1.0 + ratio**2)
-    s.weight[p] = weight
-    if not weight > BLENDING_RESOLVED:
-        return
-    by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
     u = s.blending_vectors[0]
     for a in range(n):
         u[a] = 0.0

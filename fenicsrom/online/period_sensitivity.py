@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.blending_sensitivity import differentiate_blending, solve_at_guess
+from fenicsrom.online.blending_sensitivity import (
+    differentiate_blending,
+    solve_at_end,
+    solve_at_guess,
+    write_weights,
+)
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import ComplexInterval, differentiate_law
@@ -151,9 +156,12 @@ def carry_derivatives(
         behind, ahead, moved = begin * times, record.time[row] * times, h * times
         step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
         touches = begin_step(record, row, h, last_step, s)
-        if touches and scheme.discrete_gradient:
-            solve_at_guess(model, scheme, s, h)
         by_mass = add_structure(model, scheme, drift, moved, ahead, s)
+        if touches and scheme.discrete_gradient:
+            solve_at_end(model, scheme.linear, s, by_mass.real)
+            if write_weights(model, contacts, drift, s, behind):
+                solve_at_guess(model, scheme, s, h)
+                write_weights(model, contacts, drift, s, behind)
         for p in range(points):
             if s.is_open[p]:
                 continue
