@@ -121,25 +121,9 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         SceneError: no rotation, no speed, or more modes than unknowns.
         ConvergenceError, AccuracyError: the first speed failed.
     """
-    from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import solid_of
-
     begin = clock.perf_counter()
-    rotation, speeds = scene.rotation, speeds_rpm(scene)
-    assert rotation is not None
-    say("mesh ..")
-    mesh = build_mesh(scene.geometry, comm)
-    say("solid ..")
-    solid = solid_of(replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))), mesh)
-    count = scene.campbell.modes
-    if count > solid.free:
-        raise SceneError(
-            f"{scene.source}: campbell.modes = {count}: must be at most {solid.free}, "
-            "the number of free unknowns",
-            kind=ErrorKind.RANGE,
-            key="campbell.modes",
-            source=scene.source,
-        )
+    speeds, count = speeds_rpm(scene), scene.campbell.modes
+    solid = _solid_at(float(speeds[0]), scene, comm, say)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free))
     unfinished: Exception | None = None
     for k, speed in enumerate(speeds):
@@ -164,7 +148,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         np.array(tracked.mac)[:, :count],
         np.array(tracked.largest),
         critical_speeds(reached, kept, scene),
-        max(tracked.changes) if rotation.coriolis else None,
+        max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
         solid.free,
         clock.perf_counter() - begin,
         list(solid.warnings),
@@ -172,6 +156,32 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
     )
     found.warnings += _warnings(found)
     return found
+
+
+def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
+    """Make the mesh and the solid about its equilibrium at this speed.
+
+    Raises:
+        SceneError: the scene cannot be used, or asks for more modes than the mesh has unknowns.
+        ConvergenceError: there is no equilibrium.
+    """
+    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.solid import solid_of
+
+    assert scene.rotation is not None
+    say("mesh ..")
+    mesh = build_mesh(scene.geometry, comm)
+    say("solid ..")
+    solid = solid_of(replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm)), mesh)
+    if scene.campbell.modes > solid.free:
+        raise SceneError(
+            f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
+            f"{solid.free}, the number of free unknowns",
+            kind=ErrorKind.RANGE,
+            key="campbell.modes",
+            source=scene.source,
+        )
+    return solid
 
 
 class _Tracked:

@@ -90,8 +90,8 @@ class Mesh:
                 sorted(group for group, (dim, _) in self.groups.items() if dim == below)
             )
             raise SceneError(
-                f"{self.source}: no facet group {name!r}: must be one of "
-                f"{known or '(there are none)'}",
+                f"{self.source}: there is no facet group {name!r}; the mesh has "
+                f"{f'the facet groups {known}' if known else 'none'}",
                 kind=ErrorKind.PLACE,
                 source=self.source,
             )
@@ -162,8 +162,8 @@ class Mesh:
                     group for group, (dim, _) in self.groups.items() if dim == below
                 } | self.node_groups.keys()
                 raise SceneError(
-                    f"{self.source}: no facet group {name!r}, nor a node group: must be one of "
-                    f"{', '.join(sorted(known)) or '(there are none)'}",
+                    f"{self.source}: there is no facet group or node group {name!r}; the mesh has "
+                    f"the groups {', '.join(sorted(known))}",
                     kind=ErrorKind.PLACE,
                     source=self.source,
                 )
@@ -352,8 +352,8 @@ def mesh_from_dolfinx(
         wanted = (tags,) if isinstance(tags, int) else tuple(tags)
         if not present & set(wanted):
             raise SceneError(
-                f"{source}: group {name!r}: no facet has a tag of {list(wanted)}: must be one of "
-                f"{sorted(present)}",
+                f"{source}: group {name!r}: no facet has a tag of {list(wanted)}; "
+                f"the facets have the tags {sorted(present)}",
                 kind=ErrorKind.PLACE,
                 source=source,
             )

@@ -20,15 +20,17 @@ pytest.importorskip("dolfinx")
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
+    arrays_of_one_and_two_ranks,
+    assert_force_of_energy,
     assert_tangent,
+    assert_tangent_of_force,
     beam_scene,
     dense,
     enriched,
     free_unknowns,
     make_solid,
     needs_mpirun,
-    on_ranks,
-    random_field,
+    random_directions,
     scene_of,
 )
 
@@ -97,26 +99,11 @@ def slender() -> Any:
 
 
 def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
-    u, directions = (
-        random_field(spun, 0.02),
-        np.array([random_field(spun, 0.02, seed) for seed in (1, 2, 3)]),
-    )
+    u, directions = random_directions(spun)
     assert np.abs(spun.rotation.centrifugal_force(u)).max() > 0.0
-    assert_tangent(
-        lambda s: spun.energy(u + s @ directions),
-        lambda s: directions @ spun.internal_force(u + s @ directions),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    assert_tangent(
-        lambda s: spun.internal_force(u + s @ directions),
-        lambda s: spun.tangent_times(u + s @ directions, directions.T),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    # the centrifugal part apart, which the elastic one drowns
+    assert_force_of_energy(spun)
+    assert_tangent_of_force(spun)
+    # the centrifugal part alone, because the elastic part is much larger
     frame, q = spun.rotation, directions
     assert_tangent(
         lambda s: frame.energy(s @ q),
@@ -781,14 +768,7 @@ if comm.rank == 0:
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_give_the_same_rotating_model(tmp_path: Path) -> None:
-    results = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, str(target))
-        with np.load(target) as file:
-            results.append(dict(file))
-    one, two = results
-    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(CHAIN, tmp_path)
     assert list(one.pop("labels")) == list(two.pop("labels"))
     for name in ("omega", "diagram", "energy", "largest"):
         np.testing.assert_allclose(two.pop(name), one.pop(name), rtol=1e-7, err_msg=name)
