@@ -19,9 +19,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.continuation import (
-    Continuation,
-    CurvePoint,
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.families import (
     Family,
     contact_family,
     damping_family,

@@ -65,6 +65,30 @@ def elastica(preload: float) -> tuple[float, Array]:
     return at(brentq(lambda slope: preload + CONTACT * at(slope)[1][0] - at(slope)[0], 1e-6, 3.0))
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_unstable_directions_are_those_of_the_stiffness_with_the_springs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((6, 6))
+    stiffness, rows = root + root.T, rng.standard_normal((4, 6))
+    springs = 10.0 ** rng.uniform(-1.0, 3.0, 2)
+    model = linear_model(np.eye(6), stiffness, masters=4)._replace(contact_rows=rows)
+    contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
+    normals = rows[::2]
+    whole = np.linalg.eigvalsh(stiffness + normals.T @ np.diag(springs) @ normals)
+    problem = statics._Statics(model, contacts, 2)
+    assert problem.unstable(np.zeros(6)) == np.sum(whole < 0.0)
+
+
+def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
+    model = linear_model(np.eye(4), np.diag([-1.0, 2.0, 3.0, 4.0]), masters=4)
+    rows = np.eye(4)
+    rows[2] = -rows[0]  # the second spring is opposite to the first one
+    contacts = one_contact(preload=[0.4, 0.4], normal_stiffness=[6.0, 6.0])
+    q, unstable = statics.equilibrium(model._replace(contact_rows=rows), contacts, 2)
+    assert unstable == 0
+    np.testing.assert_allclose(q, 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
 def test_beam_below_buckling_load_stays_straight(

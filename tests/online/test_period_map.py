@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact, random_model
 
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
-from fenicsrom.online.continuation import (
+from fenicsrom.online.families import (
     Family,
     contact_family,
     damping_family,

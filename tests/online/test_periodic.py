@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from support import first, linear_model, one_contact
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.continuation import Curve, follow, frequency_family
+from fenicsrom.online.continuation import follow
+from fenicsrom.online.curve import Curve
+from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.periodic import PeriodicMotion, periodic_motion
