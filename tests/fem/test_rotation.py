@@ -31,6 +31,7 @@ from support import (
     make_solid,
     needs_mpirun,
     random_directions,
+    random_field,
     scene_of,
 )
 
