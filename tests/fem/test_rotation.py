@@ -36,6 +36,7 @@ from support import (
 )
 
 from fenicsrom.assess import campbell as diagram
+from fenicsrom.assess import rotating_modes
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full import FullModel
@@ -390,8 +391,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
     mass, stiffness, gyroscopic = (
         dense(m, keep) for m in (spun.mass, spun.stiffness, spun.gyroscopic)
     )
-    squares, shapes, change = diagram.modes_at_speed(spun, 4)
-    assert 0.0 <= change <= diagram.COMPLEX_TOLERANCE
+    squares, shapes, change = rotating_modes.modes_at_speed(spun, 4)
+    assert 0.0 <= change <= rotating_modes.COMPLEX_TOLERANCE
     n = keep.size
     state = np.block(
         [
@@ -425,7 +426,7 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     body = SimpleNamespace(mass_inner=lambda a, b: a.T @ b)
     # 2 has sunk beneath 0 and meets 1; 3 stays; 0 has risen above both
     vectors = np.column_stack([shapes[:, [1, 2]] @ mix, shapes[:, 0], shapes[:, 3]])
-    squares, kept, mac = diagram.follow(
+    squares, kept, mac = rotating_modes.follow(
         body, np.array([1.0, 4.0, 9.0, 16.0]), shapes, np.array([3.0, 3.0, 5.0, 17.0]), vectors
     )
     np.testing.assert_array_equal(squares, [5.0, 3.0, 3.0, 17.0])
@@ -434,7 +435,9 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     # and where they part again, as combinations of the two that met
     met, parted = np.array([1.0, 4.0, 4.0, 16.0]), shapes.copy()
     parted[:, 1:3] = shapes[:, 1:3] @ mix
-    squares, _, mac = diagram.follow(body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted)
+    squares, _, mac = rotating_modes.follow(
+        body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted
+    )
     np.testing.assert_array_equal(np.sort(squares), [1.0, 3.0, 5.0, 17.0])
     np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
 
