@@ -299,8 +299,8 @@ def _follow_piece(
 ) -> None:
     """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
 
-    The steps along a curve are measured by the size of the motion where it starts. Where the motion
-    has grown by `GROWTH`, the continuation begins again with its present size.
+    The step along the curve is relative to the size of the motion at the start of the piece. When
+    the motion has grown by the factor `GROWTH`, a new piece begins with the present size.
 
     Raises:
         ConvergenceError: the first point was not found.
