@@ -196,13 +196,9 @@ class _Problem:
     def coordinates(self, z: Array) -> Array:
         """D^T M z of variables z (N,) or (N, k)."""
         *parts, sliders = self._blocks(z)
-        inner = [
-            self.solid.mass_inner(self.q, part.reshape(part.shape[0], -1)).reshape(
-                -1, *part.shape[1:]
-            )
-            for part in parts
-        ]
-        return np.concatenate([*inner, sliders])
+        columns = [part.reshape(part.shape[0], -1) for part in parts]
+        inner = np.concatenate([self.solid.mass_inner(self.q, part) for part in columns])
+        return np.concatenate([inner.reshape(-1, *z.shape[1:]), sliders])
 
     def expanded(self, y: Array) -> Array:
         """D y of coordinates y (k,) or a block of them."""
