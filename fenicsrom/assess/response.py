@@ -71,6 +71,38 @@ class Piece:
     reason: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class FullPoint:
+    """The periodic motion of the full model at one value of the parameter.
+
+    Attributes:
+        parameter: its value.
+        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) of the reduced model there, m.
+        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        periods: number of periods of the full model that were marched.
+        derived: number of them that carried derivatives.
+        residual: relative.
+        seconds: run time.
+    """
+
+    parameter: float
+    amplitude: Array
+    reduced_amplitude: Array
+    verdict: str
+    periods: int
+    derived: int
+    residual: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """Error of the reduced amplitudes, relative to the largest amplitude: that of the basis."""
+        size = float(self.amplitude.max())
+        change = float(np.max(np.abs(self.reduced_amplitude - self.amplitude)))
+        return change / size if size else 0.0
+
+
 @dataclass(eq=False)
 class ResponseCurve:
     """The periodic motions over the parameter, at one value of the second number.
@@ -81,7 +113,8 @@ class ResponseCurve:
         step_error: relative change of the largest amplitude with half the time step; None if that
             motion was not found.
         marches: marched periods: all, and those with their derivatives.
-        seconds: run time.
+        seconds: run time, without that of the full model.
+        full: the motions of the full model at some values of the parameter.
     """
 
     value: float | None
@@ -89,6 +122,7 @@ class ResponseCurve:
     step_error: float | None = None
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
+    full: list[FullPoint] = field(default_factory=list)
 
     @property
     def points(self) -> list[CurvePoint]:

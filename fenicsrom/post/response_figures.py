@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = {"fold": "o", "period doubling": "s", "torus": "D"}
+FULL_MARKER = "x"
 UNITS = {
     "frequency": "Hz",
     "force": "N",
@@ -98,6 +99,14 @@ def figure(found: Response) -> Figure:
     for axis, (label, value) in zip(axes, quantities, strict=True):
         _draw(axis, found, value)
         axis.set_ylabel(label)
+    for k, curve in enumerate(found.curves):
+        axes[0].plot(
+            [point.parameter for point in curve.full],
+            [1e3 * float(point.amplitude[:, direction].max()) for point in curve.full],
+            FULL_MARKER,
+            color=COLOURS[k % len(COLOURS)],
+            zorder=5,
+        )
     axes[0].set_ylim(bottom=0.0)
     axes[1].axhline(1.0, color=INK, linewidth=0.8, zorder=1)
     multipliers = [
@@ -179,4 +188,7 @@ def _legend(found: Response) -> list[Any]:
                 "markersize": 5,
             }
             handles.append(Line2D([], [], marker=marker, label=kind, **look))
+    if any(curve.full for curve in found.curves):
+        look = {"linestyle": "", "color": INK}
+        handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
     return handles

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.response import Response, ResponseCurve, judged_multiplier
+from fenicsrom.assess.response import FullPoint, Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
@@ -96,6 +96,26 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
         "seconds": curve.seconds,
+        "full_model": [_full_row(found, point) for point in curve.full],
+    }
+
+
+def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
+    """A motion of the full model beside that of the reduced model."""
+    amplitudes = {
+        f"{model}_amplitude_{name.replace(' ', '_')}_m": float(a)
+        for model, values in (("full", point.amplitude), ("reduced", point.reduced_amplitude))
+        for name, a in zip(directions(found), values.max(axis=0), strict=True)
+    }
+    return {
+        found.table.parameter: point.parameter,
+        **amplitudes,
+        "relative_error": point.error,
+        "stability_of_the_reduced_motion": point.verdict,
+        "full_periods": point.periods,
+        "full_periods_with_derivatives": point.derived,
+        "residual": point.residual,
+        "seconds": point.seconds,
     }
 
 
@@ -153,8 +173,43 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     return [head, *listed] if listed else []
 
 
+def full_rows(found: Response) -> list[dict[str, Any]]:
+    """The rows of `response_full.csv`: the motions of the full model."""
+    families = found.table.families
+    return [
+        ({} if families is None else {families.key: curve.value}) | _full_row(found, point)
+        for curve in found.curves
+        for point in curve.full
+    ]
+
+
+def full_table(found: Response) -> list[list[Any]]:
+    """The full model beside the reduced one, the head first; empty if it was not asked for."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [families.key]
+    head = [*first, parameter_label(found)]
+    head += [f"{directions(found)[direction]} amplitude, mm", "full model, mm", "difference, %"]
+    head += ["full periods", "run time, s"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            f"{point.parameter:.6g}",
+            f"{1e3 * float(point.reduced_amplitude[:, direction].max()):.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.7g}",
+            f"{100.0 * point.error:.2g}",
+            point.periods,
+            f"{point.seconds:.3g}",
+        ]
+        for curve in found.curves
+        for point in curve.full
+    ]
+    return [head, *listed] if listed else []
+
+
 def write(found: Response, folder: Path) -> list[Path]:
     """Write `response.csv`, `response.json`, `response.png` and `report.html`.
+
+    With motions of the full model, write `response_full.csv` too.
 
     Returns:
         The files, the one to open first at the head.
@@ -167,19 +222,24 @@ def write(found: Response, folder: Path) -> list[Path]:
     pictures = []
     if found.scene.output.pictures:
         pictures = [write_figure(folder / "response.png", figure(found))]
-    table = bifurcation_table(found)
+    table, full = bifurcation_table(found), full_table(found)
+    numbers = [folder / "response.csv"]
+    if full:
+        numbers.append(folder / "response_full.csv")
+        write_rows(numbers[-1], full_rows(found))
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
         *(("Response curves", [path]) for path in pictures),
         *([("Bifurcations", [table])] if table else []),
+        *([("Full model", [full])] if full else []),
     ]
     title = f"{found.scene.title or found.scene.source}: response curves"
     write_report(folder / "report.html", title, sections)
-    return [folder / "report.html", folder / "response.json", folder / "response.csv", *pictures]
+    return [folder / "report.html", folder / "response.json", *numbers, *pictures]
 
 
 def terminal(found: Response) -> str:
-    """The table of bifurcations and the sentences, for the terminal."""
-    table = bifurcation_table(found)
-    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
+    """The tables of bifurcations and of the full model and the sentences, for the terminal."""
+    tables = [table for table in (bifurcation_table(found), full_table(found)) if table]
+    parts = [*map(text_table, tables), "\n".join(sentences(found))]
     return "\n\n".join(parts)

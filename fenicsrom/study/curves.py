@@ -47,8 +47,15 @@ def response(
     stored = stored_model(built)
     if folder is not None and built.solid.comm.rank == 0:
         save_model(folder / MODEL, stored)
-    found = response_of_model(stored, say)
+    found = _curves(stored, say)
     found.warnings[:0] = built.warnings
+    if found.table.full_values and not found.interrupted:
+        from fenicsrom.assess.full_points import add_full_points
+
+        assert built.basis is not None
+        watch = Stopwatch(say)
+        with watch("full model"):
+            add_full_points(found, stored, built.solid, built.basis.vectors, watch.say)
     return found
 
 
@@ -58,6 +65,17 @@ def response_of_model(stored: StoredModel, say: Callable[[str], None] | None = N
     Raises:
         SceneError: the scene of the model cannot be used.
     """
+    found = _curves(stored, say)
+    if found.table.full_values:
+        found.warnings.append(
+            "response.full was left out: the full model needs the mesh, which a stored model does "
+            "not have; run fenicsrom response SCENE."
+        )
+    return found
+
+
+def _curves(stored: StoredModel, say: Callable[[str], None] | None) -> Response:
+    """Compute the response curves of a stored model."""
     from fenicsrom.assess import response as curves
 
     watch = Stopwatch(say)
