@@ -424,16 +424,16 @@ def _follow_piece(
         stand = walk.stand
         assert stand is not None
         path.size, shooting.guess = stand.size, stand.guess
-        *before, last = stand.trail(piece)
+        *earlier, last = stand.trail(piece)
         try:
             found = path.run(
                 last,
                 stand.direction,
                 step=stand.step,
                 largest_step=LARGEST_STEP,
-                points=table.points - len(piece.points) + len(before) + 1,
+                points=table.points - len(piece.points) + len(earlier) + 1,
                 progress=keep,
-                before=before,
+                earlier=earlier,
             )
             break
         except _Grown:

@@ -188,7 +188,7 @@ class Continuation:
         points: int = 500,
         locate: bool = True,
         progress: Callable[[CurvePoint], None] | None = None,
-        before: Sequence[CurvePoint] = (),
+        earlier: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
@@ -204,12 +204,12 @@ class Continuation:
             points: largest number of points.
             locate: whether to locate bifurcations.
             progress: called with each point.
-            before: the points of an interrupted run before `start`.
+            earlier: the points of an interrupted run before `start`.
         """
         tangent = start.tangent
-        if not before:
+        if not earlier:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        curve = Curve([*before, start])
+        curve = Curve([*earlier, start])
         ys, arcs = [self.place(point) for point in curve.points], [0.0]
         for behind, ahead in pairwise(ys):
             arcs.append(arcs[-1] + float(np.linalg.norm(ahead - behind)))

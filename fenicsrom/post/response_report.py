@@ -42,26 +42,25 @@ if TYPE_CHECKING:
 
 def rows(found: Response) -> list[dict[str, Any]]:
     """The rows of `response.csv`: every point and bifurcation in the order along its curve."""
-    families = found.table.families
+    families, component = found.table.families, largest_component(found)
     return [
         ({} if families is None else {with_unit(found, families.key): curve.value})
         | {"piece": number}
-        | _row(found, point)
+        | _row(found, point, component)
         for curve in found.curves
         for number, piece in enumerate(curve.pieces, 1)
         for point in in_order(piece)
     ]
 
 
-def _row(found: Response, point: CurvePoint) -> dict[str, Any]:
+def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict[str, Any]:
     """One point as a row: amplitudes and force are the largest of all contact points.
 
-    Harmonics and phase are those of the contact point and direction with the largest amplitude; the
-    harmonics are multiples of the lowest frequency of the loads.
+    Harmonics and phase are those of the contact point and direction of `component`; the harmonics
+    are multiples of the lowest frequency of the loads.
     """
     multiplier = judged_multiplier(point)
-    place, direction = largest_component(found)
-    main = point.harmonics[:, place, direction]
+    main = point.harmonics[:, component[0], component[1]]
     amplitudes = zip(directions(found), point.amplitude.max(axis=0), strict=True)
     contact = {
         "peak_normal_force_N": float(point.peak_force.max(initial=0.0)),
@@ -121,12 +120,13 @@ def summary(found: Response) -> dict[str, Any]:
 
 def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
     """The part of `response.json` about one curve."""
+    component = largest_component(found)
     return {
         "value": curve.value,
         "points": len(curve.points),
         "ends": [piece.reason for piece in curve.pieces],
-        "largest": _row(found, largest_point(found, curve)),
-        "bifurcations": [_row(found, point) for point in curve.special],
+        "largest": _row(found, largest_point(found, curve), component),
+        "bifurcations": [_row(found, point, component) for point in curve.special],
         "step_error": curve.step_error,
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
@@ -191,7 +191,7 @@ def run_table(found: Response) -> list[list[Any]]:
     for curve in found.curves:
         marched, derived = curve.marches
         unstable = sum(not point.stable for point in curve.points)
-        line = [len(curve.points), unstable, marched, derived, curve.seconds]
+        line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
         line.append(1e3 * curve.seconds / marched if marched else None)
         line.append(None if curve.step_error is None else 100.0 * curve.step_error)
         lines.append([*([] if families is None else [curve.value]), *line])
