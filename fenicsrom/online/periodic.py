@@ -94,6 +94,10 @@ class Shooting:
 
     M = L L^T. A slider component is scaled by the square root of the mass that its direction feels,
     1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+
+    Attributes:
+        guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
+            size of that step, s: the first guess of the first step is extrapolated from them.
     """
 
     def __init__(
@@ -134,7 +138,7 @@ class Shooting:
         rest = np.arange(self.map.blocks * n, self.map.size)
         self._scale[rest, rest] = slider[self.map.memory]
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
-        self._guess: tuple[Array | None, float] = (None, 0.0)
+        self.guess: tuple[Array | None, float] = (None, 0.0)
 
     def scaled(self, z: Array) -> Array:
         """Scaled variables s."""
@@ -155,7 +159,7 @@ class Shooting:
         derive: bool = True,
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
         """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed."""
-        guess, last_step = self._guess
+        guess, last_step = self.guess
         status, end = self.map(
             self.model if model is None else model,
             self.contacts if contacts is None else contacts,
@@ -168,7 +172,7 @@ class Shooting:
         )
         if status != DONE or not np.all(np.isfinite(end.z)):
             return None
-        self._guess = end.guess, end.last_step
+        self.guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
         if not derive:
             return residual, end.matrix, end.by_parameter, end
@@ -185,7 +189,7 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
     pmap = shooting.map
     if isinstance(start, Checkpoint):
         state = start.state
-        shooting._guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
+        shooting.guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
         return pmap.pack(state.q, state.v, state.a, state.contact.slider)
     if isinstance(start, tuple):
         q, v, sliders = start
