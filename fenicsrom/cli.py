@@ -300,8 +300,8 @@ def _rerun(options: argparse.Namespace) -> int:
         stop=_is_terminated,
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    resumed = sentences.resumed_sentence(found.motion)
-    _results(scene, table, found.warnings, [resumed] if resumed else [])
+    told = sentences.resumed_sentence(found.motion), sentences.periodic_sentence(found.motion)
+    _results(scene, table, found.warnings, [sentence for sentence in told if sentence])
     _files(found.files)
     if found.unfinished:
         raise found.unfinished

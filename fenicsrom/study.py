@@ -616,7 +616,11 @@ def _integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.online.measures import out_of_reach
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.sentences import buckled_sentence, unsteady_sentence
+    from fenicsrom.post.sentences import (
+        buckled_sentence,
+        free_slider_sentence,
+        unsteady_sentence,
+    )
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -641,6 +645,8 @@ def _integrate(run: Run, name: str) -> None:
         return
     if motion.buckled:
         study.warnings.append(buckled_sentence(name, motion))
+    if sentence := free_slider_sentence(name, motion):
+        study.warnings.append(sentence)
     if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
         study.warnings.append(unsteady_sentence(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
@@ -705,7 +711,7 @@ def _stop_where_asked(stop: Callable[[], bool]) -> None:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
     from fenicsrom.assess.verdicts import check_basis_error, check_time_error
     from fenicsrom.online.energy import check_energy
     from fenicsrom.online.measures import has_settled, is_unsteady
@@ -731,8 +737,12 @@ def check(study: Study) -> None:
                 motion.buckled > 0,
             )
             if richer is not None:
+                assert study.basis is not None
                 study.errors["basis"] = basis_error(
-                    reduce(study.solid, scene.basis, richer), scene, motion
+                    reduce(study.solid, scene.basis, richer),
+                    scene,
+                    motion,
+                    start_in(study.solid, study.basis, richer, motion),
                 )
                 check_basis_error(scene, study.errors["basis"])
     except (AccuracyError, ConvergenceError) as error:
@@ -851,6 +861,7 @@ def rerun(
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
     from fenicsrom.post.report import write_rerun_report
+    from fenicsrom.post.sentences import free_slider_sentence
     from fenicsrom.post.summary import CHECKPOINT, write_rerun_numbers
 
     watch = Stopwatch(say if say is not None else lambda line: None)
@@ -882,7 +893,8 @@ def rerun(
     _stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
-    warnings = [sentence] if sentence else []
+    free = free_slider_sentence("reduced", motion)
+    warnings = [text for text in (free, sentence) if text]
     with watch("pictures"):
         written = write_motion_pictures([] if sentence else pictures, folder)
     report = write_rerun_report(stored, scene, motion, written, warnings, folder)

@@ -319,6 +319,11 @@ class PeriodMap:
             law_derivative(contacts, points, dimension),
         )
 
+    @property
+    def state(self) -> State:
+        """The state at the end of the last call; the next call overwrites it."""
+        return self._state
+
     def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
         """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d)."""
         parts = [q, v, a][: self.blocks]

@@ -165,7 +165,7 @@ class Shooting:
             guess=guess,
             last_step=last_step,
         )
-        if status != DONE or not np.all(np.isfinite(end.z)):
+        if status != DONE or not np.all(np.isfinite(end.z)) or not np.all(np.isfinite(end.matrix)):
             return None
         self._guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
@@ -206,13 +206,18 @@ def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """
     found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(np.complex128)
     found = found[np.argsort(-np.abs(found))]
-    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[:free])
-    if judged.size == 0 or abs(judged[0]) <= 1.0 + STABLE_WITHIN:
+    worst = largest_multiplier(found, free)
+    if abs(worst) <= 1.0 + STABLE_WITHIN:
         return found, "stable"
-    worst = judged[0]
     if abs(worst.imag) > 1e-9 * abs(worst):
         return found, "torus"
     return found, "fold" if worst.real > 0.0 else "period doubling"
+
+
+def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> complex:
+    """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
+    judged = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
+    return complex(judged[np.argmax(np.abs(judged))]) if judged.size else 0j
 
 
 def stuck_points(record: Record) -> tuple[int, ...]:
@@ -252,11 +257,30 @@ def periodic_motion(
     return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
 
 
-def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> PeriodicMotion:
-    """Damped Newton from scaled variables s (N,); arguments and errors as `periodic_motion`."""
-    found = shooting.march(s)
+def solve(
+    shooting: Shooting,
+    s: Array,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+    found: tuple[Array, Array, Array, PeriodEnd] | None = None,
+) -> PeriodicMotion:
+    """Find a periodic motion by damped Newton iterations.
+
+    The last march of `shooting` is that of the motion.
+
+    Args:
+        shooting: the equation.
+        s: (N,) scaled variables of the start.
+        tolerance: of the residual relative to the variables.
+        iterations: largest number of iterations.
+        found: `shooting.march(s)`, if the caller has it.
+
+    Raises:
+        ConvergenceError: no periodic motion was found; `partial` holds the residuals.
+    """
+    found = shooting.march(s) if found is None else found
     residuals: list[float] = []
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         if found is None:
             break
         residual, matrix, _, end = found
@@ -265,19 +289,18 @@ def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> Periodi
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
-        damping, best = 1.0, None
-        while damping >= SMALLEST_DAMPING:
-            trial = shooting.march(s + damping * step)
-            if trial is not None:
-                ahead = float(np.linalg.norm(trial[0]))
-                if best is None or ahead < best[0]:
-                    best = ahead, damping, trial
-                if ahead < size:
-                    break
+        damping = 1.0
+        trial = found = shooting.march(s + step)
+        while trial is None or np.linalg.norm(trial[0]) >= size:
             damping *= 0.5
-        if best is None:
+            if damping < SMALLEST_DAMPING:
+                break
+            trial = shooting.march(s + damping * step, derive=False)
+        if damping < SMALLEST_DAMPING:
             break
-        s, found = s + best[1] * step, best[2]
+        s = s + damping * step
+        if damping < 1.0:
+            found = shooting.march(s)
     raise ConvergenceError(
         f"no periodic motion of {shooting.m} period(s) was found near the start: relative residual "
         f"{residuals[-1] if residuals else np.inf:.3g} after {len(residuals)} Newton iterations",
