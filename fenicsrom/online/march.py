@@ -380,8 +380,9 @@ def _run_span(
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
             break
-    # of the previous span, only the coordinates at its end are needed
-    run.history[-1] = run.history[-1]._replace(coordinates=run.history[-1].coordinates[-1:])
+    # of the span before the last period, only the coordinates at its end are needed
+    k = max(len(run.history) - run.multiple, 0)
+    run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
     run.history.append(_rows(pieces, counts))
     return status, stopped
 
@@ -468,13 +469,22 @@ def _rows(pieces: list[Record], counts: list[int]) -> Record:
     )
 
 
+def _last_coordinates(history: list[Record]) -> Array:
+    """The coordinates (k, 3 n) of the last spans, and those at the end of the span before."""
+    found: list[Array] = []
+    for rows in reversed(history):
+        found.insert(0, rows.coordinates)
+        if rows.coordinates.shape[0] < rows.time.size:
+            break
+    return np.concatenate(found)
+
+
 def _motion(run: _Run, steady: bool, span: int) -> Motion:
     """The motion of a run that ended after a span."""
     history, s = run.history, run.state.scalars
     kept: list[Any] = [None] * 3
     if history[-1].coordinates.size:
-        last = np.concatenate([rows.coordinates for rows in history[-2:]])
-        kept = np.split(last, 3, axis=1)
+        kept = np.split(_last_coordinates(history), 3, axis=1)
     whole = _rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )

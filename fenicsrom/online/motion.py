@@ -56,7 +56,7 @@ class Motion:
         rejected: rejected steps.
         newton_iterations: number of iterations of all steps, rejected steps included.
         seconds: run time of the integration, compilation excluded.
-        coordinates: (k, n) coordinates q of the last period of the loads, if they were requested.
+        coordinates: (k, n) coordinates q of the last period, if they were requested.
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
             which does not use them).
