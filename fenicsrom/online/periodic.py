@@ -31,6 +31,7 @@ from fenicsrom.online.surfaces import Contacts
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
 SMALLEST_DAMPING = 1.0 / 16.0
+DECREASE = 1e-4  # smallest decrease of the residual, as a part of the damping (Armijo's rule)
 RANK = 1e-8  # singular values of dP/dz - I below this part of the largest count as zero
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
@@ -91,7 +92,9 @@ def settled_contacts(contacts: Contacts) -> Contacts:
 class Shooting:
     """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
 
-    M = L L^T. A slider component is scaled by the square root of the mass that its direction feels,
+    M = L L^T. Accelerations are scaled by the square of the shortest step h, L^T a h^2, as the step
+    uses them: scaled by omega, the fast modes would make dP/dz - I seem singular. A slider
+    component is scaled by the square root of the mass that its direction feels,
     1 / (b^T M^-1 b), so that the norm has the same unit in all components.
     """
 
@@ -126,10 +129,11 @@ class Shooting:
         self._scale = np.zeros((self.map.size, self.map.size))
         self._unscale = np.zeros_like(self._scale)
         inverse = np.linalg.inv(root)
+        rates = 1.0, omega, (period * float(np.min(np.diff(grid)))) ** -2
         for k in range(self.map.blocks):
             part = slice(k * n, (k + 1) * n)
-            self._scale[part, part] = root / omega**k
-            self._unscale[part, part] = inverse * omega**k
+            self._scale[part, part] = root / rates[k]
+            self._unscale[part, part] = inverse * rates[k]
         rest = np.arange(self.map.blocks * n, self.map.size)
         self._scale[rest, rest] = slider[self.map.memory]
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
@@ -142,6 +146,10 @@ class Shooting:
     def unscaled(self, s: Array) -> Array:
         """Variables z."""
         return np.asarray(self._unscale @ s)
+
+    def scaled_matrix(self, matrix: Array) -> Array:
+        """A matrix (N, N) between variables z as one between scaled variables."""
+        return np.asarray(self._scale @ matrix @ self._unscale)
 
     def march(
         self,
@@ -173,7 +181,7 @@ class Shooting:
             return residual, end.matrix, end.by_parameter, end
         return (
             residual,
-            self._scale @ end.matrix @ self._unscale,
+            self.scaled_matrix(end.matrix),
             self._scale @ end.by_parameter,
             end,
         )
@@ -262,6 +270,7 @@ def solve(
     s: Array,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
+    smallest_damping: float = SMALLEST_DAMPING,
     found: tuple[Array, Array, Array, PeriodEnd] | None = None,
 ) -> PeriodicMotion:
     """Find a periodic motion by damped Newton iterations.
@@ -273,6 +282,7 @@ def solve(
         s: (N,) scaled variables of the start.
         tolerance: of the residual relative to the variables.
         iterations: largest number of iterations.
+        smallest_damping: smallest part of a Newton step that is tried.
         found: `shooting.march(s)`, if the caller has it.
 
     Raises:
@@ -291,12 +301,12 @@ def solve(
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
         damping = 1.0
         trial = found = shooting.march(s + step)
-        while trial is None or np.linalg.norm(trial[0]) >= size:
+        while trial is None or np.linalg.norm(trial[0]) > (1.0 - DECREASE * damping) * size:
             damping *= 0.5
-            if damping < SMALLEST_DAMPING:
+            if damping < smallest_damping:
                 break
             trial = shooting.march(s + damping * step, derive=False)
-        if damping < SMALLEST_DAMPING:
+        if damping < smallest_damping:
             break
         s = s + damping * step
         if damping < 1.0:

@@ -11,8 +11,8 @@ one if three conditions hold:
 
        |P(z) - z* - A d| <= NEAR |d|                                                          (1)
 
-   or |d| must be below `CLOSE` of the motion. A system with several stable motions thus ends in the
-   same one as the march.
+   or |d| must be below `CLOSE` of the motion; (1) may also hold after up to `LOOK_AHEAD` more
+   periods. A system with several stable motions thus ends in the same one as the march.
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the
@@ -66,6 +66,10 @@ LARGEST_MULTIPLE = 8  # periods of the loads in one of a subharmonic motion that
 RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state repeats after m
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
 ATTEMPT_ITERATIONS = 12  # of Newton's method; it needs 4 to 8 where it converges
+ATTEMPT_DAMPING = (
+    0.25  # smallest part of a Newton step; where less is needed, marching on is cheaper
+)
+LOOK_AHEAD = 5  # periods in which the march must come so near to the periodic motion that (1) holds
 KEPT_MULTIPLIERS = 6  # in the record
 
 
@@ -189,7 +193,13 @@ class _Problem:
         if ahead is None:
             return Attempt(search, None)
         try:
-            motion = solve(shooting, s, iterations=ATTEMPT_ITERATIONS, found=ahead)
+            motion = solve(
+                shooting,
+                s,
+                iterations=ATTEMPT_ITERATIONS,
+                smallest_damping=ATTEMPT_DAMPING,
+                found=ahead,
+            )
         except ConvergenceError as error:
             residuals = error.partial
             count = iterations + len(residuals)
@@ -210,11 +220,19 @@ class _Problem:
         found = shooting.scaled(motion.z)
         if shooting.m > 1 and not self._lasts_several_periods(found):
             return False
-        d = s - found
-        apart, size = float(np.linalg.norm(d)), float(np.linalg.norm(found))
-        predicted = shooting.scaled(motion.end.matrix @ shooting.unscaled(d))
-        miss = float(np.linalg.norm(ahead - found - predicted))
-        return apart <= CLOSE * size or miss <= NEAR * apart
+        size = float(np.linalg.norm(found))
+        matrix = shooting.scaled_matrix(motion.end.matrix)
+        for _ in range(LOOK_AHEAD):
+            d = s - found
+            apart = float(np.linalg.norm(d))
+            miss = float(np.linalg.norm(ahead - found - matrix @ d))
+            if apart <= CLOSE * size or miss <= NEAR * apart:
+                return True
+            following = shooting.march(ahead, derive=False)
+            if following is None:
+                return False
+            s, ahead = ahead, ahead + following[0]
+        return False
 
     def _lasts_several_periods(self, s: Array) -> bool:
         """Whether a motion of several periods does not repeat after one already."""
@@ -278,12 +296,12 @@ def change_of(history: Sequence[Record], period: float, multiple: int = 1) -> fl
         after = periods_of(history, period, multiple)
         before = periods_of(history, period, multiple, back=multiple)
         period *= multiple
+    if before.time.size < 2 or before.time[0] > after.time[0] - 0.5 * period:
+        return np.inf  # less than a whole period is known
     was: Array = before.displacement.reshape(before.time.size, -1)
     now: Array = after.displacement.reshape(after.time.size, -1)
     if now.shape[1] == 0:
         was, now = before.probe, after.probe
-    if before.time.size < 2 or before.time[0] > after.time[0] - 0.5 * period:
-        return np.inf  # less than a whole period is known
     if (
         now.shape == was.shape
         and np.max(np.abs(after.time - period - before.time)) <= 1e-9 * period
