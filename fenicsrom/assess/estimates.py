@@ -28,6 +28,7 @@ from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import Derivatives, differentiate, enrich
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import coarser
+from fenicsrom.scene.times import Periodic
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
@@ -110,7 +111,9 @@ def check_motion(
     """
     approaching = any(contact.approach for contact in scene.contacts)
     if motion.newton_from is not None and motion.steady and not approaching:
-        short = replace(scene, time=scene.time.changed(periods=CHECK_PERIODS))
+        assert isinstance(scene.time.span, Periodic)
+        span = replace(scene.time.span, periods=CHECK_PERIODS)
+        short = replace(scene, time=replace(scene.time, span=span))
         try:
             other = simulate(model, short, start=motion if start is None else start)
         except (ConvergenceError, AccuracyError):
