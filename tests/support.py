@@ -1,5 +1,5 @@
-"""What several test files share: differences, slopes, small scenes and small models, runs on
-several ranks."""
+"""Helpers of several test files: differences, slopes, small scenes and models, runs on several
+ranks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -17,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fenicsrom
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
@@ -62,6 +64,36 @@ def assert_tangent(
     error = np.abs(given - differences).max()
     assert error <= tolerance * size, (
         f"derivative off by {error / size:.1e} of its largest entry {size:.3g}"
+    )
+
+
+def random_directions(solid: Any) -> tuple[Array, Array]:
+    """A random displacement (n,) of a solid and three directions (3, n)."""
+    directions = [random_field(solid, 0.02, seed) for seed in (1, 2, 3)]
+    return random_field(solid, 0.02), np.array(directions)
+
+
+def assert_force_of_energy(solid: Any) -> None:
+    """The internal force of a solid is the derivative of its energy."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.energy(u + s @ directions),
+        lambda s: directions @ solid.internal_force(u + s @ directions),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
+def assert_tangent_of_force(solid: Any) -> None:
+    """The tangent of a solid is the derivative of its internal force."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.internal_force(u + s @ directions),
+        lambda s: solid.tangent_times(u + s @ directions, directions.T),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
     )
 
 
@@ -321,6 +353,24 @@ def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
 
 
+@contextmanager
+def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> Iterator[None]:
+    """Expect a `SceneError` in one line.
+
+    Args:
+        kind: its kind.
+        key: the key that it is about.
+        file: the name of the file that it is about; by default any file.
+        names: text that its message contains, such as a name that stands in the file.
+    """
+    with pytest.raises(SceneError) as caught:
+        yield
+    error = caught.value
+    assert (error.kind, error.key) == (kind, key), error
+    assert not file or (Path(error.source).name == file and error.source in str(error))
+    assert names in str(error) and "\n" not in str(error)
+
+
 def on_ranks(
     ranks: int, *command: str, cache: Path | None = None, code: int = 0, timeout: float = 300.0
 ) -> subprocess.CompletedProcess[str]:
@@ -355,3 +405,24 @@ def on_ranks(
     )
     assert done.returncode == code, done.stderr
     return done
+
+
+def arrays_of_one_and_two_ranks(
+    script: str, folder: Path, *arguments: str
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Run a script on one and on two ranks; give the arrays that each run writes.
+
+    Args:
+        script: Python code that writes an .npz file, whose name follows the arguments; its array
+            "ranks" holds the number of ranks.
+        folder: folder of the files.
+        arguments: the arguments of the script.
+    """
+    found = []
+    for ranks in (1, 2):
+        target = folder / f"{ranks}.npz"
+        on_ranks(ranks, "-c", script, *arguments, str(target))
+        with np.load(target) as file:
+            found.append({name: file[name] for name in file.files})
+        assert int(found[-1].pop("ranks")) == ranks
+    return found[0], found[1]

@@ -18,9 +18,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.continuation import (
-    Continuation,
-    CurvePoint,
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.families import (
     Family,
     contact_family,
     damping_family,
@@ -297,8 +297,8 @@ def _follow_piece(
 ) -> None:
     """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
 
-    The steps along a curve are measured by the size of the motion where it starts. Where the motion
-    has grown by `GROWTH`, the continuation begins again with its present size.
+    The step along the curve is relative to the size of the motion at the start of the piece. When
+    the motion has grown by the factor `GROWTH`, a new piece begins with the present size.
 
     Raises:
         ConvergenceError: the first point was not found.

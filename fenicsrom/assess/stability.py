@@ -333,7 +333,11 @@ def stability(
     for axis in axes:
         if axis not in AXES:
             known = ", ".join(AXES)
-            raise SceneError(f"axis {axis!r} does not exist; the axes are {known}")
+            raise SceneError(
+                f"axis {axis!r} does not exist; the axes are {known}",
+                kind=ErrorKind.UNKNOWN_KEY,
+                key=axis,
+            )
     table, scene = load(path, changes)
     if scene.static_only:
         raise SceneError(

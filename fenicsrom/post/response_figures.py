@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response import Piece, Response, judged_multiplier
-from fenicsrom.online.continuation import CurvePoint
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenicsrom.assess.response import Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import provenance
-from fenicsrom.online.continuation import CurvePoint
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.response_figures import (

@@ -28,7 +28,7 @@ class Parameter(NamedTuple):
 
     Attributes:
         table: "loads", "contacts", "material", or "" for the frequency.
-        number: of the load or contact; 0 without.
+        number: number of the load or contact; 0 for other parameters.
         name: the key in the table.
     """
 

@@ -1,4 +1,4 @@
-"""Compilation: supported versions of numba, and the slower way of all others."""
+"""Compilation: the supported versions of numba, and the slower path for all others."""
 
 from __future__ import annotations
 

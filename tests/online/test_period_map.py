@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact, random_model
 
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
-from fenicsrom.online.continuation import (
+from fenicsrom.online.families import (
     Family,
     contact_family,
     damping_family,
@@ -48,7 +48,7 @@ def shaken(dimension: int = 2, n: int = 4, *, nonlinear: bool = True) -> Reduced
 
 
 def curved(contacts: Contacts, kind: int, spin: float) -> Contacts:
-    """Contacts before the inside of a turning surface of radius 3 m; a cylinder has waves."""
+    """Contacts in front of the inside of a turning surface of radius 3 m; a cylinder has waves."""
     d = contacts.centre.shape[1]
     waves = 2 if kind == CYLINDER else 0
     centre = np.zeros_like(contacts.centre)
@@ -88,7 +88,7 @@ def end(pmap: PeriodMap, model: ReducedModel, contacts: Contacts, z: Array, **op
 
 
 def run_in(pmap: PeriodMap, model: ReducedModel, contacts: Contacts, periods: int = 6) -> Array:
-    """Variables after some periods from rest."""
+    """The state after some periods from rest."""
     z = np.zeros(pmap.size)
     for _ in range(periods):
         z = end(pmap, model, contacts, z, derive=False).z

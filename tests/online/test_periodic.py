@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from support import first, linear_model, one_contact
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.continuation import Curve, follow, frequency_family
+from fenicsrom.online.continuation import follow
+from fenicsrom.online.curve import Curve
+from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.periodic import PeriodicMotion, periodic_motion
@@ -103,7 +105,7 @@ def test_points_of_a_curve_are_periodic_motions() -> None:
 
 
 def rubbing(preload: float, damping: float = 0.1) -> tuple[ReducedModel, Any, float]:
-    """Two coupled masses, the first before a wall with friction."""
+    """Two coupled masses, the first in front of a wall with friction."""
     load = harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3]))
     model = linear_model(
         np.eye(4),

@@ -1,0 +1,100 @@
+"""Points of a curve of periodic motions, and polynomials through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+
+DEGREE = 3  # of the polynomial that predicts
+
+
+@dataclass(frozen=True, eq=False)
+class CurvePoint:
+    """A periodic motion on a curve.
+
+    Attributes:
+        parameter: p.
+        z: (N,) variables at the start of the period.
+        s: (N,) scaled variables.
+        tangent: (N + 1,) unit tangent of the curve in (s / size, p / range).
+        amplitude: (P, d) half of peak-to-peak of the contact displacement, or (1, d) of the probe
+            without contact, m.
+        peak_force: (P,) largest normal force, N.
+        friction_dissipation: energy dissipated by friction in the period, J.
+        multipliers: (N,) Floquet multipliers, the largest first.
+        verdict: "stable", "fold", "period doubling" or "torus".
+        free_sliders: number of slider components that are not unique.
+        states: (P,) bits of the contact states that occur: 1 open, 2 slip, 4 stick.
+        residual: relative.
+        marches: number of marched periods it took, and of those with derivatives.
+        kind: "" of an ordinary point, else the bifurcation located there.
+    """
+
+    parameter: float
+    z: Array
+    s: Array
+    tangent: Array
+    amplitude: Array
+    peak_force: Array
+    friction_dissipation: float
+    multipliers: NDArray[np.complex128]
+    verdict: str
+    free_sliders: int
+    states: Array
+    residual: float
+    marches: tuple[int, int]
+    kind: str = ""
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is stable."""
+        return self.verdict == "stable"
+
+
+@dataclass(eq=False)
+class Curve:
+    """Periodic motions along a parameter.
+
+    Attributes:
+        points: in the order in which they were found.
+        special: located bifurcations.
+        reason: why the continuation ended: "end of the range", "number of points" or
+            "no convergence".
+    """
+
+    points: list[CurvePoint] = field(default_factory=list)
+    special: list[CurvePoint] = field(default_factory=list)
+    reason: str = ""
+
+
+def replaced(point: CurvePoint, **changes: Any) -> CurvePoint:
+    """The point with some attributes replaced."""
+    return CurvePoint(**(point.__dict__ | changes))
+
+
+def predict(ys: list[Array], arcs: list[float], tangent: Array, step: float) -> Array:
+    """Extrapolate the last points to `step` beyond them, by a polynomial of `DEGREE` at most."""
+    count = min(len(ys), DEGREE + 1)
+    if count < 2:
+        return np.asarray(ys[-1] + step * tangent)
+    nodes, target = np.array(arcs[-count:]) - arcs[-1], step
+    weights = [
+        np.prod([(target - b) / (a - b) for j, b in enumerate(nodes) if j != i])
+        for i, a in enumerate(nodes)
+    ]
+    return np.asarray(np.tensordot(weights, np.array(ys[-count:]), axes=1))
+
+
+def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:
+    """Cubic between two points with their tangents."""
+    t = share
+    return np.asarray(
+        (1.0 + 2.0 * t) * (1.0 - t) ** 2 * ya
+        + t * t * (3.0 - 2.0 * t) * yb
+        + length * (t * (1.0 - t) ** 2 * ta + t * t * (t - 1.0) * tb)
+    )
