@@ -149,6 +149,7 @@ class _Run:
         history: the rows of each span; the first entry is the initial state.
         seconds: run time so far, compilation excluded.
         search: what Newton's method found; None before its first attempt.
+        reference: rows of the period before the start, of a run that starts in a periodic motion.
     """
 
     model: Any
@@ -166,6 +167,7 @@ class _Run:
     history: list[Record] = field(default_factory=list)
     seconds: float = 0.0
     search: PeriodicSearch | None = None
+    reference: Record | None = None
 
     @property
     def found(self) -> bool:
@@ -261,7 +263,9 @@ def integrate(
         status, stopped = _run_span(run, span, checkpoint, stop)
         if status == FAILED or period is None:
             break
-        change = change_of(run.history, period, run.multiple)
+        before = run.history[-2] if run.reference is None else run.reference
+        change = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+        run.reference = None
         if change <= settings.steady_tolerance and run.multiple == 1:
             # the contact points repeat; check the whole state too
             size = max(run.state.scalars[SIZE], 1e-300)
@@ -439,6 +443,8 @@ def _try_newton(run: _Run, settings: Any, done: int) -> None:
     write(run.model, run.contacts, run.state, run.record, 0)
     last = run.history[-1]
     run.history[-1] = _rows([last, run.record], [last.time.size - 1, 1])
+    if done == 0 and found.record is not None and found.search.periods == 1:
+        run.reference = found.record._replace(time=found.record.time - run.period)
 
 
 def _confirm(run: _Run, settings: Any, span: int, last: bool) -> bool:

@@ -25,7 +25,7 @@ from __future__ import annotations
 import copy
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -81,10 +81,12 @@ class Attempt:
         search: the record for the user.
         state: the state of the periodic motion at the start of a period, if it was accepted. Time,
             step and sums are those of the map: `continued` sets them.
+        record: rows of the period that the map ended with, likewise.
     """
 
     search: PeriodicSearch
-    state: State | None
+    state: State | None = None
+    record: Record | None = None
 
 
 def is_due(periods: int) -> bool:
@@ -139,7 +141,7 @@ def attempt(
         if found.search.verdict == "period doubling" and 2 * m <= LARGEST_MULTIPLE:
             multiples = [2 * m, *(k for k in multiples if k != 2 * m)]
     assert best is not None
-    return Attempt(best.search._replace(iterations=iterations), best.state)
+    return replace(best, search=best.search._replace(iterations=iterations))
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +193,7 @@ class _Problem:
             free_sliders=0,
         )
         if ahead is None:
-            return Attempt(search, None)
+            return Attempt(search)
         try:
             motion = solve(
                 shooting,
@@ -203,7 +205,7 @@ class _Problem:
         except ConvergenceError as error:
             residuals = error.partial
             count = iterations + len(residuals)
-            return Attempt(search._replace(iterations=count, residual=residuals[-1]), None)
+            return Attempt(search._replace(iterations=count, residual=residuals[-1]))
         state = copy.deepcopy(shooting.map.state)
         search = search._replace(
             verdict=motion.verdict,
@@ -213,7 +215,7 @@ class _Problem:
             multipliers=motion.multipliers[: KEPT_MULTIPLIERS + motion.free_sliders],
             free_sliders=motion.free_sliders,
         )
-        return Attempt(search, state if search.accepted else None)
+        return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
     def _tends(self, shooting: Shooting, s: Array, ahead: Array, motion: PeriodicMotion) -> bool:
         """Whether the march from s, which is `ahead` after a period, tends to a motion, by (1)."""
