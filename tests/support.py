@@ -266,12 +266,13 @@ def linear_model(
 def oscillator(
     steps: int = 40, force: float = 1.0, damping: float = 0.5
 ) -> tuple[ReducedModel, Scene, Motion]:
-    """A linear oscillator of two coordinates, shaken, run until it is steady."""
+    """A linear oscillator of two coordinates, shaken, marched until it is steady."""
     scene = beam_scene(
         2,
         (
             "loads.0.frequency=1.0",
             f"time.steps_per_period={steps}",
+            "time.steady='march'",
             f"material.mass_damping={damping}",
         ),
         contacts=None,

@@ -12,7 +12,6 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -33,12 +32,11 @@ from fenicsrom.online.families import (
     frequency_family,
 )
 from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
+    largest_multiplier,
     periodic_motion,
     settled_contacts,
 )
@@ -53,7 +51,7 @@ from fenicsrom.scene import (
     scene_table,
 )
 
-START_PERIODS = (5, 20, 80, 320)  # marched before Newton's method tries to start a curve
+START_PERIODS = 320  # largest number to march before a curve starts
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 GROWTH = 2.0  # of the motion after which its steps are measured by its new size
 
@@ -536,47 +534,31 @@ def start_motion(
         ConvergenceError, AccuracyError: no motion was found; the error names the value.
     """
     scene, problem = stored.scene, family(value)
-    key = response_table(scene).parameter
-    motion: Motion | None = None
-    reason = ""
-    for periods in START_PERIODS:
-        say(f"start at {key} = {value:g}: {periods} periods, then Newton's method")
-        try:
-            motion = _marched(stored, problem.model, problem, periods, motion)
-            return periodic_motion(
-                problem.model, problem.contacts, scene.time, problem.period, motion.end
-            )
-        except ConvergenceError as error:
-            reason = str(error)
-            if motion is None:
-                break
-    raise ConvergenceError(
-        f"response: at {key} = {value:g} no periodic motion was found: {reason}",
-        kind=ErrorKind.CONVERGENCE,
-    )
-
-
-def _marched(
-    stored: StoredModel, model: ReducedModel, problem: Any, periods: int, before: Motion | None
-) -> Motion:
-    """The motion after so many periods, continued from an earlier one."""
-    scene = stored.scene
-    radius = scene.time.spectral_radius
+    key, radius = response_table(scene).parameter, scene.time.spectral_radius
+    say(f"start at {key} = {value:g}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
-        periods=periods,
-        steady_tolerance=0.0,
+        periods=START_PERIODS,
         steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steady_tolerance=1e-5,
         **({} if radius is None else {"spectral_radius": radius}),
     )
-    return integrate(
-        model,
-        problem.contacts,
-        settings,
-        problem.period,
-        dimension=scene.geometry.dimension,
-        resume=before.end if before is not None else None,
-    )
+    try:
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            settings,
+            problem.period,
+            dimension=scene.geometry.dimension,
+        )
+        return periodic_motion(
+            problem.model, problem.contacts, scene.time, problem.period, motion.end
+        )
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            kind=ErrorKind.CONVERGENCE,
+        ) from error
 
 
 def _step_error(stored: StoredModel, family: Family, curve: ResponseCurve) -> float | None:
@@ -596,6 +578,4 @@ def _step_error(stored: StoredModel, family: Family, curve: ResponseCurve) -> fl
 
 def judged_multiplier(point: CurvePoint) -> complex:
     """The largest Floquet multiplier without those of sliders that are not unique."""
-    found = point.multipliers
-    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[: point.free_sliders])
-    return complex(judged[0]) if judged.size else 0j
+    return largest_multiplier(point.multipliers, point.free_sliders)

@@ -22,7 +22,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.period_sensitivity import REST, carry_derivatives
 from fenicsrom.online.scheme import Control, Scheme
 from fenicsrom.online.sensitivity import Drift, no_drift, no_sensitivity
-from fenicsrom.online.state import LAST_STEP, STEP, Record, no_record, no_state
+from fenicsrom.online.state import LAST_STEP, STEP, Record, State, no_record, no_state
 from fenicsrom.online.step import measure
 from fenicsrom.online.surfaces import PLANE, Contacts
 
@@ -89,6 +89,11 @@ class PeriodMap:
         intervals = np.diff(self.fractions)
         changes = np.flatnonzero(np.abs(np.diff(intervals)) > EQUAL * intervals[1:]) + 1
         self._grids = list(zip([0, *changes], [*changes, intervals.size], strict=True))
+
+    @property
+    def state(self) -> State:
+        """The state at the end of the last call; the next call overwrites it."""
+        return self._state
 
     def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
         """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d)."""
