@@ -19,8 +19,9 @@ from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.contact_state import OPEN
 from fenicsrom.online.families import contact_family
 from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import DONE, PeriodEnd, PeriodMap
+from fenicsrom.online.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.periodic import PeriodicMotion, periodic_motion
 from fenicsrom.online.scheme import scheme
 from fenicsrom.online.surfaces import Contacts, no_contacts
@@ -250,8 +251,8 @@ def harmonic_derivatives(n0: float, n1: float, phi: float, steps: int, shift: fl
 
 
 def test_derivatives_of_friction_under_varying_normal_load_match_reference() -> None:
-    """An event moves over the chords of the ellipse: first order in the step, but its mean over
-    shifted grids is of second order."""
+    """The step is a chord of the ellipse, so an event in it has an error of first order in its
+    derivatives. The mean over shifted grids removes most of it."""
     shifts = (np.arange(8) + 0.5) / 8.0
     found = np.mean([harmonic_derivatives(1.0, 2.0, np.pi / 4, 2000, s) for s in shifts], axis=0)
     reference = {
