@@ -349,7 +349,7 @@ def test_den_hartog_motion_with_stops_is_the_limit_of_a_stiff_slider(
     x = np.abs(motions[1].displacement[:, 0, 1])
     # the mass leaves its stop with the third power of the time
     near, far = (np.mean(x > x.max() - reach) for reach in (1e-5, 8e-5))
-    assert 2.0 * near - far == pytest.approx(stuck, abs=5e-3)
+    assert 2.0 * near - far == pytest.approx(stuck, abs=6e-3)
 
 
 # ------------------------------------------------------------------ a beam that slips and lifts off
