@@ -55,7 +55,7 @@ class Motion:
         steps: accepted steps.
         rejected: rejected steps.
         newton_iterations: number of iterations of all steps, rejected steps included.
-        seconds: run time of the integration, compilation excluded.
+        seconds: run time of the integration with Newton's method, compilation excluded.
         coordinates: (k, n) coordinates q of the last period, if they were requested.
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,

@@ -182,13 +182,11 @@ def basis_sentences(study: Study) -> list[str]:
 
 
 def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
-    """State the ratio of the step times of the full and the reduced model; None unless both ran."""
+    """State the ratio of the run times of the full and the reduced model; None unless both ran."""
     if "full" not in motions or "reduced" not in motions:
         return None
-    slow, fast = (
-        motions[name].seconds / max(motions[name].steps, 1) for name in ("full", "reduced")
-    )
-    return f"One step of the reduced model took 1/{slow / fast:.0f} of the time of the full model."
+    ratio = motions["full"].seconds / max(motions["reduced"].seconds, 1e-9)
+    return f"The motion of the reduced model took 1/{ratio:.0f} of the time of the full model."
 
 
 def study_sentences(study: Study) -> list[str]:

@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
+import html
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, linear_model, one_contact
+from support import beam_scene, first, linear_model, one_contact, oscillator
 
+from fenicsrom.assess.estimates import check_motion, start_in, step_errors
 from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
 from fenicsrom.online.energy import check_energy
+from fenicsrom.online.history import read_history
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
 from fenicsrom.online.measures import amplitude, dissipated_per_period, response_summary
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Interrupted, Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.simulate import simulate
+from fenicsrom.online.steady import _Problem, fractions_of
 from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.post.figures import plot_energy
+from fenicsrom.post.report import write_rerun_report
 from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
+from fenicsrom.post.summary import write_history
 from fenicsrom.scene import Time
+from fenicsrom.scene.step_size import coarser, with_time
 
 Array = NDArray[np.float64]
 
@@ -127,13 +137,16 @@ def test_two_branches_are_reached_from_different_starts() -> None:
     assert amplitude(high)[0] > 5.0 * amplitude(low)[0]
 
 
-def test_slow_decay_is_not_taken_for_the_steady_state() -> None:
-    """At resonance the march repeats to 1e-3 while a quarter of the amplitude is still missing."""
+@pytest.mark.parametrize("tolerance", [1e-3, 0.3])
+def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
+    """At resonance the march repeats to 1e-3 while a quarter of the amplitude is still missing; to
+    0.3 it repeats before the first attempt."""
     model, period = duffing(1e-3, 1.0, 0.0, 1e-3, 1.0)
-    marched = run(model, period, steady="march", steady_tolerance=1e-3, periods=9000)
+    marched = run(model, period, steady="march", steady_tolerance=tolerance, periods=9000)
     long = run(model, period, steady="march", steady_tolerance=1e-10, periods=9000)
-    motion = run(model, period, steady_tolerance=1e-3, periods=9000)
+    motion = run(model, period, steady_tolerance=tolerance, periods=9000)
     assert marched.steady and long.steady and motion.steady and motion.periods < 10
+    assert tolerance < 0.1 or marched.periods < 5
     assert amplitude(marched)[0] < 0.9 * amplitude(long)[0]
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=1e-6)
 
@@ -155,6 +168,29 @@ def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     marched = run(model, period, start=at(1.0, 0.0), steady_tolerance=0.0, periods=900)
     marched = replace(marched, period=motion.period)
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-4)
+
+
+def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
+    model, contacts, period = rubbing()
+    marched = run(model, period, contacts, steady="march", periods=8, steady_tolerance=1e-9)
+    settings = Time.of(periods=9, steps_per_period=100)
+    problem = _Problem(model, contacts, settings, period, marched.end, None)
+    one, two = problem.attempt(1, 8, 0).search, problem.attempt(2, 8, 0).search
+    assert one.verdict == two.verdict == "stable"
+    assert one.accepted and not two.accepted
+
+
+def test_steps_of_the_last_period_become_those_of_the_map() -> None:
+    model, contacts, period = rubbing()
+    time = {"steps_per_period": None, "tolerance": 1e-4, "steady": "march", "periods": 4}
+    motion = run(model, period, contacts, **time)
+    assert motion.end is not None
+    rows = motion.end.last
+    found = fractions_of(rows, period)
+    assert found is not None and found[0] == 0.0 and found[-1] == 1.0 and np.ptp(np.diff(found)) > 0
+    np.testing.assert_allclose(found[1:-1] * period + 3.0 * period, rows.time[:-1], rtol=1e-12)
+    grid = _Problem(model, contacts, Time.of(**time), period, motion.end, found).shooting(2)[0].map
+    np.testing.assert_allclose(grid.fractions, [*found, *(1.0 + found[1:])])
 
 
 def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
@@ -274,3 +310,57 @@ def test_summary_gives_residual_multipliers_and_verdict() -> None:
     assert told["from_s"] == pytest.approx(5 * period) and told["free_sliders"] == 0
     largest = max(np.hypot(*pair) for pair in told["floquet_multipliers"])
     assert told["largest_multiplier"] == pytest.approx(largest) and largest < 1.0
+
+
+def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts)
+    path = write_history(tmp_path / "history.npz", {"reduced": motion})
+    found = read_history(path, period)["reduced"]
+    assert found.newton_from == motion.newton_from
+    marched = run(model, period, contacts, steady="march")
+    path = write_history(tmp_path / "history.npz", {"reduced": marched})
+    assert read_history(path)["reduced"].newton_from is None
+    stored: Any = SimpleNamespace(size=4)
+    page = write_rerun_report(stored, beam_scene(2), motion, [], [], tmp_path).read_text()
+    assert str(periodic_sentence(motion)) in html.unescape(page)
+    drawn = plot_energy(motion).axes[0]
+    stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
+    assert [line.get_xdata().size for line in stored_energy] == [500, motion.time.size - 500]
+
+
+def test_check_starts_from_the_periodic_motion() -> None:
+    model, scene, _ = oscillator()
+    found, marched = (with_time(scene, steady=way) for way in ("newton", "march"))
+    motion = simulate(model, found)
+    other = check_motion(model, coarser(found), motion)
+    assert other.steady and other.periods == 1 and other.newton_from == 0.0
+    long = simulate(model, coarser(with_time(marched, steady_tolerance=1e-11)))
+    np.testing.assert_allclose(amplitude(other), amplitude(long), rtol=1e-8)
+    whole = check_motion(model, coarser(marched), simulate(model, marched))
+    assert whole.search is None and whole.periods > 3
+    fine = with_time(marched, steady_tolerance=1e-9)
+    errors, others = (
+        step_errors(model, found, motion),
+        step_errors(model, fine, simulate(model, fine)),
+    )
+    assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
+
+
+def test_start_in_a_richer_basis_is_the_same_displacement() -> None:
+    rng = np.random.default_rng(3)
+    mass = np.diag(rng.uniform(1.0, 2.0, 9))
+    body: Any = SimpleNamespace(mass_inner=lambda a, b: a.T @ mass @ b)
+    small = rng.standard_normal((9, 4))
+    mixed = np.concatenate([small, rng.standard_normal((9, 2))], axis=1)
+    basis: Any = SimpleNamespace(vectors=small)
+    richer: Any = SimpleNamespace(vectors=mixed @ rng.standard_normal((6, 6)))
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts)
+    start = start_in(body, basis, richer, motion)
+    assert start is not None and motion.end is not None
+    state = motion.end.state
+    np.testing.assert_allclose(richer.vectors @ start[0], small @ state.q, atol=1e-10)
+    np.testing.assert_allclose(richer.vectors @ start[1], small @ state.v, atol=1e-10)
+    np.testing.assert_array_equal(start[2], state.contact.slider)
+    assert start_in(body, basis, richer, replace(motion, search=None)) is None
