@@ -48,8 +48,10 @@ def multiplier_figure(found: Response) -> Figure:
         axis.set_xlabel("real part")
         axis.set_aspect("equal")
     limit = 1.15 * reach
-    axes[0].set(xlim=(-limit, limit), ylim=(-limit, limit), ylabel="imaginary part")
-    bar = drawn.colorbar(ScalarMappable(colours, "viridis"), ax=axes, aspect=30)
+    axes[0].set_xlim(-limit, limit)
+    axes[0].set_ylim(-limit, limit)
+    axes[0].set_ylabel("imaginary part")
+    bar: Any = drawn.colorbar(ScalarMappable(colours, "viridis"), ax=axes, aspect=30)
     bar.set_label(parameter_label(found))
     bar.outline.set_visible(False)
     return drawn
@@ -100,7 +102,11 @@ def harmonics_figure(found: Response) -> Figure:
     drawable = np.flatnonzero(highest > FLOOR * highest.max())
     for axis, curve in zip(axes, curves, strict=True):
         for k in drawable:
-            draw_curves(axis, found, [curve], lambda p, k=k: sizes(p)[k], COLOURS[k], marked=False)
+
+            def size(points: list[CurvePoint], k: int = int(k)) -> Array:
+                return sizes(points)[k]
+
+            draw_curves(axis, found, [curve], size, COLOURS[k], marked=False)
         axis.set_yscale("log")
         axis.set_title(curve_name(found, curve))
         axis.set_xlabel(parameter_label(found))

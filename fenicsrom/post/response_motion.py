@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fenicsrom.assess.response import Response, ResponseCurve, family_of
 from fenicsrom.errors import ConvergenceError
@@ -80,7 +80,7 @@ def write_motion_arrays(motions: dict[str, MarkedMotion], folder: Path) -> Path:
     Raises:
         OSError: the file cannot be written.
     """
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for name, (parameter, motion, _) in motions.items():
         arrays |= {
             f"{name}_parameter": parameter,
