@@ -118,6 +118,8 @@ def full_periodic_motion(
 
     def march(z: Array, block: Array | None = None) -> FullPeriodEnd:
         nonlocal derived
+        if len(residuals) >= most_periods or not np.all(np.isfinite(residuals)):
+            raise _lost(residuals, f"relative residual {residuals[-1]:.3g}")
         try:
             end = problem.map(z, block)
         except ConvergenceError as error:
@@ -133,8 +135,6 @@ def full_periodic_motion(
     end, is_exact = march(z), False
     step, rest = jacobian.step(end.z - z)
     while not problem.has_converged(end.z - z, step, z, tolerance):
-        if len(residuals) >= most_periods or not np.isfinite(residuals[-1]):
-            raise _lost(residuals, f"relative residual {residuals[-1]:.3g}")
         if not is_exact:
             before, residual = z, end.z - z
             z = z + step
