@@ -58,7 +58,7 @@ def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 6
             f"material.mass_damping={damping}",
             f"loads.0.force={force}",
             "loads.0.frequency=2.5",
-            "contacts.0.preload=4.0",
+            "contacts.0.preload=0.8",
             "contacts.0.friction=0.1",
             "time.steps_per_period=60",
             "time.periods=30",
