@@ -130,7 +130,7 @@ def full_periodic_motion(
         return end
 
     z = problem.expanded(shooting.scaled(reduced.z))
-    matrix = shooting.scaled(reduced.end.matrix @ shooting.unscaled(np.eye(reduced.z.size)))
+    matrix = shooting.scaled_matrix(reduced.end.matrix)
     jacobian = _Jacobian(problem, matrix, problem.expanded(matrix))
     end, is_exact = march(z), False
     step, rest = jacobian.step(end.z - z)
@@ -182,13 +182,14 @@ class _Problem:
         self.map = FullPeriodMap(model, shooting.contacts, plan, shooting.period, fractions)
         root = np.linalg.cholesky(shooting.model.mass)
         self.q = np.linalg.solve(root, basis.T).T
-        self._omega = 2.0 * np.pi / shooting.period
+        shortest = shooting.period * float(np.min(np.diff(fractions)))
+        self._rates = 1.0, 2.0 * np.pi / shooting.period, shortest**-2
         self._slider = np.diag(shooting.scaled(np.eye(shooting.map.size)))
         self._slider = self._slider[shooting.map.blocks * shooting.map.n :]
         self._has_modes = False
 
     def _blocks(self, z: Array) -> list[Array]:
-        """Coordinates, velocities / omega, .. and scaled sliders of variables z (N,) or (N, k)."""
+        """Coordinates, velocities, accelerations and sliders, scaled, of variables z (N,) or (N, k)."""
         n, count = self.map.local, self.map.blocks
         parts = [np.asarray(z[k * n : (k + 1) * n] / self._omega**k, float) for k in range(count)]
         return [*parts, (z[count * n :].T * self._slider).T]
@@ -203,7 +204,7 @@ class _Problem:
     def expanded(self, y: Array) -> Array:
         """D y of coordinates y (k,) or a block of them."""
         p, count = self.q.shape[1], self.map.blocks
-        parts = [self.q @ y[k * p : (k + 1) * p] * self._omega**k for k in range(count)]
+        parts = [self.q @ y[k * p : (k + 1) * p] * self._rates[k] for k in range(count)]
         return np.concatenate([*parts, (y[count * p :].T / self._slider).T])
 
     def directions(self) -> Array:
