@@ -191,7 +191,7 @@ class _Problem:
     def _blocks(self, z: Array) -> list[Array]:
         """Coordinates, velocities, accelerations and sliders, scaled, of variables z (N,) or (N, k)."""
         n, count = self.map.local, self.map.blocks
-        parts = [np.asarray(z[k * n : (k + 1) * n] / self._omega**k, float) for k in range(count)]
+        parts = [np.asarray(z[k * n : (k + 1) * n] / self._rates[k], float) for k in range(count)]
         return [*parts, (z[count * n :].T * self._slider).T]
 
     def coordinates(self, z: Array) -> Array:
