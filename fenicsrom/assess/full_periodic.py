@@ -189,7 +189,7 @@ class _Problem:
         self._has_modes = False
 
     def _blocks(self, z: Array) -> list[Array]:
-        """Coordinates, velocities, accelerations and sliders, scaled, of variables z (N,) or (N, k)."""
+        """The scaled blocks of variables z (N,) or (N, k): q, v, a and sliders."""
         n, count = self.map.local, self.map.blocks
         parts = [np.asarray(z[k * n : (k + 1) * n] / self._rates[k], float) for k in range(count)]
         return [*parts, (z[count * n :].T * self._slider).T]
