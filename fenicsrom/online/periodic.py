@@ -217,6 +217,14 @@ def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
     return vt[keep].T @ ((u[:, keep].T @ (right / size)) / sigma[keep]), int(np.sum(~keep))
 
 
+def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
+    """The multipliers, the largest first, without those that belong to `free` slider components.
+
+    A slider that is not unique has the multiplier 1, so the `free` ones nearest to 1 are left out.
+    """
+    return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
+
+
 def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """Multipliers (N,) of a monodromy matrix, the largest first, and the verdict.
 
@@ -234,8 +242,8 @@ def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
 
 def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> complex:
     """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
-    judged = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
-    return complex(judged[np.argmax(np.abs(judged))]) if judged.size else 0j
+    deciding = judged(multipliers, free)
+    return complex(deciding[np.argmax(np.abs(deciding))]) if deciding.size else 0j
 
 
 def stuck_points(record: Record) -> tuple[int, ...]:

@@ -332,6 +332,10 @@ def _response_problems(scene: Scene) -> Problems:
     if not response.last > response.first:
         allowed = f"must be above first, {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    for value in response.isolated or ():
+        if not response.first <= value <= response.last:
+            allowed = f"must be from {response.first:g} to {response.last:g}"
+            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
     for k, value in enumerate(response.full_values):
         if not response.first <= value <= response.last:
             allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
