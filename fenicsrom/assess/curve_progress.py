@@ -12,7 +12,8 @@ from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.response import Piece, ResponseCurve
+    from fenicsrom.assess.branches import Piece
+    from fenicsrom.assess.response import ResponseCurve
     from fenicsrom.assess.response_files import CurveFile
     from fenicsrom.scene import Response as ResponseTable
 
@@ -89,7 +90,7 @@ class CurveWalk:
         covered = 0.0
         for piece in self.curve.pieces:
             values = [point.parameter for point in piece.points]
-            if values:
+            if values and piece.origin == "march":
                 covered += max(values) - low if piece.direction > 0.0 else high - min(values)
         return min(max(covered / (high - low), 0.0), 1.0)
 

@@ -16,12 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.arrays import Array
+from fenicsrom.assess.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.assess.curve_progress import CurveProgress, CurveWalk, Stand
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
+from fenicsrom.assess.trust import LARGEST, Check, Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.branching import follow_growing
+from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
@@ -59,39 +62,20 @@ GROWTH = 2.0  # of the motion after which its steps are measured by its new size
 
 
 @dataclass(eq=False)
-class Piece:
-    """A connected part of a curve.
-
-    Attributes:
-        points: in their order along the curve.
-        special: the located folds, period doublings and torus bifurcations.
-        reason: why it ends: "end of the range", "number of points", "no convergence" or
-            "interrupted".
-        direction: 1.0 of a piece from the first value of the range, -1.0 of one from the last.
-    """
-
-    points: list[CurvePoint] = field(default_factory=list)
-    special: list[CurvePoint] = field(default_factory=list)
-    reason: str = ""
-    direction: float = 1.0
-
-
-@dataclass(eq=False)
 class ResponseCurve:
     """The periodic motions over the parameter, at one value of the second number.
 
     Attributes:
         value: of the second number of the scene; None without families.
         pieces: the connected parts, that from the first value of the range first.
-        step_error: relative change of the largest amplitude with half the time step; None if that
-            motion was not found.
+        checks: estimates of the errors at selected points.
         marches: marched periods: all, and those with their derivatives.
         seconds: run time.
     """
 
     value: float | None
     pieces: list[Piece] = field(default_factory=list)
-    step_error: float | None = None
+    checks: list[Check] = field(default_factory=list)
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
 
@@ -102,8 +86,18 @@ class ResponseCurve:
 
     @property
     def special(self) -> list[CurvePoint]:
-        """The bifurcations of all pieces."""
+        """The bifurcations and contact events of all pieces."""
         return [point for piece in self.pieces for point in piece.special]
+
+    @property
+    def step_error(self) -> float | None:
+        """Relative change of the largest amplitude with half the time step; None if not found."""
+        return next((c.step_error for c in self.checks if c.where == LARGEST), None)
+
+    @property
+    def basis_error(self) -> float | None:
+        """Relative change of the largest amplitude with a richer basis; None if not found."""
+        return next((c.basis_error for c in self.checks if c.where == LARGEST), None)
 
 
 @dataclass(eq=False)
@@ -190,7 +184,9 @@ def check_response(scene: Scene) -> None:
             )
 
 
-CLASSES = {kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Stand)}
+CLASSES = {
+    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
+}
 """The dataclasses of which a kept curve consists."""
 
 
@@ -203,12 +199,14 @@ class _Job:
         value: of the second number; None without families.
         state: the file that keeps the curve; None keeps nothing.
         kept: what an earlier run kept of it, or None.
+        richer: a model with a richer basis to compare with, or None.
     """
 
     stored: StoredModel
     value: float | None
     state: CurveFile | None
     kept: KeptCurve | None
+    richer: RicherModel | None
 
 
 def response(
@@ -219,6 +217,7 @@ def response(
     resume: Path | None = None,
     workers: int = 1,
     stop: Callable[[], bool] = lambda: False,
+    richer: RicherModel | None = None,
 ) -> Response:
     """Compute the response curves of a reduced model under its scene.
 
@@ -230,6 +229,7 @@ def response(
         workers: largest number of processes that compute curves at the same time. With several,
             the calling script must be importable: put its code under `if __name__ == "__main__"`.
         stop: asked at each point; the run ends when it returns True.
+        richer: a model with a richer basis to compare with at selected points.
 
     Returns:
         The curves. After an interrupt they end where they were, and `interrupted` is set; if a
@@ -262,6 +262,7 @@ def response(
             value,
             curve_file(state, stored, number) if state is not None else None,
             curve_file(resume, stored, number).load(CLASSES) if resume is not None else None,
+            richer,
         )
         for number, value in enumerate(values, 1)
     ]
@@ -305,8 +306,12 @@ class _Outcome:
 def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
     """Compute the curve of a job; `report` may raise KeyboardInterrupt."""
     stored, families = job.stored, response_table(job.stored.scene).families
+    richer = job.richer
     if families is not None:
-        stored = stored.with_overrides([f"{families.key}={job.value!r}"])
+        override = f"{families.key}={job.value!r}"
+        stored = stored.with_overrides([override])
+        if richer is not None:
+            richer = replace(richer, stored=richer.stored.with_overrides([override]))
     curve = job.kept.curve if job.kept is not None else ResponseCurve(job.value)
     outcome = _Outcome(curve)
     if job.kept is not None and job.kept.done:
@@ -316,7 +321,7 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
     walk = CurveWalk(curve, response_table(stored.scene), report, job.state)
     walk.stand = job.kept.stand if job.kept is not None else None
     try:
-        _follow(stored, curve, walk)
+        _follow(stored, curve, walk, richer)
         walk.save(done=True)
     except (ConvergenceError, AccuracyError) as error:
         outcome.error = error
@@ -332,15 +337,19 @@ class _Kept(Continuation):
 
     piece: Piece
 
-    def _locate(self, a: CurvePoint, b: CurvePoint, tangent: Array) -> list[CurvePoint]:
-        """The bifurcations between two points, also kept."""
-        found = super()._locate(a, b, tangent)
-        self.piece.special.extend(found)
+    def _special(
+        self, a: CurvePoint, b: CurvePoint | None, locate: bool
+    ) -> list[CurvePoint] | None:
+        """The special points between two points, also kept; None if one was not located."""
+        found = super()._special(a, b, locate)
+        self.piece.special.extend(found or [])
         return found
 
 
-def _follow(stored: StoredModel, curve: ResponseCurve, walk: CurveWalk) -> None:
-    """Compute the pieces of one curve, from where it stands.
+def _follow(
+    stored: StoredModel, curve: ResponseCurve, walk: CurveWalk, richer: RicherModel | None
+) -> None:
+    """Compute the pieces of one curve, from where it stands, and estimate its errors.
 
     Raises:
         ConvergenceError, AccuracyError: no motion was found at either end of the range.
@@ -350,7 +359,11 @@ def _follow(stored: StoredModel, curve: ResponseCurve, walk: CurveWalk) -> None:
     error: ConvergenceError | AccuracyError | None = None
     try:
         for value, direction in ((table.first, 1.0), (table.last, -1.0)):
-            earlier = [piece for piece in curve.pieces if piece.direction == direction]
+            earlier = [
+                piece
+                for piece in curve.pieces
+                if piece.origin == "march" and piece.direction == direction
+            ]
             start: PeriodicMotion | None = None
             if not earlier:
                 try:
@@ -360,19 +373,29 @@ def _follow(stored: StoredModel, curve: ResponseCurve, walk: CurveWalk) -> None:
                     continue
                 curve.pieces.append(Piece(direction=direction))
             piece = earlier[0] if earlier else curve.pieces[-1]
-            if start is not None or walk.stand is not None:
+            if start is not None or piece.reason == "interrupted":
                 _follow_piece(stored, family, start, value, piece, walk)
             reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.last
             if reached or piece.reason == "number of points":
                 break
         if not curve.points and error is not None:
             raise error
-        curve.step_error = _step_error(stored, family, curve)
+        _follow_more(stored, family, curve, walk)
+        other = None
+        if richer is not None:
+            other = Richer(family_of(richer.stored), richer.transfer)
+        curve.checks = checks(curve.pieces, family, stored.scene.time, other)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
         curve.seconds += clock.perf_counter() - begin
+
+
+def _shooting(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
+    """The equation of motions of so many periods; all pieces share the scales of its variables."""
+    problem = family(response_table(stored.scene).last)
+    return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
 
 
 class _Grown(Exception):
@@ -403,8 +426,7 @@ def _follow_piece(
     Raises:
         ConvergenceError: the first point was not found.
     """
-    table, problem = response_table(stored.scene), family(value)
-    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+    table, shooting = response_table(stored.scene), _shooting(stored, family)
     piece.reason = "interrupted"
     path = _Kept(shooting, family, table.first, table.last, 1.0)
     path.piece = piece
@@ -433,7 +455,7 @@ def _follow_piece(
                 largest_step=LARGEST_STEP,
                 points=table.points - len(piece.points) + len(earlier) + 1,
                 progress=keep,
-                earlier=earlier,
+                before=earlier,
             )
             break
         except _Grown:
@@ -456,6 +478,51 @@ def _begin_piece(
         raise ConvergenceError(f"the motion at {walk.table.parameter} = {value:g} was lost")
     piece.points.append(begin)
     walk.passed(path, begin, 0, piece.direction)
+
+
+def _follow_more(
+    stored: StoredModel, family: Family, curve: ResponseCurve, progress: CurveWalk
+) -> None:
+    """Follow the branches and the isolated curves that the scene asks for.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found where isolated curves are sought.
+    """
+    table = response_table(stored.scene)
+
+    def path_of(motion: CurvePoint, periods: int) -> Continuation:
+        size = float(np.linalg.norm(motion.s))
+        shooting = _shooting(stored, family, periods)
+        return Continuation(shooting, family, table.first, table.last, size)
+
+    def follow(
+        path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
+    ) -> None:
+        piece = Piece(reason="interrupted", origin=origin, periods=periods)
+        curve.pieces.append(piece)
+        follow_growing(
+            path,
+            begin,
+            direction,
+            piece,
+            points=table.points,
+            largest_step=LARGEST_STEP,
+            progress=lambda point: progress(""),
+        )
+        progress(f"{origin}: {len(piece.points)} points, {piece.reason}")
+
+    def start(value: float) -> CurvePoint:
+        motion = start_motion(stored, family, value, progress)
+        s = _shooting(stored, family).scaled(motion.z)
+        size = float(np.linalg.norm(s))
+        path = Continuation(_shooting(stored, family), family, table.first, table.last, size)
+        point = path.at_parameter(s, value)
+        if point is None:
+            raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
+        return point
+
+    follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
+    follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())
 
 
 def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
@@ -545,23 +612,6 @@ def _marched(
     )
 
 
-def _step_error(stored: StoredModel, family: Family, curve: ResponseCurve) -> float | None:
-    """Relative change of the largest amplitude of a curve with half the time step."""
-    largest = max(curve.points, key=lambda point: float(point.amplitude.max()))
-    time, problem = stored.scene.time, family(largest.parameter)
-    finer = time.changed(steps_per_period=2 * (time.steps_per_period or FALLBACK_STEPS))
-    try:
-        motion = periodic_motion(
-            problem.model, problem.contacts, finer, problem.period, largest.z, tolerance=1e-8
-        )
-    except ConvergenceError:
-        return None
-    size = float(largest.amplitude.max())
-    return float(np.max(np.abs(motion.amplitude - largest.amplitude))) / size if size else None
-
-
 def judged_multiplier(point: CurvePoint) -> complex:
     """The largest Floquet multiplier without those of sliders that are not unique."""
-    found = point.multipliers
-    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[: point.free_sliders])
-    return complex(judged[0]) if judged.size else 0j
+    return complex(point.judged[0]) if point.judged.size else 0j

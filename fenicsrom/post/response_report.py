@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.assess.response import Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import StoredModel, provenance
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.post.contact_map import contact_map
 from fenicsrom.post.html_page import write_report
@@ -76,6 +76,8 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "damping_dissipation_per_period_J": point.damping_dissipation,
         "stability": point.verdict,
         "bifurcation": point.kind,
+        "contact_point": None if point.contact < 0 else point.contact,
+        "periods": point.periods,
         "multiplier_size": abs(multiplier),
         "multiplier_real": multiplier.real,
         "multiplier_imaginary": multiplier.imag,
@@ -127,7 +129,20 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
         "ends": [piece.reason for piece in curve.pieces],
         "largest": _row(found, largest_point(found, curve), component),
         "bifurcations": [_row(found, point, component) for point in curve.special],
-        "step_error": curve.step_error,
+        "pieces": [
+            {"origin": piece.origin, "periods": piece.periods, "points": len(piece.points)}
+            for piece in curve.pieces
+        ],
+        "checks": [
+            {
+                "where": check.where,
+                found.table.parameter: check.point.parameter,
+                "quantity": check.quantity,
+                "step_error": check.step_error,
+                "basis_error": check.basis_error,
+            }
+            for check in curve.checks
+        ],
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
         "seconds": curve.seconds,
@@ -153,7 +168,18 @@ def sentences(found: Response) -> list[str]:
                 f"{begin}Half the time step changes this amplitude by "
                 f"{100.0 * curve.step_error:.2g} %."
             )
-        ends = {piece.reason for piece in curve.pieces} - {"end of the range"}
+        if curve.basis_error is not None:
+            lines.append(
+                f"{begin}A richer basis changes this amplitude by "
+                f"{100.0 * curve.basis_error:.2g} %."
+            )
+        free = sum(point.free_sliders > 0 for point in points)
+        if free:
+            lines.append(
+                f"{begin}{free} points have a contact point that sticks all the time: the position "
+                "of its slider is not unique."
+            )
+        ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
     return lines
 
@@ -172,7 +198,7 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     listed = [
         [
             *([] if families is None else [curve.value]),
-            point.kind,
+            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact}",
             f"{point.parameter:.7g}",
             f"{1e3 * float(point.amplitude[:, direction].max()):.5g}",
         ]

@@ -11,6 +11,7 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
     from fenicsrom.assess.response import Response
+    from fenicsrom.assess.trust import RicherModel
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.scene import Scene
 
@@ -49,6 +50,7 @@ def response(
     """
     from fenicsrom.assess.response import check_response
     from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.assess.trust import richer_model
     from fenicsrom.online.archive import save_model
     from fenicsrom.post.response_report import write
     from fenicsrom.post.summary import MODEL, stored_model
@@ -61,7 +63,13 @@ def response(
     kept = folder if ranks.rank == 0 else None
     if kept is not None:
         save_model(kept / MODEL, stored)
-    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop)
+    assert built.basis is not None and built.modes is not None
+    richer = None
+    if built.derivatives is not None:
+        richer = richer_model(
+            built.solid, stored, built.basis, built.modes, built.selection, built.derivatives
+        )
+    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop, richer)
     found.warnings[:0] = built.warnings
     if folder is not None and found.curves:
         found.files = write(found, stored, folder, built)
@@ -101,6 +109,7 @@ def _curves(
     resume: Path | None,
     workers: int,
     stop: Callable[[], bool],
+    richer: RicherModel | None = None,
 ) -> Response:
     """Compute the response curves of a stored model; arguments as `response`."""
     from fenicsrom.assess import response as curves
@@ -114,4 +123,5 @@ def _curves(
             resume=resume,
             workers=workers,
             stop=stop,
+            richer=richer,
         )
