@@ -32,7 +32,6 @@ MARKERS = {
     "first slip": ">",
     "last slip": ">",
 }
-OTHER_MARKERS = "^v<>Ph"  # of further kinds of special points, in their order of appearance
 UNITS = {
     "frequency": "Hz",
     "force": "N",
@@ -118,14 +117,6 @@ def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     return np.asarray(unwrapped - 360.0 * np.ceil((np.median(unwrapped) - 90.0) / 360.0))
 
 
-def marker_of(found: Response, kind: str) -> str:
-    """The mark of a kind of special points."""
-    others = sorted(
-        {point.kind for curve in found.curves for point in curve.special} - MARKERS.keys()
-    )
-    return MARKERS.get(kind) or OTHER_MARKERS[others.index(kind) % len(OTHER_MARKERS)]
-
-
 @styled
 def figure(found: Response) -> Figure:
     """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
@@ -202,7 +193,7 @@ def draw_curves(
                     axis.plot(
                         point.parameter,
                         height,
-                        marker_of(found, point.kind),
+                        MARKERS[point.kind],
                         color=shade,
                         markerfacecolor="white",
                         markersize=5,
@@ -277,13 +268,13 @@ def _legend(found: Response) -> list[Any]:
             for curve in found.curves
         ]
     handles += style_handles(found)
-    kinds = dict.fromkeys(point.kind for curve in found.curves for point in curve.special)
-    for kind in kinds:
+    present = {point.kind for curve in found.curves for point in curve.special}
+    for kind in (kind for kind in MARKERS if kind in present):
         look: dict[str, Any] = {
             "linestyle": "",
             "color": INK,
             "markerfacecolor": "white",
             "markersize": 5,
         }
-        handles.append(Line2D([], [], marker=marker_of(found, kind), label=kind, **look))
+        handles.append(Line2D([], [], marker=MARKERS[kind], label=kind, **look))
     return handles
