@@ -5,9 +5,21 @@ import numpy as np
 from fenicsrom.online.motion import Motion
 
 PERIOD = 0.25
-
-
 FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4
+
+# the documented keys of a response in summary.json
+RESPONSE_KEYS = [
+    "amplitude_m",
+    "fraction",
+    "peak_normal_force_N",
+    "peak_total_normal_force_N",
+    "dissipated_per_period_J",
+    "energy_imbalance",
+    "steady",
+    "periods",
+    "steps",
+    "newton_iterations",
+]
 
 
 def jenkins(

@@ -67,6 +67,36 @@ def assert_tangent(
     )
 
 
+def random_directions(solid: Any) -> tuple[Array, Array]:
+    """A random displacement (n,) of a solid and three directions (3, n)."""
+    directions = [random_field(solid, 0.02, seed) for seed in (1, 2, 3)]
+    return random_field(solid, 0.02), np.array(directions)
+
+
+def assert_force_of_energy(solid: Any) -> None:
+    """The internal force of a solid is the derivative of its energy."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.energy(u + s @ directions),
+        lambda s: directions @ solid.internal_force(u + s @ directions),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
+def assert_tangent_of_force(solid: Any) -> None:
+    """The tangent of a solid is the derivative of its internal force."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.internal_force(u + s @ directions),
+        lambda s: solid.tangent_times(u + s @ directions, directions.T),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
 def slope(steps: Any, errors: Any) -> float:
     """Observed order: the slope of log(errors) against log(steps), by least squares."""
     return float(
@@ -233,15 +263,35 @@ def linear_model(
     )
 
 
+def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
+    )
+    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
+    model = reduced_model(
+        np.ones((1, 1)),
+        damping,
+        elastic,
+        np.ones((1, 1)),
+        load,
+        *first(0, 1),
+        np.eye(2, 1),
+        np.zeros(2),
+    )
+    return model, 2.0 * np.pi / omega
+
+
 def oscillator(
     steps: int = 40, force: float = 1.0, damping: float = 0.5
 ) -> tuple[ReducedModel, Scene, Motion]:
-    """A linear oscillator of two coordinates, shaken, run until it is steady."""
+    """A linear oscillator of two coordinates, shaken, marched until it is steady."""
     scene = beam_scene(
         2,
         (
             "loads.0.frequency=1.0",
             f"time.steps_per_period={steps}",
+            "time.steady='march'",
             f"material.mass_damping={damping}",
         ),
         contacts=None,
@@ -317,6 +367,11 @@ def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 
     )
 
 
+def period_steps(steps: int, scheme: str = "discrete-gradient") -> Time:
+    """Settings of a periodic motion with a number of equal steps per period."""
+    return Time.of(scheme=scheme, periods=1, steps_per_period=steps)
+
+
 # ------------------------------------------------------------------ ranks
 
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
@@ -374,3 +429,24 @@ def on_ranks(
     )
     assert done.returncode == code, done.stderr
     return done
+
+
+def arrays_of_one_and_two_ranks(
+    script: str, folder: Path, *arguments: str
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Run a script on one and on two ranks; give the arrays that each run writes.
+
+    Args:
+        script: Python code that writes an .npz file, whose name follows the arguments; its array
+            "ranks" holds the number of ranks.
+        folder: folder of the files.
+        arguments: the arguments of the script.
+    """
+    found = []
+    for ranks in (1, 2):
+        target = folder / f"{ranks}.npz"
+        on_ranks(ranks, "-c", script, *arguments, str(target))
+        with np.load(target) as file:
+            found.append({name: file[name] for name in file.files})
+        assert int(found[-1].pop("ranks")) == ranks
+    return found[0], found[1]

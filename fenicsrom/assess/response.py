@@ -12,10 +12,10 @@ import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.assess.curve_progress import CurveProgress, CurveWalk, Stand
 from fenicsrom.assess.processes import run_jobs
@@ -36,12 +36,11 @@ from fenicsrom.online.families import (
     frequency_family,
 )
 from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
+    largest_multiplier,
     periodic_motion,
     settled_contacts,
 )
@@ -56,9 +55,41 @@ from fenicsrom.scene import (
     scene_table,
 )
 
-START_PERIODS = (5, 20, 80, 320)  # marched before Newton's method tries to start a curve
+START_PERIODS = 320  # largest number to march before a curve starts
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 GROWTH = 2.0  # of the motion after which its steps are measured by its new size
+
+
+@dataclass(frozen=True, eq=False)
+class FullPoint:
+    """The periodic motion of the full model at one value of the parameter.
+
+    Attributes:
+        parameter: its value.
+        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) of the reduced model there, m.
+        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        periods: number of periods of the full model that were marched.
+        derived: number of them that carried derivatives.
+        residual: relative.
+        seconds: run time.
+    """
+
+    parameter: float
+    amplitude: Array
+    reduced_amplitude: Array
+    verdict: str
+    periods: int
+    derived: int
+    residual: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """Error of the reduced amplitudes, relative to the largest amplitude: that of the basis."""
+        size = float(self.amplitude.max())
+        change = float(np.max(np.abs(self.reduced_amplitude - self.amplitude)))
+        return change / size if size else 0.0
 
 
 @dataclass(eq=False)
@@ -70,7 +101,8 @@ class ResponseCurve:
         pieces: the connected parts, that from the first value of the range first.
         checks: estimates of the errors at selected points.
         marches: marched periods: all, and those with their derivatives.
-        seconds: run time.
+        seconds: run time, without that of the full model.
+        full: the motions of the full model at some values of the parameter.
     """
 
     value: float | None
@@ -78,6 +110,7 @@ class ResponseCurve:
     checks: list[Check] = field(default_factory=list)
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
+    full: list[FullPoint] = field(default_factory=list)
 
     @property
     def points(self) -> list[CurvePoint]:
@@ -412,8 +445,8 @@ def _follow_piece(
 ) -> None:
     """Follow one piece from a motion, or on from where it stands.
 
-    The steps along a curve are measured by the size of the motion where it starts. Where the motion
-    has grown by `GROWTH`, the continuation begins again with its present size.
+    The step along the curve is relative to the size of the motion at the start of the piece. When
+    the motion has grown by the factor `GROWTH`, a new piece begins with the present size.
 
     Args:
         stored: the model.
@@ -455,7 +488,7 @@ def _follow_piece(
                 largest_step=LARGEST_STEP,
                 points=table.points - len(piece.points) + len(earlier) + 1,
                 progress=keep,
-                before=earlier,
+                earlier=earlier,
             )
             break
         except _Grown:
@@ -569,49 +602,33 @@ def start_motion(
         ConvergenceError, AccuracyError: no motion was found; the error names the value.
     """
     scene, problem = stored.scene, family(value)
-    key = response_table(scene).parameter
-    motion: Motion | None = None
-    reason = ""
-    for periods in START_PERIODS:
-        say(f"start at {key} = {value:g}: {periods} periods, then Newton's method")
-        try:
-            motion = _marched(stored, problem.model, problem, periods, motion)
-            return periodic_motion(
-                problem.model, problem.contacts, scene.time, problem.period, motion.end
-            )
-        except ConvergenceError as error:
-            reason = str(error)
-            if motion is None:
-                break
-    raise ConvergenceError(
-        f"response: at {key} = {value:g} no periodic motion was found: {reason}",
-        kind=ErrorKind.CONVERGENCE,
-    )
-
-
-def _marched(
-    stored: StoredModel, model: ReducedModel, problem: Any, periods: int, before: Motion | None
-) -> Motion:
-    """The motion after so many periods, continued from an earlier one."""
-    scene = stored.scene
-    radius = scene.time.spectral_radius
+    key, radius = response_table(scene).parameter, scene.time.spectral_radius
+    say(f"start at {key} = {value:g}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
-        periods=periods,
-        steady_tolerance=0.0,
+        periods=START_PERIODS,
         steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steady_tolerance=1e-5,
         **({} if radius is None else {"spectral_radius": radius}),
     )
-    return integrate(
-        model,
-        problem.contacts,
-        settings,
-        problem.period,
-        dimension=scene.geometry.dimension,
-        resume=before.end if before is not None else None,
-    )
+    try:
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            settings,
+            problem.period,
+            dimension=scene.geometry.dimension,
+        )
+        return periodic_motion(
+            problem.model, problem.contacts, scene.time, problem.period, motion.end
+        )
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            kind=ErrorKind.CONVERGENCE,
+        ) from error
 
 
 def judged_multiplier(point: CurvePoint) -> complex:
     """The largest Floquet multiplier without those of sliders that are not unique."""
-    return complex(point.judged[0]) if point.judged.size else 0j
+    return largest_multiplier(point.multipliers, point.free_sliders)

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
 from fenicsrom.assess.scales import scales_of
 from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
@@ -252,7 +252,8 @@ def _own_basis_error(
     )
     if richer is None:
         return None
-    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion)
+    start = start_in(solid, found.basis, richer, motion)
+    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion, start)
     check_basis_error(scene, estimate)
     return estimate
 

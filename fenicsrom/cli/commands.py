@@ -53,8 +53,9 @@ def _rerun(options: argparse.Namespace) -> int:
         stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    resumed = sentences.resumed_sentence(found.motion)
-    print_results(scene, table, found.warnings, [resumed] if resumed else [], found.files)
+    told = sentences.resumed_sentence(found.motion), sentences.periodic_sentence(found.motion)
+    given = [sentence for sentence in told if sentence]
+    print_results(scene, table, found.warnings, given, found.files)
     return _end(None, found.unfinished)
 
 

@@ -157,7 +157,7 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     if wrong:
         where = ", ".join(f"{value:.6g}" for value in wrong[0])
         raise SceneError(
-            f"{source}: the geometry extends to ({where}): coordinates must be at most "
+            f"{source}: the geometry extends to ({where}), but coordinates must be at most "
             f"{FARTHEST:g}",
             kind=ErrorKind.MESH,
             source=source,

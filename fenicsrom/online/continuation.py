@@ -232,7 +232,7 @@ class Continuation:
         progress: Callable[[CurvePoint], None] | None = None,
         curve: Curve | None = None,
         largest_size: float = np.inf,
-        before: Sequence[CurvePoint] = (),
+        earlier: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
@@ -251,15 +251,15 @@ class Continuation:
             progress: called with each point.
             curve: receives the points, after those that it has; the last of these is `start`.
             largest_size: of the scaled variables, at which the continuation ends.
-            before: the points of an interrupted run before `start`.
+            earlier: the points of an interrupted run before `start`.
         """
         tangent = start.tangent
-        if direction is not None and not before:
+        if direction is not None and not earlier:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        curve = Curve([*before, start]) if curve is None else curve
+        curve = Curve([*earlier, start]) if curve is None else curve
         ys: list[Array] = []
         arcs: list[float] = []
-        for point in _since_kink([*before, start]):
+        for point in _since_kink([*earlier, start]):
             self._extend(ys, arcs, point)
         while len(curve.points) < points:
             behind = replaced(curve.points[-1], tangent=tangent)

@@ -29,6 +29,8 @@ def frame_rows(motion: Motion) -> NDArray[np.int64]:
     """
     part = motion.last_period()
     rows = np.arange(motion.time.size)[part]
+    if motion.coordinates is not None:  # a resumed run may know those of its last part only
+        rows = rows[-motion.coordinates.shape[0] :]
     wanted = np.linspace(motion.time[rows[0]], motion.time[-1], FRAMES)
     return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
 

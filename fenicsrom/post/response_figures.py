@@ -32,6 +32,7 @@ MARKERS = {
     "first slip": ">",
     "last slip": ">",
 }
+FULL_MARKER = "x"
 UNITS = {
     "frequency": "Hz",
     "force": "N",
@@ -144,6 +145,14 @@ def figure(found: Response) -> Figure:
     for axis, (label, values) in zip(axes, panels, strict=True):
         draw_curves(axis, found, found.curves, values)
         axis.set_ylabel(label)
+    for curve in found.curves:
+        axes[0].plot(
+            [point.parameter for point in curve.full],
+            [1e3 * float(point.amplitude[:, direction].max()) for point in curve.full],
+            FULL_MARKER,
+            color=colour_of(found, curve),
+            zorder=5,
+        )
     for axis in (axes[0], *axes[2:]):
         axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # a curve at zero stays visible
     axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
@@ -277,4 +286,7 @@ def _legend(found: Response) -> list[Any]:
             "markersize": 5,
         }
         handles.append(Line2D([], [], marker=MARKERS[kind], label=kind, **look))
+    if any(curve.full for curve in found.curves):
+        look = {"linestyle": "", "color": INK}
+        handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
     return handles

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.response import Response, ResponseCurve, judged_multiplier
+from fenicsrom.assess.response import FullPoint, Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
@@ -146,6 +146,26 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
         "marched_periods": curve.marches[0],
         "marched_periods_with_derivatives": curve.marches[1],
         "seconds": curve.seconds,
+        "full_model": [_full_row(found, point) for point in curve.full],
+    }
+
+
+def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
+    """A motion of the full model beside that of the reduced model."""
+    amplitudes = {
+        f"{model}_amplitude_{name.replace(' ', '_')}_m": float(a)
+        for model, values in (("full", point.amplitude), ("reduced", point.reduced_amplitude))
+        for name, a in zip(directions(found), values.max(axis=0), strict=True)
+    }
+    return {
+        found.table.parameter: point.parameter,
+        **amplitudes,
+        "relative_error": point.error,
+        "stability_of_the_reduced_motion": point.verdict,
+        "full_periods": point.periods,
+        "full_periods_with_derivatives": point.derived,
+        "residual": point.residual,
+        "seconds": point.seconds,
     }
 
 
@@ -208,6 +228,39 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     return [head, *listed] if listed else []
 
 
+def full_rows(found: Response) -> list[dict[str, Any]]:
+    """The rows of `response_full.csv`: the motions of the full model."""
+    families = found.table.families
+    return [
+        ({} if families is None else {families.key: curve.value}) | _full_row(found, point)
+        for curve in found.curves
+        for point in curve.full
+    ]
+
+
+def full_table(found: Response) -> list[list[Any]]:
+    """The full model beside the reduced one, the head first; empty if it was not asked for."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [families.key]
+    head = [*first, parameter_label(found)]
+    head += [f"{directions(found)[direction]} amplitude, mm", "full model, mm", "difference, %"]
+    head += ["full periods", "run time, s"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            f"{point.parameter:.6g}",
+            f"{1e3 * float(point.reduced_amplitude[:, direction].max()):.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.7g}",
+            f"{100.0 * point.error:.2g}",
+            point.periods,
+            f"{point.seconds:.3g}",
+        ]
+        for curve in found.curves
+        for point in curve.full
+    ]
+    return [head, *listed] if listed else []
+
+
 def run_table(found: Response) -> list[list[Any]]:
     """The points, the marched periods and the run time of each curve, the head first."""
     families = found.table.families
@@ -248,15 +301,18 @@ def trust_table(found: Response) -> list[list[Any]]:
 
 
 def write_numbers(found: Response, folder: Path) -> list[Path]:
-    """Write `response.json` and `response.csv`.
+    """Write `response.json` and `response.csv`, and `response_full.csv` of the full model.
 
     Raises:
         OSError: a file cannot be written.
     """
-    return [
+    files = [
         write_summary(folder / "response.json", summary(found)),
         write_rows(folder / "response.csv", rows(found)),
     ]
+    if full := full_rows(found):
+        files.append(write_rows(folder / "response_full.csv", full))
+    return files
 
 
 def _pictures(found: Response) -> dict[str, tuple[str, Callable[[Response], Figure]]]:
@@ -299,11 +355,12 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
     Raises:
         OSError: the file cannot be written.
     """
-    table = bifurcation_table(found)
+    table, full = bifurcation_table(found), full_table(found)
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
         *([("Special points", [table])] if table else []),
+        *([("Full model", [full])] if full else []),
         ("Estimated errors", [trust_table(found)]),
         ("Effort", [run_table(found)]),
     ]
@@ -347,7 +404,7 @@ def write(
 
 
 def terminal(found: Response) -> str:
-    """The table of bifurcations and the sentences, for the terminal."""
-    table = bifurcation_table(found)
-    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
+    """The tables of bifurcations and of the full model and the sentences, for the terminal."""
+    tables = [table for table in (bifurcation_table(found), full_table(found)) if table]
+    parts = [*map(text_table, tables), "\n".join(sentences(found))]
     return "\n\n".join(parts)

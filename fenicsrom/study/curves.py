@@ -71,6 +71,13 @@ def response(
         )
     found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop, richer)
     found.warnings[:0] = built.warnings
+    if found.table.full_values and not found.interrupted:
+        from fenicsrom.assess.full_points import add_full_points
+
+        assert built.basis is not None
+        watch = Stopwatch(say)
+        with watch("full model"):
+            add_full_points(found, stored, built.solid, built.basis.vectors, watch.say)
     if folder is not None and found.curves:
         found.files = write(found, stored, folder, built)
     return found
@@ -97,6 +104,11 @@ def response_of_model(
     if resume is not None:
         check_folder(resume)
     found = _curves(stored, say, folder, resume, workers, stop)
+    if found.table.full_values:
+        found.warnings.append(
+            "response.full was left out: the full model needs the mesh, which a stored model does "
+            "not have; run fenicsrom response SCENE."
+        )
     if folder is not None and found.curves:
         found.files = write(found, stored, folder)
     return found

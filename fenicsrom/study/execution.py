@@ -12,7 +12,7 @@ from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh import Mesh
+    from fenicsrom.fem.mesh_data import Mesh
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene

@@ -120,6 +120,7 @@ def _write(
     """Write the numbers, the pictures and the report; give the warnings and the written files."""
     from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
     from fenicsrom.post.report import write_rerun_report
+    from fenicsrom.post.sentences import free_slider_sentence
     from fenicsrom.post.summary import write_rerun_numbers
 
     stop_where_asked(stop)
@@ -128,7 +129,8 @@ def _write(
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
-    warnings = [sentence] if sentence else []
+    free = free_slider_sentence("reduced", motion)
+    warnings = [text for text in (free, sentence) if text]
     with watch("pictures"):
         written = write_motion_pictures([] if sentence else pictures, folder)
     report = write_rerun_report(stored, scene, motion, written, warnings, folder)

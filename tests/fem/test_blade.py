@@ -15,12 +15,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 from support import (
     STOCKY,
+    arrays_of_one_and_two_ranks,
     beam_scene,
     dense,
     free_unknowns,
     make_solid,
     needs_mpirun,
-    on_ranks,
     scene_of,
 )
 
@@ -373,13 +373,7 @@ if solid.comm.rank == 0:
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_find_same_points_in_same_order(tmp_path: Path) -> None:
-    found = []
-    for ranks in (1, 2):
-        on_ranks(ranks, "-c", POINTS, str(tmp_path / f"{ranks}.npz"))
-        with np.load(tmp_path / f"{ranks}.npz") as file:
-            found.append({name: file[name] for name in file.files})
-    one, two = found
-    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(POINTS, tmp_path)
     assert (
         np.abs(two.pop("force")).max() < 1e-3 and np.abs(one.pop("force")).max() < 1e-3
     )  # of the equilibrium: rounding

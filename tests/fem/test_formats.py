@@ -20,7 +20,8 @@ from mpi4py import MPI
 from support import needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh import Mesh, build_mesh
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.solid import solid_of
 from fenicsrom.fem.supports import unclamped_pieces
 from fenicsrom.scene import Geometry, Plane, Region, Scene, parse_scene

@@ -11,7 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import STOCKY, beam_scene, make_solid, needs_mpirun, on_ranks, refusal
+from support import (
+    STOCKY,
+    arrays_of_one_and_two_ranks,
+    beam_scene,
+    make_solid,
+    needs_mpirun,
+    refusal,
+)
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Load, Place, parse_scene, read_scene
@@ -472,14 +479,7 @@ if comm.rank == 0:
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_give_the_same_loads(tmp_path: Path) -> None:
-    tables = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, str(target))
-        with np.load(target) as file:
-            assert int(file["ranks"]) == ranks
-            tables.append(file["table"])
-    one, two = tables
+    one, two = (found["table"] for found in arrays_of_one_and_two_ranks(CHAIN, tmp_path))
     np.testing.assert_array_equal(one[:, :4], two[:, :4])
     size = np.abs(one[:, 4:]).max(axis=0)
     assert np.all(size > 0)

@@ -21,7 +21,8 @@ from support import needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import gmsh_model
-from fenicsrom.fem.mesh import Mesh, build_mesh
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.supports import unclamped_pieces
 from fenicsrom.scene import Geometry, Region
 from fenicsrom.scene.paths import shared_meshes

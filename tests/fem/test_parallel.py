@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import needs_mpirun, on_ranks
+from support import arrays_of_one_and_two_ranks, needs_mpirun, on_ranks
 
 pytest.importorskip("dolfinx")
 
@@ -190,14 +190,7 @@ def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
 @needs_mpirun
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
-    results = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, method, str(target))
-        with np.load(target) as file:
-            results.append(dict(file))
-    one, two = results
-    assert (one["ranks"], two["ranks"]) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(CHAIN, tmp_path, method)
     np.testing.assert_allclose(two["omega"], one["omega"], rtol=1e-6)
     assert list(one["labels"]) == list(two["labels"])
     assert list(one["kept"]) == list(two["kept"])

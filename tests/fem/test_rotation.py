@@ -20,19 +20,23 @@ pytest.importorskip("dolfinx")
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
+    arrays_of_one_and_two_ranks,
+    assert_force_of_energy,
     assert_tangent,
+    assert_tangent_of_force,
     beam_scene,
     dense,
     enriched,
     free_unknowns,
     make_solid,
     needs_mpirun,
-    on_ranks,
+    random_directions,
     random_field,
     scene_of,
 )
 
 from fenicsrom.assess import campbell as diagram
+from fenicsrom.assess import rotating_modes
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full import FullModel
@@ -97,26 +101,11 @@ def slender() -> Any:
 
 
 def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
-    u, directions = (
-        random_field(spun, 0.02),
-        np.array([random_field(spun, 0.02, seed) for seed in (1, 2, 3)]),
-    )
+    u, directions = random_directions(spun)
     assert np.abs(spun.rotation.centrifugal_force(u)).max() > 0.0
-    assert_tangent(
-        lambda s: spun.energy(u + s @ directions),
-        lambda s: directions @ spun.internal_force(u + s @ directions),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    assert_tangent(
-        lambda s: spun.internal_force(u + s @ directions),
-        lambda s: spun.tangent_times(u + s @ directions, directions.T),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    # the centrifugal part apart, which the elastic one drowns
+    assert_force_of_energy(spun)
+    assert_tangent_of_force(spun)
+    # the centrifugal part alone, because the elastic part is much larger
     frame, q = spun.rotation, directions
     assert_tangent(
         lambda s: frame.energy(s @ q),
@@ -402,8 +391,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
     mass, stiffness, gyroscopic = (
         dense(m, keep) for m in (spun.mass, spun.stiffness, spun.gyroscopic)
     )
-    squares, shapes, change = diagram.modes_at_speed(spun, 4)
-    assert 0.0 <= change <= diagram.COMPLEX_TOLERANCE
+    squares, shapes, change = rotating_modes.modes_at_speed(spun, 4)
+    assert 0.0 <= change <= rotating_modes.COMPLEX_TOLERANCE
     n = keep.size
     state = np.block(
         [
@@ -437,7 +426,7 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     body = SimpleNamespace(mass_inner=lambda a, b: a.T @ b)
     # 2 has sunk beneath 0 and meets 1; 3 stays; 0 has risen above both
     vectors = np.column_stack([shapes[:, [1, 2]] @ mix, shapes[:, 0], shapes[:, 3]])
-    squares, kept, mac = diagram.follow(
+    squares, kept, mac = rotating_modes.follow(
         body, np.array([1.0, 4.0, 9.0, 16.0]), shapes, np.array([3.0, 3.0, 5.0, 17.0]), vectors
     )
     np.testing.assert_array_equal(squares, [5.0, 3.0, 3.0, 17.0])
@@ -446,7 +435,9 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     # and where they part again, as combinations of the two that met
     met, parted = np.array([1.0, 4.0, 4.0, 16.0]), shapes.copy()
     parted[:, 1:3] = shapes[:, 1:3] @ mix
-    squares, _, mac = diagram.follow(body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted)
+    squares, _, mac = rotating_modes.follow(
+        body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted
+    )
     np.testing.assert_array_equal(np.sort(squares), [1.0, 3.0, 5.0, 17.0])
     np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
 
@@ -781,14 +772,7 @@ if comm.rank == 0:
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_give_the_same_rotating_model(tmp_path: Path) -> None:
-    results = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, str(target))
-        with np.load(target) as file:
-            results.append(dict(file))
-    one, two = results
-    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(CHAIN, tmp_path)
     assert list(one.pop("labels")) == list(two.pop("labels"))
     for name in ("omega", "diagram", "energy", "largest"):
         np.testing.assert_allclose(two.pop(name), one.pop(name), rtol=1e-7, err_msg=name)

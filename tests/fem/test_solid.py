@@ -10,7 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from support import (
     STOCKY,
+    assert_force_of_energy,
     assert_tangent,
+    assert_tangent_of_force,
     beam_scene,
     dense,
     free_unknowns,
@@ -61,31 +63,11 @@ def affine(solid: Any, gradient: Array) -> Array:
 
 
 def test_force_is_the_derivative_of_the_energy(tiny: Any) -> None:
-    u, directions = (
-        random_field(tiny, 0.02),
-        np.array([random_field(tiny, 0.02, seed) for seed in (1, 2, 3)]),
-    )
-    assert_tangent(
-        lambda s: tiny.energy(u + s @ directions),
-        lambda s: directions @ tiny.internal_force(u + s @ directions),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
+    assert_force_of_energy(tiny)
 
 
 def test_tangent_is_the_derivative_of_the_force(tiny: Any) -> None:
-    u, directions = (
-        random_field(tiny, 0.02),
-        np.array([random_field(tiny, 0.02, seed) for seed in (1, 2, 3)]),
-    )
-    assert_tangent(
-        lambda s: tiny.internal_force(u + s @ directions),
-        lambda s: tiny.tangent_times(u + s @ directions, directions.T),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
+    assert_tangent_of_force(tiny)
 
 
 def test_tangent_is_added_with_its_factor(tiny: Any) -> None:

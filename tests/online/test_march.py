@@ -186,14 +186,18 @@ def amplitude(motion: Motion, omega: float = 6.0) -> complex:
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
 def test_steady_state_matches_the_known_amplitude(scheme: str) -> None:
-    motion, exact = forced(scheme, steps_per_period=40, periods=200, steady_tolerance=1e-9)
+    march = {"steps_per_period": 40, "periods": 200, "steady": "march"}
+    motion, exact = forced(scheme, **march, steady_tolerance=1e-9)
     assert motion.steady and 10 < motion.periods < 60
     assert motion.steps == 40 * motion.periods == motion.time.size - 1
     assert abs(amplitude(motion) - exact) < 1e-8 * abs(exact)
     span = motion.last_period()
     assert span.stop - span.start == 41
-    loose, _ = forced(scheme, steps_per_period=40, periods=200, steady_tolerance=1e-3)
+    loose, _ = forced(scheme, **march, steady_tolerance=1e-3)
     assert loose.steady and loose.periods < motion.periods
+    found, _ = forced(scheme, **march | {"steady": "newton"}, steady_tolerance=1e-9)
+    assert found.steady and found.periods == 7 and found.steps == 280 == found.time.size - 1
+    assert abs(amplitude(found) - exact) < 1e-8 * abs(exact)
 
 
 def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
