@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from typing import Any
 
 from fenicsrom.errors import ConvergenceError
@@ -76,7 +76,7 @@ def _in_processes(
     function: Job, jobs: Sequence[Any], tell: Tell, workers: int, stop: Callable[[], bool]
 ) -> Iterator[Any]:
     """`run_jobs` with several processes."""
-    context = get_context("spawn")
+    context, others = get_context("spawn"), active_children()
     messages, stopped = context.Queue(), context.Event()
     with (
         _one_thread_each(),
@@ -92,7 +92,11 @@ def _in_processes(
                     for other in futures:
                         other.cancel()
             if not future.cancelled():
-                yield _result(future)
+                result = _result(future)
+                if isinstance(result, ConvergenceError):  # the pool waits for its other processes
+                    for process in set(active_children()) - set(others):
+                        process.kill()
+                yield result
     if stopped.is_set():
         raise KeyboardInterrupt
 
@@ -138,15 +142,25 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-_shared: dict[str, Any] = {}
+_shared: dict[str, Any] = {"terminated": False}
 
 
 def _start_worker(messages: Any, stopped: Any) -> None:
-    """Keep the channels of a process; leave interrupts to the parent; end with the parent."""
+    """Keep the channels of a process, and end with the parent.
+
+    An interrupt of the terminal is left to the parent. SIGTERM, which batch systems send to all
+    processes, ends the job at its next report, so that what it has is not lost.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _note_termination)
     messages.cancel_join_thread()  # the last messages may be lost, and nobody waits for them
     _shared.update(messages=messages, stopped=stopped)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _note_termination(number: int, frame: object) -> None:
+    """Note that this process was asked to end."""
+    _shared["terminated"] = True
 
 
 def _end_with_parent() -> None:
@@ -161,7 +175,7 @@ def _work(function: Job, job: Any, number: int) -> Any:
     """Compute a job in a process of the pool."""
 
     def report(fraction: float, line: str) -> None:
-        if _shared["stopped"].is_set():
+        if _shared["terminated"] or _shared["stopped"].is_set():
             raise KeyboardInterrupt
         if line:
             _shared["messages"].put((number, fraction, line))

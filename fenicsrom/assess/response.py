@@ -406,7 +406,7 @@ def _follow(
                     continue
                 curve.pieces.append(Piece(direction=direction))
             piece = earlier[0] if earlier else curve.pieces[-1]
-            if start is not None or walk.stand is not None:
+            if start is not None or piece.reason == "interrupted":
                 _follow_piece(stored, family, start, value, piece, walk)
             reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.last
             if reached or piece.reason == "number of points":

@@ -33,7 +33,6 @@ MARKERS = {
     "last slip": ">",
 }
 FULL_MARKER = "x"
-OTHER_MARKERS = "^v<>Ph"  # of further kinds of special points, in their order of appearance
 UNITS = {
     "frequency": "Hz",
     "force": "N",
@@ -117,14 +116,6 @@ def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     angles = [np.angle(point.harmonics[0, place, direction]) for point in points]
     unwrapped = np.degrees(np.unwrap(angles))
     return np.asarray(unwrapped - 360.0 * np.ceil((np.median(unwrapped) - 90.0) / 360.0))
-
-
-def marker_of(found: Response, kind: str) -> str:
-    """The mark of a kind of special points."""
-    others = sorted(
-        {point.kind for curve in found.curves for point in curve.special} - MARKERS.keys()
-    )
-    return MARKERS.get(kind) or OTHER_MARKERS[others.index(kind) % len(OTHER_MARKERS)]
 
 
 @styled
@@ -211,7 +202,7 @@ def draw_curves(
                     axis.plot(
                         point.parameter,
                         height,
-                        marker_of(found, point.kind),
+                        MARKERS[point.kind],
                         color=shade,
                         markerfacecolor="white",
                         markersize=5,
@@ -286,15 +277,15 @@ def _legend(found: Response) -> list[Any]:
             for curve in found.curves
         ]
     handles += style_handles(found)
-    kinds = dict.fromkeys(point.kind for curve in found.curves for point in curve.special)
-    for kind in kinds:
+    present = {point.kind for curve in found.curves for point in curve.special}
+    for kind in (kind for kind in MARKERS if kind in present):
         look: dict[str, Any] = {
             "linestyle": "",
             "color": INK,
             "markerfacecolor": "white",
             "markersize": 5,
         }
-        handles.append(Line2D([], [], marker=marker_of(found, kind), label=kind, **look))
+        handles.append(Line2D([], [], marker=MARKERS[kind], label=kind, **look))
     if any(curve.full for curve in found.curves):
         look = {"linestyle": "", "color": INK}
         handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))

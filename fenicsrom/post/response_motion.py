@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from fenicsrom.assess.response import Response, ResponseCurve, family_of
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve import BIFURCATIONS, CurvePoint
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic_record import recorded_motion
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.post.fields import write_last_period
-from fenicsrom.post.response_figures import MARKERS, largest_direction
+from fenicsrom.post.response_figures import largest_direction
 from fenicsrom.post.writers import write_arrays
 
 if TYPE_CHECKING:
@@ -50,10 +50,10 @@ def marked_points(found: Response) -> dict[str, tuple[ResponseCurve, CurvePoint]
     for number, curve in enumerate(found.curves, 1):
         prefix = f"curve_{number}_" if len(found.curves) > 1 else ""
         marked[f"{prefix}largest"] = (curve, largest_point(found, curve))
-        for kind in MARKERS:
+        for kind in BIFURCATIONS:
             mine = [point for point in curve.special if point.kind == kind]
             for k, point in enumerate(mine, 1):
-                marked[f"{prefix}{kind.replace(' ', '_')}_{k}"] = (curve, point)
+                marked[f"{prefix}{kind.replace(' ', '_').replace('-', '_')}_{k}"] = (curve, point)
     return marked
 
 
@@ -66,7 +66,7 @@ def marked_motions(found: Response, stored: StoredModel) -> dict[str, MarkedMoti
             current = stored.with_overrides([f"{families.key}={curve.value!r}"])
         problem = family_of(current)(point.parameter)
         try:
-            motion = recorded_motion(problem, current.scene.time, point.z)
+            motion = recorded_motion(problem, current.scene.time, point.z, point.periods)
         except ConvergenceError as error:
             found.warnings.append(f"the motion {name} was not written: {error}")
             continue

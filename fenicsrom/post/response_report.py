@@ -262,18 +262,41 @@ def full_table(found: Response) -> list[list[Any]]:
 
 
 def run_table(found: Response) -> list[list[Any]]:
-    """The points, the marched periods, the run time and the trust of each curve, head first."""
+    """The points, the marched periods and the run time of each curve, the head first."""
     families = found.table.families
     head = ["points", "unstable", "marched periods", "with derivatives", "run time, s"]
-    head += ["ms per marched period", "change by half the step, %"]
+    head += ["ms per marched period"]
     lines = []
     for curve in found.curves:
         marched, derived = curve.marches
         unstable = sum(not point.stable for point in curve.points)
         line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
         line.append(1e3 * curve.seconds / marched if marched else None)
-        line.append(None if curve.step_error is None else 100.0 * curve.step_error)
         lines.append([*([] if families is None else [curve.value]), *line])
+    return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
+
+
+def trust_table(found: Response) -> list[list[Any]]:
+    """The estimated errors at the selected points of all curves, the head first."""
+    families = found.table.families
+
+    def percent(error: float | None) -> float | None:
+        return None if error is None else 100.0 * error
+
+    head = ["point", parameter_label(found), "of the"]
+    head += ["change by half the time step, %", "change by a richer basis, %"]
+    lines = [
+        [
+            *([] if families is None else [curve.value]),
+            check.where,
+            f"{check.point.parameter:.7g}",
+            check.quantity,
+            percent(check.step_error),
+            percent(check.basis_error),
+        ]
+        for curve in found.curves
+        for check in curve.checks
+    ]
     return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
 
 
@@ -338,7 +361,8 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
         *((heading, [path]) for heading, path in pictures),
         *([("Special points", [table])] if table else []),
         *([("Full model", [full])] if full else []),
-        ("Effort and accuracy", [run_table(found)]),
+        ("Estimated errors", [trust_table(found)]),
+        ("Effort", [run_table(found)]),
     ]
     title = f"{found.scene.title or found.scene.source}: response curves"
     return write_report(folder / "report.html", title, sections)

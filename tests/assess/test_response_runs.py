@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from test_response import DAMPING, HIGH, LOW, ignore, oscillator
+from test_response import DAMPING, HIGH, ignore, oscillator
 
 from fenicsrom.assess import curve_progress
 from fenicsrom.assess.curve_progress import CurveProgress
@@ -146,22 +150,54 @@ def test_curves_of_two_processes_are_the_serial_ones_bit_for_bit(tmp_path: Path)
     assert_same(response(stored, ignore, resume=tmp_path), found)
 
 
+SLOW_CURVES = (FAMILY, "time.steps_per_period=5000")  # long enough to be interrupted
+
+
 @pytest.mark.slow
 def test_interrupted_processes_keep_their_curves(tmp_path: Path) -> None:
-    stored = oscillator(FAMILY, "response.points=100000", f"response.last={20.0 * LOW}")
+    stored = oscillator(*SLOW_CURVES)
     begun: set[str] = set()
 
     def say(line: str) -> None:
-        if "1 points" in line or "points," in line:
+        if "points, frequency" in line:
             begun.add(line.split(",")[0])
         if len(begun) == 2:
             raise KeyboardInterrupt
 
     found = response(stored, say, state=tmp_path, workers=2)
-    assert found.interrupted and found.curves
+    assert found.interrupted and len(found.curves) == 2
     for number, curve in enumerate(found.curves, 1):
+        assert curve.pieces[-1].reason == "interrupted"
         kept = curve_file(tmp_path, stored, number).load(CLASSES)
         assert kept is not None and len(kept.curve.points) == len(curve.points)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_signal_ends_all_processes_with_files_and_state(
+    tmp_path: Path, number: signal.Signals, code: int
+) -> None:
+    save_model(tmp_path / "model.npz", oscillator(*SLOW_CURVES))
+    words = ["response", "--from", str(tmp_path / "model.npz"), "--output", str(tmp_path / "out")]
+    with subprocess.Popen(
+        [sys.executable, "-m", "fenicsrom", *words],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if "points, frequency" in line:
+                break
+        os.killpg(process.pid, number)  # as a terminal or a batch system does
+        rest = process.stderr.read()
+        assert process.wait(timeout=60) == code
+    assert "Traceback" not in rest
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"response.csv", "report.html", "response_state"} <= names
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
 
 
 def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(

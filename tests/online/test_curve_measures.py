@@ -99,7 +99,12 @@ def test_packed_records_are_the_same_bit_for_bit() -> None:
     thing = Thing(
         "outer",
         rng.normal(size=5),
-        [inner, (1, 0.1 + 0.2, None, True, 2.0 - 3.0j), Pair(np.arange(3), np.zeros((0, 4), "i1"))],
+        [
+            inner,
+            (1, 0.1 + 0.2, None, True, 2.0 - 3.0j),
+            Pair(rng.normal(size=(2, 2)), np.arange(3)),
+            np.arange(4),
+        ],
     )
     tree, arrays = pack(thing)
     assert all(array.ndim == 1 for array in arrays.values())
@@ -111,6 +116,7 @@ def test_packed_records_are_the_same_bit_for_bit() -> None:
         (found.parts[0].values, inner.values),
         (found.parts[2].first, thing.parts[2].first),
         (found.parts[2].second, thing.parts[2].second),
+        (found.parts[3], thing.parts[3]),
     ):
         assert one.dtype == other.dtype and one.shape == other.shape
         assert one.tobytes() == other.tobytes()
