@@ -70,6 +70,10 @@ class Continuation:
             derive=derive,
         )
 
+    def unscaled(self, s: Array, parameter: float) -> Array:
+        """Variables z (N,) at the start of the period."""
+        return self.shooting.unscaled(s)
+
     def correct(self, y: Array, along: Array) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
 
@@ -146,7 +150,7 @@ class Continuation:
         s = y[:-1] * self.size
         return CurvePoint(
             parameter=float(y[-1] * self.range),
-            z=self.shooting.unscaled(s),
+            z=self.unscaled(s, float(y[-1] * self.range)),
             s=s,
             tangent=tangent / np.linalg.norm(tangent),
             amplitude=np.ptp(displacement, axis=0) / 2.0,
