@@ -1,0 +1,39 @@
+"""The command line: the commands of the table in `parser`.
+
+Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
+
+Modules that need numpy, numba or dolfinx are imported by the command that uses them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fenicsrom.cli.parser import make_parser
+from fenicsrom.cli.ranks import refuse, stopped
+from fenicsrom.cli.termination import is_terminated, terminable
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    options = make_parser().parse_args(arguments)
+    try:
+        with terminable():
+            return int(options.command(options))
+    except SceneError as error:
+        return refuse(str(error), 2)
+    except (ConvergenceError, AccuracyError) as error:
+        return refuse(str(error), 1)
+    except OSError as error:
+        return refuse(f"{error.filename or 'output'}: {error.strerror or error}", 1)
+    except ModuleNotFoundError as error:
+        return refuse(
+            f"this command needs the Python module {error.name}, which is not installed; "
+            "a stored model runs without dolfinx: fenicsrom run --from reduced_model.npz",
+            1,
+        )
+    except KeyboardInterrupt:
+        if is_terminated():
+            return stopped("terminated", 143)
+        return stopped("interrupted", 130)

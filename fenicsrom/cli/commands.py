@@ -1,0 +1,230 @@
+"""The commands: each takes the parsed options and returns the exit code.
+
+`_start` prepares a computation from a scene file, which runs under MPI. A stored model runs without
+MPI. Every command prints its results by `print_results`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from fenicsrom import study
+from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.termination import is_terminated
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import Scene, json_schema, read_scene
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a scene or a stored model."""
+    if options.stored:
+        return _rerun(options)
+    _require_scene(options)
+    comm, say, scene, folder = _start(options)
+    from fenicsrom.post import sentences
+
+    resume = Path(options.resume) if options.resume else None
+    found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
+    if comm.rank == 0:
+        table = sentences.response_table(found.motions, found.sizes)
+        lines = sentences.study_sentences(found)
+        print_results(scene, table, found.warnings, lines, found.files)
+    return _end(comm, found.unfinished[1] if found.unfinished else None)
+
+
+def _rerun(options: argparse.Namespace) -> int:
+    """Integrate a stored model again."""
+    from dataclasses import replace
+
+    from fenicsrom.online import archive, checkpoints
+    from fenicsrom.post import sentences
+
+    stored = archive.load_model(Path(options.stored))
+    resume = Path(options.resume) if options.resume else None
+    if resume is not None:  # the stopped run may have used another scene than the model
+        stored = replace(stored, scene=checkpoints.load_scene(resume))
+    current = _changed_model(options, stored)
+    model, scene = current.model, current.scene
+    folder = _make_folder(options, options.scene or options.stored)
+    found = study.rerun(
+        stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
+    )
+    table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
+    resumed = sentences.resumed_sentence(found.motion)
+    print_results(scene, table, found.warnings, [resumed] if resumed else [], found.files)
+    return _end(None, found.unfinished)
+
+
+def plan(options: argparse.Namespace) -> int:
+    """List the stages of a scene; the parts of a stage are indented."""
+    for item in study.plan(read_scene(options.scene, options.overrides)):
+        name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
+        print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
+    return 0
+
+
+def modes(options: argparse.Namespace) -> int:
+    """Compute modes and modal derivatives."""
+    comm, say, scene, folder = _start(options)
+    from fenicsrom.post import sentences
+
+    found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
+    if comm.rank == 0:
+        print_results(None, "", found.warnings, sentences.mode_lines(found), found.files)
+    return 0
+
+
+def compare(options: argparse.Namespace) -> int:
+    """Compare bases with the full model."""
+    comm, say, scene, folder = _start(options)
+    from fenicsrom.assess import compare
+    from fenicsrom.post import compare_report
+
+    found = compare.compare(scene, comm, say)
+    if comm.rank == 0:
+        files = compare_report.write_comparison(found, folder)
+        print_results(scene, compare_report.terminal(found), found.warnings, files=files)
+    return 0
+
+
+def campbell(options: argparse.Namespace) -> int:
+    """Compute a Campbell diagram."""
+    comm, say, scene, folder = _start(options)
+    from fenicsrom.assess import campbell
+    from fenicsrom.post import campbell_report
+
+    found = campbell.campbell(scene, comm, say)
+    if comm.rank == 0:
+        files = campbell_report.write(found, folder)
+        print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
+    return _end(comm, found.unfinished)
+
+
+def response(options: argparse.Namespace) -> int:
+    """Compute the response curves of a scene or of a stored model."""
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        return _end_response(study.response_of_model(current, progress), folder, None)
+    _require_scene(options)
+    comm, say, scene, folder = _start(options)
+    found = study.response(scene, comm, say, folder=folder, stop=is_terminated)
+    return _end_response(found, folder, comm)
+
+
+def _end_response(found: Any, folder: Path, comm: Any) -> int:
+    """Write and print response curves as far as they were found, and end the command as `_end`.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError, AccuracyError: a curve was not found.
+    """
+    from fenicsrom.post import response_report
+
+    if found.curves and (comm is None or comm.rank == 0):
+        files = response_report.write(found, folder)
+        print_results(found.scene, response_report.terminal(found), found.warnings, files=files)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return _end(comm, found.unfinished)
+
+
+def stability(options: argparse.Namespace) -> int:
+    """Run extreme variants of a scene."""
+    from fenicsrom.assess import stability
+    from fenicsrom.post import stability_report
+
+    folder = _make_folder(options, "stability")
+    matrix = stability.stability(Path(options.scene), options.overrides, progress, options.axis)
+    files = stability_report.write(matrix, folder)
+    lines = [*stability_report.sentences(matrix), *matrix.left_out]
+    print_results(None, "", [], lines, files)
+    return 1 if matrix.count(stability.Verdict.WRONG) else 0
+
+
+def schema(options: argparse.Namespace) -> int:
+    """Print or write the JSON schema of scene files."""
+    text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
+    if options.output is None:
+        print(text)
+        return 0
+    from fenicsrom.files import atomic_write
+
+    with atomic_write(options.output) as temporary:
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+def _require_scene(options: argparse.Namespace) -> None:
+    """Check that a command without a stored model has a scene file.
+
+    Raises:
+        SceneError: it has none.
+    """
+    if options.scene is not None:
+        return
+    resuming = getattr(options, "resume", None) is not None
+    sentence = (
+        "--resume also needs the scene file or --from MODEL"
+        if resuming
+        else f"{options.name}: give a scene file or --from MODEL"
+    )
+    raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
+
+
+def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
+    """Give the communicator, the progress callback, the scene and the output folder.
+
+    MPI starts first, so that only one rank prints an error in the scene. The folder is made before
+    the computation, so that a run is not lost because its folder cannot be made.
+    """
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    scene = read_scene(options.scene, options.overrides)
+    folder = _folder(options, options.scene)
+    if comm.rank == 0:
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def say(line: str) -> None:
+        if comm.rank == 0:
+            progress(line)
+
+    return comm, say, scene, folder
+
+
+def _end(comm: Any, error: Exception | None) -> int:
+    """Give the exit code 0, or raise the error after the first rank has written its files.
+
+    Raises:
+        ConvergenceError, AccuracyError: the given error.
+    """
+    if error is None:
+        return 0
+    if comm is not None:
+        comm.barrier()
+    raise error
+
+
+def _changed_model(options: argparse.Namespace, stored: Any) -> Any:
+    """Give a stored model under the scene file, or under its own scene with the overrides."""
+    if options.scene is not None:
+        return stored.with_scene(read_scene(options.scene, options.overrides))
+    return stored.with_overrides(options.overrides)
+
+
+def _folder(options: argparse.Namespace, source: str) -> Path:
+    """Choose the output folder: the one of --output, or out/ and the name of the source."""
+    return Path(options.output) if options.output else Path("out") / Path(source).stem
+
+
+def _make_folder(options: argparse.Namespace, source: str) -> Path:
+    """Choose and make the output folder."""
+    folder = _folder(options, source)
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -1,0 +1,149 @@
+"""The table of commands, and the parser that it makes.
+
+A new command is one row of `COMMANDS` and one function in `commands`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from fenicsrom import __version__
+from fenicsrom.cli import commands
+
+
+class Argument:
+    """An argument of a command, as `ArgumentParser.add_argument` takes it."""
+
+    def __init__(self, *names: str, **settings: Any):
+        """Keep the names and the settings."""
+        self.names = names
+        self.settings = settings
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command.
+
+    Attributes:
+        name: its name.
+        help: what it does, in one line.
+        run: does it, and returns the exit code.
+        arguments: its arguments.
+    """
+
+    name: str
+    help: str
+    run: Callable[[argparse.Namespace], int]
+    arguments: tuple[Argument, ...]
+
+
+SCENE = Argument("scene", help="scene file (TOML)")
+SCENE_OR_MODEL = Argument("scene", nargs="?", help="scene file (TOML)")
+COMPARED_SCENE = Argument("scene", help="scene file (TOML); its [compare] table lists the bases")
+TURNING_SCENE = Argument(
+    "scene", help="scene file (TOML) with a [rotation] table; its [campbell] table gives the speeds"
+)
+RESPONDING_SCENE = Argument(
+    "scene",
+    nargs="?",
+    help="scene file (TOML); its [response] table gives the parameter and its range",
+)
+FROM = Argument(
+    "--from",
+    dest="stored",
+    metavar="MODEL",
+    help="use the reduced_model.npz of an earlier run, without a mesh and dolfinx",
+)
+RESUME = Argument(
+    "--resume",
+    metavar="CHECKPOINT",
+    help="continue the reduced model from the checkpoint.npz of an earlier run",
+)
+AXIS = Argument(
+    "--axis",
+    action="append",
+    default=[],
+    metavar="NAME",
+    help="run this axis only, such as friction; may be repeated",
+)
+SET = Argument(
+    "--set",
+    action="append",
+    default=[],
+    metavar="KEY=VALUE",
+    dest="overrides",
+    help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
+    "may be repeated",
+)
+OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
+FILE = Argument("--output", metavar="FILE", help="write it to this file")
+
+COMMANDS = (
+    Command(
+        "run",
+        "run a scene, or integrate a stored reduced model again",
+        commands.run,
+        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT),
+    ),
+    Command(
+        "plan",
+        "list the stages of a scene: which ones run, which ones are left out, and why",
+        commands.plan,
+        (SCENE, SET),
+    ),
+    Command(
+        "modes",
+        "compute only the modes and modal derivatives, for ParaView",
+        commands.modes,
+        (SCENE, SET, OUTPUT),
+    ),
+    Command(
+        "compare",
+        "compare reduced bases with the full model: error and run time",
+        commands.compare,
+        (COMPARED_SCENE, SET, OUTPUT),
+    ),
+    Command(
+        "campbell",
+        "compute a Campbell diagram: frequencies and critical speeds",
+        commands.campbell,
+        (TURNING_SCENE, SET, OUTPUT),
+    ),
+    Command(
+        "response",
+        "follow periodic motions over a parameter: response curves and stability",
+        commands.response,
+        (RESPONDING_SCENE, FROM, SET, OUTPUT),
+    ),
+    Command(
+        "schema",
+        "print the JSON schema of scene files, for editors",
+        commands.schema,
+        (FILE,),
+    ),
+    Command(
+        "stability",
+        "run extreme variants of a scene, with a verdict on each",
+        commands.stability,
+        (SCENE, AXIS, SET, OUTPUT),
+    ),
+)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Make the parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="fenicsrom",
+        description="Reduced-order models of geometrically nonlinear structures with friction.",
+    )
+    parser.add_argument("--version", action="version", version=f"fenicsrom {__version__}")
+    subparsers = parser.add_subparsers(required=True, metavar="COMMAND")
+    for command in COMMANDS:
+        subparser = subparsers.add_parser(command.name, help=command.help)
+        for argument in command.arguments:
+            subparser.add_argument(*argument.names, **argument.settings)
+        subparser.set_defaults(command=command.run, name=command.name)
+    return parser

@@ -1,0 +1,40 @@
+"""What a command prints: progress to stderr, results and the list of files to stdout."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fenicsrom.cli.ranks import all_ranks
+from fenicsrom.cli.termination import is_terminated
+from fenicsrom.scene import Scene
+
+
+def progress(line: str) -> None:
+    """Print a line of progress to stderr; stop a serial run if SIGTERM arrived."""
+    if is_terminated() and all_ranks() is None:
+        raise KeyboardInterrupt
+    print(line, file=sys.stderr, flush=True)
+
+
+def print_results(
+    scene: Scene | None,
+    table: str,
+    warnings: Sequence[str],
+    sentences: Sequence[str] = (),
+    files: Sequence[Path] = (),
+) -> None:
+    """Print the title of the scene, a table, warnings, sentences and the list of written files."""
+    print()
+    if scene is not None and scene.title:
+        print(scene.title)
+    if table:
+        print(table)
+    for warning in warnings:
+        print(f"warning: {warning}")
+    for sentence in sentences:
+        print(sentence)
+    print("files:")
+    for path in files:
+        print(f"  {path}")

@@ -1,0 +1,66 @@
+"""Errors of a run on several ranks: each sentence is printed once, and no rank waits forever."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
+PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
+
+
+def refuse(sentence: str, code: int) -> int:
+    """Print an error once: a rank is silent if a lower rank prints the same sentence.
+
+    Ranks without an error would wait for this one forever, so they are aborted.
+    """
+    comm = all_ranks()
+    if comm is None:
+        return _say(sentence, code)
+    sent = [comm.isend(sentence, rank, REFUSED) for rank in range(comm.size) if rank != comm.rank]
+    last = time.monotonic() + PATIENCE
+    heard = _heard(comm, range(comm.rank), last)
+    if sentence not in heard:
+        _say(sentence, code)
+    if None in heard + _heard(comm, range(comm.rank + 1, comm.size), last):
+        time.sleep(1.0)  # mpirun forwards no output after the abort
+        comm.Abort(code)
+    for request in sent:
+        request.wait()
+    return code
+
+
+def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
+    """Receive the errors of these ranks; None for a rank that is silent until the last moment.
+
+    Args:
+        comm: the communicator.
+        ranks: the ranks to listen to.
+        last: the last moment, on the monotonic clock, s.
+    """
+    found = []
+    for rank in ranks:
+        while not (there := comm.iprobe(rank, REFUSED)) and time.monotonic() < last:
+            time.sleep(0.01)
+        found.append(comm.recv(source=rank, tag=REFUSED) if there else None)
+    return found
+
+
+def stopped(word: str, code: int) -> int:
+    """Say on the first rank that the run was stopped; return the exit code."""
+    comm = all_ranks()
+    return _say(word, code) if comm is None or comm.rank == 0 else code
+
+
+def _say(sentence: str, code: int) -> int:
+    """Print a sentence to stderr; return the exit code."""
+    print(f"fenicsrom: {sentence}", file=sys.stderr, flush=True)
+    return code
+
+
+def all_ranks() -> Any:
+    """Give the communicator of all ranks; None if MPI is not in use or has one rank."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    return mpi.COMM_WORLD if mpi and mpi.COMM_WORLD.size > 1 else None

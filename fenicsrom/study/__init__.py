@@ -1,0 +1,33 @@
+"""The stages of a scene, from the mesh to the report, and the runs of a stored model.
+
+`scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
+`building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
+`stored` integrates a stored model again, and `curves` computes response curves.
+"""
+
+from fenicsrom.study.curves import response, response_of_model
+from fenicsrom.study.execution import build_model, execute, offline, run
+from fenicsrom.study.motions import check
+from fenicsrom.study.scene_stages import plan, stages
+from fenicsrom.study.stage import Item, Run, Stage
+from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.study.stored import Rerun, rerun
+
+__all__ = [
+    "Item",
+    "Rerun",
+    "Run",
+    "Stage",
+    "Stopwatch",
+    "build_model",
+    "check",
+    "execute",
+    "never",
+    "offline",
+    "plan",
+    "rerun",
+    "response",
+    "response_of_model",
+    "run",
+    "stages",
+]

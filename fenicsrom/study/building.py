@@ -1,0 +1,90 @@
+"""The work of the stages from the mesh to the reduced model."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+from fenicsrom.study.stage import Run
+
+
+def mesh(run: Run) -> None:
+    """Make or read the mesh, unless the caller gave one."""
+    from fenicsrom.fem.mesh import build_mesh
+
+    if run.mesh is None:
+        run.mesh = build_mesh(run.study.scene.geometry, run.comm)
+
+
+def solid(run: Run) -> None:
+    """Assemble the solid, and solve for its static equilibrium if there are static loads."""
+    import numpy as np
+
+    from fenicsrom.fem.solid import solid_of
+
+    assert run.mesh is not None
+    body = run.study.solid = solid_of(run.study.scene, run.mesh)
+    if body.loaded:
+        deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
+        run.study.deflection = np.asarray(deflection)
+
+
+def modes(run: Run) -> None:
+    """Compute the component modes."""
+    from fenicsrom.reduction.modes import component_modes
+    from fenicsrom.reduction.snapshots import Snapshots
+    from fenicsrom.reduction.stages import Reduction
+
+    study = run.study
+    study.modes = component_modes(study.solid, study.scene.basis)
+    run.snapshots = Snapshots(study.solid, study.scene, study.modes)
+    run.reduction = Reduction(
+        study.solid, study.scene, lambda stage: nullcontext(), study.modes, run.snapshots
+    )
+
+
+def linear_transient(run: Run) -> None:
+    """Compute the deflections of the geometrically linear transient."""
+    assert run.snapshots.linear is not None
+
+
+def nonlinear_statics(run: Run) -> None:
+    """Compute the nonlinear static deflections."""
+    assert run.snapshots.static is not None
+
+
+def selection(run: Run) -> None:
+    """Select modes and derivatives, and note the ones that are left out."""
+    from fenicsrom.reduction.stages import Derivatives
+
+    study = run.study
+    assert study.modes is not None
+    selected = study.selection = run.reduction.selection
+    study.derivatives = Derivatives((), study.modes.normal[:, :0])  # placeholder
+    if not selected.derivatives:
+        run.reduction.derivatives = study.derivatives
+    threshold = study.scene.basis.threshold
+    dropped = [label for label in study.modes.labels if label not in selected.modes]
+    light = [label for label in selected.weights if label not in selected.derivatives]
+    if dropped:
+        study.left_out.append(
+            f"modes {', '.join(dropped)}: their amplitude is below {threshold:g} of the largest"
+        )
+    if light:
+        study.left_out.append(
+            f"derivatives {', '.join(light)}: their weight is at most {threshold:g} of the largest"
+        )
+
+
+def derivatives(run: Run) -> None:
+    """Compute the selected modal derivatives."""
+    run.study.derivatives = run.reduction.derivatives
+
+
+def basis(run: Run) -> None:
+    """Build the reduced basis."""
+    run.study.basis = run.reduction.basis
+
+
+def reduced_model(run: Run) -> None:
+    """Project the solid on the basis."""
+    run.study.model = run.reduction.model

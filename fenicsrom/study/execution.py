@@ -1,0 +1,123 @@
+"""Execution of the stages of a scene: all of them, or those up to the reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.study.scene_stages import offline_stages, stages
+from fenicsrom.study.stage import Run, Stage
+from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.mesh import Mesh
+    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.post.record import Study
+    from fenicsrom.scene import Scene
+
+
+def run(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] | None = None,
+    *,
+    folder: Path | None = None,
+    resume: Path | None = None,
+    modes_only: bool = False,
+    stop: Callable[[], bool] = never,
+    mesh: Mesh | None = None,
+) -> Study:
+    """Run all stages that a scene needs.
+
+    Args:
+        scene: the scene.
+        comm: MPI communicator of the offline stages and the full model; by default all ranks.
+        say: receives the progress, one line at a time; by default nobody.
+        folder: folder of the output files; None writes no files.
+        resume: checkpoint from which the reduced model continues.
+        modes_only: stop after the modal derivatives.
+        stop: called between stages and after each period; the run ends when it returns True.
+        mesh: the mesh; None makes or reads the mesh of the scene.
+
+    Returns:
+        The record of the run. If the integration or a check of a model failed, `unfinished` holds
+        the name of the model and the error, and `motions` holds the motion up to the failure.
+
+    Raises:
+        SceneError: the scene or the checkpoint cannot be used.
+        ConvergenceError, AccuracyError: an offline stage failed.
+        KeyboardInterrupt: `stop` returned True.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.post.record import Study
+
+    watch = Stopwatch(say if say is not None else lambda line: None)
+    run = Run(Study(scene), comm or all_ranks(), watch, folder, resume, stop, mesh)
+    execute(run, stages(scene, modes_only, files=folder is not None))
+    return run.study
+
+
+def offline(
+    scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False, mesh: Mesh | None = None
+) -> Study:
+    """Run the stages up to the reduced model, or up to the modal derivatives; write no files."""
+    from fenicsrom.post.record import Study
+
+    run = Run(Study(scene), comm, watch, mesh=mesh)
+    execute(run, offline_stages(scene, modes_only))
+    return run.study
+
+
+def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> StoredModel:
+    """Build the reduced model of a scene, without integrating it.
+
+    Args:
+        scene: the scene.
+        mesh: the mesh; None makes or reads the mesh of the scene.
+        comm: MPI communicator; by default all ranks.
+
+    Returns:
+        The model with its scene and labels, for `StoredModel.simulate` and `save_model`.
+
+    Raises:
+        SceneError: the scene cannot be used, or all its loads are static.
+        ConvergenceError, AccuracyError: a stage failed.
+    """
+    from fenicsrom.post.summary import stored_model
+
+    if scene.static_only:
+        reason = "all loads are static, so there is no reduced model to integrate"
+        raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
+    watch = Stopwatch(lambda line: None)
+    return stored_model(offline(scene, comm or all_ranks(), watch, mesh=mesh))
+
+
+def execute(run: Run, listed: list[Stage]) -> None:
+    """Run the needed stages in their order.
+
+    After a failed motion or check, only the stages that write files run.
+    """
+    study = run.study
+    study.left_out += [
+        f"{item.name}: {item.reason}"
+        for stage in listed
+        for item in (stage, *stage.parts)
+        if not item.needed
+    ]
+    for stage in listed:
+        if not stage.needed or (study.unfinished and not stage.writes):
+            continue
+        stop_where_asked(run.stop)
+        with run.watch(stage.name):
+            stage.run(run)
+        if not stage.writes:
+            study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
+
+
+def all_ranks() -> Any:
+    """Give the communicator of all ranks."""
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD

@@ -1,0 +1,128 @@
+"""The work of the stages that integrate the models and check their motions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.study.stage import Run
+
+if TYPE_CHECKING:
+    from fenicsrom.post.record import Study
+
+
+def integrate(run: Run, name: str) -> None:
+    """Integrate one model: "reduced", "full" or "beam"."""
+    from fenicsrom.online.measures import out_of_reach
+    from fenicsrom.online.simulate import simulate
+    from fenicsrom.post.sentences import buckled_sentence, unsteady_sentence
+
+    study, scene = run.study, run.study.scene
+    options = _checkpoints(run) if name == "reduced" else {}
+    try:
+        motion = simulate(
+            _model(study, name),
+            scene,
+            keep_coordinates=name == "reduced",
+            progress=run.watch.progress(name, scene.time.steady_tolerance),
+            stop=run.stop,
+            **options,
+        )
+    except (AccuracyError, ConvergenceError) as error:
+        study.unfinished = (name, error)
+        if error.partial is None:
+            return
+        motion = error.partial
+    study.motions[name] = motion
+    if name == "reduced" and scene.contacts:
+        study.left_out += out_of_reach(motion, study.solid.points)
+    if study.unfinished:
+        return
+    if motion.buckled:
+        study.warnings.append(buckled_sentence(name, motion))
+    if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
+        study.warnings.append(unsteady_sentence(name, motion, scene))
+    study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
+
+
+def _model(study: Study, name: str) -> Any:
+    """Make the model of this name."""
+    if name == "full":
+        from fenicsrom.fem.full import full_model
+
+        return full_model(study.solid)
+    if name == "beam":
+        from fenicsrom.reduction.beam import beam_model
+
+        return beam_model(study.scene)
+    return study.model
+
+
+def _checkpoints(run: Run) -> dict[str, Any]:
+    """Load the checkpoint to resume from, write the model, and prepare the next checkpoints.
+
+    Raises:
+        SceneError: the checkpoint does not belong to this model and scene.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.online.archive import save_model
+    from fenicsrom.online.checkpoints import keeper, load_checkpoint
+    from fenicsrom.online.model import ReducedModel
+    from fenicsrom.post.summary import CHECKPOINT, MODEL, stored_model
+
+    study, model = run.study, run.study.model
+    if not isinstance(model, ReducedModel):
+        if run.resume is not None:
+            raise SceneError(
+                f'{run.resume}: basis.elastic_force = "projection" has no checkpoints; '
+                'use "polynomial"',
+                kind=ErrorKind.CONFLICT,
+                key="basis.elastic_force",
+                source=str(run.resume),
+            )
+        return {}
+    options: dict[str, Any] = {}
+    if run.resume is not None:
+        options["resume"] = load_checkpoint(run.resume, model, study.scene)
+    if run.folder is not None and run.comm.rank == 0:
+        save_model(run.folder / MODEL, stored_model(study))
+        study.files.append(run.folder / MODEL)
+        keep = keeper(run.folder / CHECKPOINT, model, study.scene)
+        options["checkpoint"] = keep
+    return options
+
+
+def check(study: Study) -> None:
+    """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
+    from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+    from fenicsrom.assess.verdicts import check_basis_error, check_time_error
+    from fenicsrom.online.energy import check_energy
+    from fenicsrom.online.measures import has_settled, is_unsteady
+    from fenicsrom.reduction.stages import reduce
+
+    scene, model = study.scene, ""
+    try:
+        for name, motion in study.motions.items():
+            model = name
+            check_energy(motion)
+        model, motion = "reduced", study.motions["reduced"]
+        study.errors["time step"], force = step_errors(study.model, scene, motion)
+        if scene.contacts:
+            study.errors["peak force by the time step"] = force
+        check_time_error(scene, study.errors["time step"], is_unsteady(motion))
+        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
+            richer = richer_basis(
+                study.solid,
+                scene,
+                study.modes,
+                study.selection,
+                study.derivatives,
+                motion.buckled > 0,
+            )
+            if richer is not None:
+                study.errors["basis"] = basis_error(
+                    reduce(study.solid, scene.basis, richer), scene, motion
+                )
+                check_basis_error(scene, study.errors["basis"])
+    except (AccuracyError, ConvergenceError) as error:
+        study.unfinished = (model, error)

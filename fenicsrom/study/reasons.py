@@ -1,0 +1,122 @@
+"""The parts of the stages, and the reasons why a scene needs a stage or a part."""
+
+from __future__ import annotations
+
+from fenicsrom.scene import Scene
+from fenicsrom.study.stage import Item
+
+
+def solid_parts(scene: Scene) -> tuple[Item, ...]:
+    """List what is assembled and solved with the solid."""
+    static = sum(load.static for load in scene.loads)
+    rotation = scene.rotation
+    loads = _count(static, "static load") if static else "no static load"
+    return (
+        Item(
+            "static equilibrium",
+            static > 0 or rotation is not None,
+            f"{loads}, centrifugal force" if rotation else loads,
+        ),
+        Item(
+            "rotating frame",
+            rotation is not None,
+            f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation",
+        ),
+        Item(
+            "gyroscopic term",
+            rotation is not None and rotation.coriolis,
+            f"rotation.coriolis is {toml_text(rotation.coriolis)}" if rotation else "no rotation",
+        ),
+    )
+
+
+def mode_parts(scene: Scene) -> tuple[Item, ...]:
+    """List the kinds of component modes."""
+    basis = scene.basis
+    interface = "free" if basis.method == "rubin" else "fixed"
+    return (
+        Item("normal modes", basis.modes > 0, f"{basis.modes} {interface}-interface modes"),
+        Item("static modes", bool(scene.contacts), _static_modes_reason(scene)),
+    )
+
+
+def _static_modes_reason(scene: Scene) -> str:
+    """Describe the contact displacements that have static modes."""
+    masters = scene.basis.masters
+    if not scene.contacts:
+        return "no contact"
+    if not isinstance(masters, str):
+        return f"interface modes, at most {masters}"
+    each = scene.geometry.dimension if masters == "all" else 1
+    what = "contact displacements" if masters == "all" else "normal contact displacements"
+    points = sum(contact.place.at != "nodes" for contact in scene.contacts)
+    regions = [k for k, contact in enumerate(scene.contacts) if contact.place.at == "nodes"]
+    if not regions:
+        return f"{points * each} {what}"
+    parts = [f"{points * each}"] if points else []
+    parts += [f"{each} per node of contacts[{k}]" for k in regions]
+    return f"{what}: {', '.join(parts)}"
+
+
+def derivatives_reason(scene: Scene) -> str:
+    """Say how the modal derivatives are selected."""
+    wanted = scene.basis.derivatives
+    if not scene.geometrically_nonlinear:
+        return "the scene is geometrically linear"
+    kind = wanted if isinstance(wanted, str) else "a list of labels"
+    if wanted in ("mmi", "mmi-nls") and scene.static_only:
+        return f"basis.derivatives is {kind}, but all loads are static"
+    return f"basis.derivatives is {kind}"
+
+
+def reduction_parts(scene: Scene) -> tuple[Item, ...]:
+    """List the terms of the reduced model."""
+    nonlinear, touching = scene.geometrically_nonlinear, bool(scene.contacts)
+    projected = scene.basis.elastic_force == "projection"
+    elastic, dimension = elastic_reason(scene), scene.geometry.dimension
+    regions = sum(contact.place.at == "nodes" for contact in scene.contacts)
+    points = len(scene.contacts) - regions
+    parts = [_count(points, "point")] if points else []
+    parts += [f"every node of {_count(regions, 'place')}"] if regions else []
+    where = " and ".join(parts) or "no contact"
+    return (
+        Item("elastic polynomial", nonlinear and not projected, elastic),
+        Item("intrusive projection", nonlinear and projected, elastic),
+        Item("contact forces", touching, where),
+        Item(
+            "contact weighting",
+            regions > 0,
+            where if regions or not touching else "no region of many nodes",
+        ),
+        Item(
+            "second tangent direction",
+            touching and dimension == 3,
+            f"{dimension} dimensions" if touching else "no contact",
+        ),
+    )
+
+
+def elastic_reason(scene: Scene) -> str:
+    """Say how the elastic force is reduced."""
+    if not scene.geometrically_nonlinear:
+        return "the scene is geometrically linear"
+    return f"basis.elastic_force is {scene.basis.elastic_force}"
+
+
+def newton_item(scene: Scene) -> Item:
+    """Say whether a time step iterates."""
+    nonlinear = scene.geometrically_nonlinear
+    reason = (
+        "nonlinear elastic force" if nonlinear else f"{elastic_reason(scene)}: one solve per step"
+    )
+    return Item("Newton iterations", nonlinear, reason)
+
+
+def toml_text(value: bool) -> str:
+    """Write a truth value as TOML does."""
+    return str(value).lower()
+
+
+def _count(number: int, noun: str) -> str:
+    """Write a number and a noun, which gets an s in the plural."""
+    return f"{number} {noun}{'s' * (number != 1)}"

@@ -1,0 +1,146 @@
+"""What a scene needs and why: its stages in the order in which they run.
+
+    mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motions -> files
+
+`stages` is the only place that says what a scene needs. `run` executes the needed stages, `plan`
+lists all of them. The numbers are written before the pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fenicsrom.scene import Scene
+from fenicsrom.study import building, motions, writing
+from fenicsrom.study.reasons import (
+    derivatives_reason,
+    elastic_reason,
+    mode_parts,
+    newton_item,
+    reduction_parts,
+    solid_parts,
+    toml_text,
+)
+from fenicsrom.study.stage import Item, Run, Stage
+
+ALL_STATIC = "all loads are static, so only the equilibrium is computed"
+MODES_ONLY = "only the modes are asked for"
+
+
+def plan(scene: Scene, modes_only: bool = False) -> list[Item]:
+    """List the stages of a scene, each followed by its parts."""
+    return [item for stage in stages(scene, modes_only) for item in (stage, *stage.parts)]
+
+
+def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[Stage]:
+    """List the stages of a scene in their order.
+
+    Args:
+        scene: the scene.
+        modes_only: stop after the modal derivatives.
+        files: include the stages that write files.
+    """
+    moving, why_not = _moving(scene, modes_only)
+    reference = scene.reference
+    full, beam = reference.full, reference.beam is not None
+    listed = [
+        *offline_stages(scene, modes_only),
+        Stage(
+            "reduced motion",
+            moving,
+            f"time.scheme is {scene.time.scheme}" if moving else why_not,
+            lambda run: motions.integrate(run, "reduced"),
+            parts=(newton_item(scene),) if moving else (),
+        ),
+        Stage(
+            "full motion",
+            moving and full,
+            f"reference.full is {toml_text(full)}" if moving else why_not,
+            lambda run: motions.integrate(run, "full"),
+        ),
+        Stage(
+            "beam motion",
+            moving and beam,
+            f"reference.beam is {'given' if beam else 'not given'}" if moving else why_not,
+            lambda run: motions.integrate(run, "beam"),
+        ),
+        Stage(
+            "checks",
+            moving,
+            "energy balance, time step and basis" if moving else why_not,
+            lambda run: motions.check(run.study),
+        ),
+    ]
+    return listed + (_file_stages(scene, modes_only) if files else [])
+
+
+def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
+    """List the stages from the mesh to the reduced model."""
+    basis, nonlinear = scene.basis, scene.geometrically_nonlinear
+    with_modes = modes_only or not scene.static_only
+    with_basis, why_not = _moving(scene, modes_only)
+    by_motion = basis.derivatives in ("mmi", "mmi-nls")
+    selecting = nonlinear and by_motion and not scene.static_only
+    listed = nonlinear and not by_motion and basis.derivatives != "none"
+    derivatives = derivatives_reason(scene) if with_modes else ALL_STATIC
+    which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
+    return [
+        Stage(
+            "mesh", True, f"{scene.geometry.mesh.name}, {scene.geometry.dimension}D", building.mesh
+        ),
+        Stage(
+            "solid",
+            True,
+            f"elements of degree {scene.geometry.degree}",
+            building.solid,
+            solid_parts(scene),
+        ),
+        Stage("modes", with_modes, which, building.modes, mode_parts(scene) if with_modes else ()),
+        Stage("linear transient", with_modes and selecting, derivatives, building.linear_transient),
+        Stage(
+            "nonlinear statics",
+            with_modes and selecting and basis.derivatives == "mmi-nls",
+            derivatives,
+            building.nonlinear_statics,
+        ),
+        Stage("selection", with_modes, derivatives, building.selection),
+        Stage(
+            "derivatives", with_modes and (selecting or listed), derivatives, building.derivatives
+        ),
+        Stage("basis", with_basis, which if with_basis else why_not, building.basis),
+        Stage(
+            "reduction",
+            with_basis,
+            elastic_reason(scene) if with_basis else why_not,
+            building.reduced_model,
+            reduction_parts(scene) if with_basis else (),
+        ),
+    ]
+
+
+def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
+    """List the stages that write files: the numbers first, the report with its pictures last."""
+    output = scene.output
+    moving, why_not = _moving(scene, modes_only)
+
+    def wanted(name: str, key: str, needed: bool, write: Callable[[Run], None]) -> Stage:
+        """Make a stage that the key of the [output] table switches on."""
+        on = getattr(output, key)
+        reason = f"output.{key} is {toml_text(on)}" if needed or not on else why_not
+        return Stage(name, on and needed, reason, write, writes=True)
+
+    shapes = moving or modes_only
+    fields = shapes or any(load.static for load in scene.loads) or scene.rotation is not None
+    return [
+        Stage("numbers", True, "every run", writing.numbers, writes=True),
+        wanted("ParaView modes", "paraview", fields, writing.paraview_modes),
+        wanted("ParaView motion", "motion", moving, writing.paraview_motion),
+        wanted("pictures", "pictures", shapes, writing.pictures),
+        wanted("animation", "animation", moving, writing.animation),
+        Stage("report", True, "every run", writing.report, writes=True),
+    ]
+
+
+def _moving(scene: Scene, modes_only: bool) -> tuple[bool, str]:
+    """Tell whether the models are integrated, and the reason if they are not."""
+    return not scene.static_only and not modes_only, MODES_ONLY if modes_only else ALL_STATIC

@@ -1,0 +1,103 @@
+"""A run of a stored model: no mesh and no dolfinx."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
+
+if TYPE_CHECKING:
+    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.online.motion import Motion
+    from fenicsrom.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Rerun:
+    """The record of a run of a stored model.
+
+    Attributes:
+        motion: the motion; up to the failure if there was one.
+        unfinished: the error of the integration or of a check, or None.
+        warnings: warnings for the user.
+        files: the written files.
+    """
+
+    motion: Motion
+    unfinished: ConvergenceError | AccuracyError | None
+    warnings: list[str]
+    files: list[Path]
+
+
+def rerun(
+    stored: StoredModel,
+    model: Any,
+    scene: Scene,
+    folder: Path,
+    *,
+    resume: Path | None = None,
+    say: Callable[[str], None] | None = None,
+    stop: Callable[[], bool] = never,
+) -> Rerun:
+    """Integrate a stored model, check the motion and write the files: the numbers first.
+
+    Args:
+        stored: the stored model, for its provenance.
+        model: the model with the parameters of the scene.
+        scene: the scene.
+        folder: folder of the output files.
+        resume: checkpoint from which the model continues.
+        say: receives the progress, one line at a time; by default nobody.
+        stop: called between stages and after each period; the run ends when it returns True.
+
+    Raises:
+        SceneError: the checkpoint cannot be used.
+        ConvergenceError, AccuracyError: the integration failed at its start.
+        KeyboardInterrupt: `stop` returned True.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.verdicts import rejection_reason
+    from fenicsrom.online.checkpoints import keeper, load_checkpoint
+    from fenicsrom.online.simulate import simulate
+    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
+    from fenicsrom.post.report import write_rerun_report
+    from fenicsrom.post.summary import CHECKPOINT, write_rerun_numbers
+
+    watch = Stopwatch(say if say is not None else lambda line: None)
+    begin = load_checkpoint(resume, model, scene) if resume is not None else None
+    unfinished: ConvergenceError | AccuracyError | None
+    with watch("reduced motion"):
+        try:
+            motion = simulate(
+                model,
+                scene,
+                resume=begin,
+                checkpoint=keeper(folder / CHECKPOINT, model, scene),
+                progress=watch.progress("reduced", scene.time.steady_tolerance),
+                stop=stop,
+            )
+        except (AccuracyError, ConvergenceError) as error:
+            if error.partial is None:
+                raise
+            motion, unfinished = error.partial, error
+        else:
+            unfinished = None
+    if unfinished is None:
+        stop_where_asked(stop)
+        with watch("checks"):
+            unfinished = rejection_reason(model, scene, motion)
+    stop_where_asked(stop)
+    with watch("numbers"):
+        files = write_rerun_numbers(stored, scene, motion, folder)
+    stop_where_asked(stop)
+    pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
+    sentence = not_drawn([picture.name for picture in pictures])
+    warnings = [sentence] if sentence else []
+    with watch("pictures"):
+        written = write_motion_pictures([] if sentence else pictures, folder)
+    report = write_rerun_report(stored, scene, motion, written, warnings, folder)
+    return Rerun(motion, unfinished, warnings, [report, *files, *(path for _, path in written)])

@@ -1,0 +1,64 @@
+"""The work of the stages that write files: the numbers first, the report last."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fenicsrom.study.stage import Run
+
+
+def _output(run: Run) -> Path:
+    """Give the folder of the output files."""
+    assert run.folder is not None
+    return run.folder
+
+
+def numbers(run: Run) -> None:
+    """Write the summary, the history and the checkpoint."""
+    from fenicsrom.post.summary import write_numbers
+
+    if run.comm.rank == 0:
+        run.study.files = [*write_numbers(run.study, _output(run)), *run.study.files]
+
+
+def paraview_modes(run: Run) -> None:
+    """Write the shapes for ParaView."""
+    from fenicsrom.post.fields import write_shapes
+
+    run.study.files += write_shapes(run.study, _output(run))
+
+
+def paraview_motion(run: Run) -> None:
+    """Write the last period of the reduced model for ParaView."""
+    from fenicsrom.post.fields import write_last_period
+
+    if "reduced" in run.study.motions:
+        run.study.files += write_last_period(run.study, _output(run))
+
+
+def pictures(run: Run) -> None:
+    """Draw the motions and the shapes."""
+    from fenicsrom.post.pictures import write_pictures
+
+    run.study.pictures += write_pictures(run.study, _output(run))
+
+
+def animation(run: Run) -> None:
+    """Animate the last period of the reduced model."""
+    from fenicsrom.post.pictures import write_animation
+
+    if "reduced" in run.study.motions:
+        run.study.pictures += write_animation(run.study, _output(run))
+
+
+def report(run: Run) -> None:
+    """Write the report, and the summary again if there are new warnings about the pictures."""
+    from fenicsrom.post.report import write_study_report
+    from fenicsrom.post.summary import SUMMARY, summary
+    from fenicsrom.post.writers import write_summary
+
+    if run.comm.rank == 0:
+        study, folder = run.study, _output(run)
+        write_summary(folder / SUMMARY, summary(study))
+        report = write_study_report(study, folder)
+        study.files = [report, *study.files, *(path for _, path in study.pictures)]
