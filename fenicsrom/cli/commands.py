@@ -118,17 +118,49 @@ def response(options: argparse.Namespace) -> int:
 
 
 def _end_response(found: Any, folder: Path, comm: Any) -> int:
-    """Write and print response curves as far as they were found, and end the command as `_end`.
+    """End `response` as `_end_curves`."""
+    from fenicsrom.post import response_report
+
+    return _end_curves(found, response_report if found.curves else None, folder, comm)
+
+
+def backbone(options: argparse.Namespace) -> int:
+    """Compute a damped nonlinear mode of a scene or of a stored model."""
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        return _end_backbone(study.backbone_of_model(current, progress), folder, None)
+    _require_scene(options)
+    comm, say, scene, folder = _start(options)
+    found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+    return _end_backbone(found, folder, comm)
+
+
+def _end_backbone(found: Any, folder: Path, comm: Any) -> int:
+    """End `backbone` as `_end_curves`."""
+    from fenicsrom.post import backbone_report
+
+    return _end_curves(found, backbone_report if found.points else None, folder, comm)
+
+
+def _end_curves(found: Any, report: Any, folder: Path, comm: Any) -> int:
+    """Write and print curves as far as they were found, and end the command as `_end`.
+
+    Args:
+        found: the curves.
+        report: the module that writes them; None if nothing was found.
+        folder: of the files.
+        comm: MPI communicator, or None.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: a curve was not found.
     """
-    from fenicsrom.post import response_report
-
-    if found.curves and (comm is None or comm.rank == 0):
-        files = response_report.write(found, folder)
-        print_results(found.scene, response_report.terminal(found), found.warnings, files=files)
+    if report is not None and (comm is None or comm.rank == 0):
+        files = report.write(found, folder)
+        print_results(found.scene, report.terminal(found), found.warnings, files=files)
     if found.interrupted:
         raise KeyboardInterrupt
     return _end(comm, found.unfinished)

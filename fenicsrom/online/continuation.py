@@ -15,10 +15,12 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.bifurcations import locate
 from fenicsrom.online.curve import Curve, CurvePoint, predict, replaced
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.period_map import PeriodEnd
 from fenicsrom.online.periodic import (
     RANK,
     PeriodicMotion,
@@ -163,6 +165,18 @@ class Continuation:
             residual=residual,
             marches=marches,
         )
+
+    def period_of(self, point: CurvePoint) -> PeriodEnd:
+        """The period of a point, marched again.
+
+        Raises:
+            ConvergenceError: a step failed.
+        """
+        found = self._evaluate(self.place(point), derive=False)
+        if found is None:
+            raise ConvergenceError("a period that converged before failed when it was repeated")
+        end: PeriodEnd = found[3]
+        return end
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""

@@ -212,14 +212,10 @@ class ModeContinuation(Continuation):
         problem, a = self.problem, float(np.exp(y[-1] * self.range))
         sigma, tau, zeta = y[:-3] * self.size, y[-3] * self.size, y[-2] * self.size
         omega = self.mode.omega * np.exp(-tau)
-        model = problem.model._replace(
-            damping=float(problem.model.damping - 2.0 * zeta * omega)
-        )
+        model = problem.model._replace(damping=float(problem.model.damping - 2.0 * zeta * omega))
         s, period = self._rest + a * sigma, problem.period * float(np.exp(tau))
         by_period = problem.drift._replace(period=1.0, damping=2.0 * zeta * omega)
-        found = self.shooting.march(
-            s, model, problem.contacts, period, by_period, derive=derive
-        )
+        found = self.shooting.march(s, model, problem.contacts, period, by_period, derive=derive)
         if found is None:
             return None
         residual, matrix, by_tau, end = found

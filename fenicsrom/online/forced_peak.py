@@ -1,0 +1,198 @@
+"""The peak of the forced response: the largest amplitude over the frequency, as the force grows.
+
+A continuation in the frequency climbs from a motion to the next largest amplitude, through folds if
+need be. Golden sections narrow the arc of the curve that holds it. A continuation in the force at
+the frequency of this peak leads to the next force.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.families import Family, force_family, frequency_family
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.period_map import PeriodEnd
+from fenicsrom.online.periodic import Shooting, solve
+from fenicsrom.online.surfaces import Contacts
+
+LOCATED = 1e-3
+"""How closely a peak is located, as a part of the arc that holds it.
+
+The arc is a few steps of `LARGEST_STEP`, a turn of the motion against the force by about 0.1 rad.
+The amplitude changes with the square, by less than 1e-8 of it.
+"""
+SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
+WINDOW = 2.0  # largest ratio of the frequencies at which a climb ends and starts
+LARGEST_STEP = 0.1
+POINTS = 2000  # of a continuation
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedPeak:
+    """The largest amplitude over the frequency.
+
+    Attributes:
+        factor: on the loads.
+        frequency: Hz.
+        amplitude: m.
+        point: the motion.
+    """
+
+    factor: float
+    frequency: float
+    amplitude: float
+    point: CurvePoint
+
+
+class _Passed(Exception):
+    """The amplitude decreases."""
+
+
+def forced_peaks(
+    model: ReducedModel,
+    contacts: Contacts,
+    settings: Any,
+    period: float,
+    rest: tuple[Array, Array],
+    frequency: float,
+    factors: Sequence[float],
+    amplitude: Callable[[PeriodEnd], float],
+) -> Iterator[ForcedPeak]:
+    """Find the peaks at ascending factors on the loads, each from the one before.
+
+    Args:
+        model: the model.
+        contacts: parameters of the P contact points; surfaces are where their approach ends.
+        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+        period: of the loads as they are given, s.
+        rest: coordinates (n,) and sliders (P, d) of the equilibrium.
+        frequency: of small free motions, Hz.
+        factors: on the loads that are not static.
+        amplitude: of a period, m.
+
+    Raises:
+        ConvergenceError: a motion or a peak was not found; the error names the factor.
+    """
+
+    def at_force(factor: float) -> Family:
+        scaled = force_family(model, contacts, period)(factor).model
+        return frequency_family(scaled, contacts, period)
+
+    before = SMALL_FORCE * factors[0]
+    problem = at_force(before)(frequency)
+    shooting = Shooting(problem.model, contacts, settings, problem.period)
+    q, sliders = rest
+    start = shooting.map.pack(q, np.zeros_like(q), np.zeros_like(q), sliders)
+    s = shooting.scaled(solve(shooting, shooting.scaled(start)).z)
+    for factor in factors:
+        here = at_force(1.0)(frequency)
+        by_force = force_family(here.model, contacts, here.period)
+        s = _at_larger_force(shooting, by_force, s, before, factor)
+        size = float(np.linalg.norm(s))
+        path = Continuation(
+            shooting, at_force(factor), frequency / WINDOW, frequency * WINDOW, size
+        )
+        first = path.at_parameter(s, frequency)
+        top = None if first is None else _climb(path, first, amplitude)
+        if top is None:
+            raise ConvergenceError(
+                f"no largest amplitude of the forced motion was found between {path.low:.6g} and "
+                f"{path.high:.6g} Hz with {factor:g} times the loads"
+            )
+        s, frequency, before = top.s, top.parameter, factor
+        yield ForcedPeak(factor, frequency, amplitude(path.period_of(top)), top)
+
+
+def _at_larger_force(
+    shooting: Shooting, family: Family, s: Array, before: float, factor: float
+) -> Array:
+    """Scaled variables of the motion at a factor, from those at a smaller one.
+
+    Raises:
+        ConvergenceError: the factor was not reached.
+    """
+    size = float(np.linalg.norm(s)) * factor / before
+    path = Continuation(shooting, family, before, factor, size)
+    first = path.at_parameter(s, before)
+    if first is not None:
+        curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
+        if abs(curve.points[-1].parameter - factor) <= 1e-12 * factor:
+            return curve.points[-1].s
+    raise ConvergenceError(
+        f"the forced motion was lost between {before:g} and {factor:g} times the loads"
+    )
+
+
+def _climb(
+    path: Continuation, start: CurvePoint, amplitude: Callable[[PeriodEnd], float]
+) -> CurvePoint | None:
+    """The next largest amplitude on the curve through a point; None without one."""
+
+    def height(point: CurvePoint) -> float:
+        return amplitude(path.period_of(point))
+
+    sides = []
+    for direction in (1.0, -1.0):
+        points, heights = [start], [height(start)]
+
+        def keep(
+            point: CurvePoint, points: list[CurvePoint] = points, heights: list[float] = heights
+        ) -> None:
+            points.append(point)
+            heights.append(height(point))
+            if heights[-1] < heights[-2]:
+                raise _Passed
+
+        try:
+            path.run(
+                start,
+                direction,
+                largest_step=LARGEST_STEP,
+                points=POINTS,
+                locate=False,
+                progress=keep,
+            )
+        except _Passed:
+            if len(points) > 2:
+                return _top(path, points[-3:], height)
+            sides.append(points[1])
+        else:
+            return None
+    return _top(path, [sides[0], start, sides[1]], height)
+
+
+def _top(
+    path: Continuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
+) -> CurvePoint:
+    """The largest amplitude on the arc through three points, of which the second is the highest."""
+    places = np.array([path.place(point) for point in points])
+    arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+    chord = (places[2] - places[0]) / np.linalg.norm(places[2] - places[0])
+    best = points[1], height(points[1])
+
+    def depth(arc: float) -> float:
+        nonlocal best
+        weights = [
+            np.prod([(arc - b) / (a - b) for b in np.delete(arcs, i)]) for i, a in enumerate(arcs)
+        ]
+        found = path.correct(np.tensordot(weights, places, axes=1), chord)
+        if found is None:
+            return np.inf
+        value = height(found)
+        if value > best[1]:
+            best = found, value
+        return -value
+
+    minimize_scalar(
+        depth, bounds=(0.0, arcs[2]), method="bounded", options={"xatol": LOCATED * arcs[2]}
+    )
+    return best[0]
