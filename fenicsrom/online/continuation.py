@@ -31,7 +31,8 @@ from fenicsrom.online.periodic import (
 from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
-CORRECTIONS = 8
+CORRECTIONS = 8  # more of them cost more than a shorter step
+START_CORRECTIONS = 24  # where no step can be shortened
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
@@ -76,16 +77,19 @@ class Continuation:
         """Variables z (N,) at the start of the period."""
         return self.shooting.unscaled(s)
 
-    def correct(self, y: Array, along: Array) -> CurvePoint | None:
+    def correct(
+        self, y: Array, along: Array, iterations: int = CORRECTIONS
+    ) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
 
         Args:
             y: (N + 1,) s / size and p / range.
             along: (N + 1,) unit normal; a unit vector of p keeps the parameter.
+            iterations: largest number of corrections.
         """
         jacobian, last, marched, derived = None, np.inf, 0, 0
         tangent_free = 0
-        for _ in range(CORRECTIONS):
+        for _ in range(iterations):
             fresh = jacobian is None
             found = self._evaluate(y, derive=fresh)
             if found is None:
@@ -186,7 +190,8 @@ class Continuation:
         """The point at a value of the parameter near scaled variables s."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
-        return self.correct(np.append(s / self.size, value / self.range), along)
+        y = np.append(s / self.size, value / self.range)
+        return self.correct(y, along, START_CORRECTIONS)
 
     def run(
         self,
