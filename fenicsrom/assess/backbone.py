@@ -20,16 +20,17 @@ from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.crest import half_range
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.families import Problem
 from fenicsrom.online.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
-from fenicsrom.online.period_map import PeriodEnd
 from fenicsrom.online.periodic import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.periodic_record import recorded_motion
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
-LARGEST_STEP = 0.03  # along the curve, in parts of the range of ln(amplitude) and of the shape
+LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
@@ -259,7 +260,7 @@ def _follow(
 
     def keep(point: CurvePoint) -> None:
         nonlocal last
-        found.points.append(_mode_point(path, point, unit))
+        found.points.append(_mode_point(path, point, unit, found.scene.time))
         if clock.perf_counter() - last > REPORT_INTERVAL:
             last, here = clock.perf_counter(), found.points[-1]
             say(
@@ -309,15 +310,25 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
     raise ConvergenceError("backbone: no nonlinear mode was found at the smallest amplitude")
 
 
-def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float) -> ModePoint:
-    record = path.period_of(point).record
+def probe_amplitude(problem: Problem, settings: Any, point: CurvePoint) -> Array:
+    """Half of peak-to-peak (d,) of the probe in the motion of a point, m.
+
+    Raises:
+        ConvergenceError: a step did not converge.
+    """
+    motion = recorded_motion(problem, settings, point.z)
+    assert motion.coordinates is not None
+    return half_range(motion.time[1:], motion.coordinates[1:] @ problem.model.probe.T)
+
+
+def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float, settings: Any) -> ModePoint:
     modal = float(np.exp(point.parameter))
     return ModePoint(
         unit * modal,
         modal,
         path.frequency(point),
         path.damping_ratio(point),
-        half_range(record.time, record.probe),
+        probe_amplitude(path.problem_of(point), settings, point),
         point,
     )
 
@@ -360,8 +371,8 @@ def _peaks(
         return
     assert scene.period is not None
 
-    def amplitude(end: PeriodEnd) -> float:
-        return float(half_range(end.record.time, end.record.probe)[direction])
+    def amplitude(problem: Problem, point: CurvePoint) -> float:
+        return float(probe_amplitude(problem, scene.time, point)[direction])
 
     say("peaks of the forced response")
     for peak in forced_peaks(

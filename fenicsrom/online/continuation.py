@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.bifurcations import locate
 from fenicsrom.online.curve import Curve, CurvePoint, predict, replaced
 from fenicsrom.online.families import Family
+from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import PeriodEnd
 from fenicsrom.online.periodic import (
     RANK,
     PeriodicMotion,
@@ -77,9 +76,7 @@ class Continuation:
         """Variables z (N,) at the start of the period."""
         return self.shooting.unscaled(s)
 
-    def correct(
-        self, y: Array, along: Array, iterations: int = CORRECTIONS
-    ) -> CurvePoint | None:
+    def correct(self, y: Array, along: Array, iterations: int = CORRECTIONS) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
 
         Args:
@@ -126,11 +123,11 @@ class Continuation:
         return None
 
     def _solve(self, jacobian: Array, right: Array) -> tuple[Array, int]:
-        """Solve the bordered system, by least squares where sliders are free."""
+        """Solve the bordered system, by least squares where it is singular."""
         try:
-            found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
+            found, free = solve_with_free_sliders(jacobian, right, self.shooting.sliders)
             if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
-                return found, 0
+                return found, free
         except np.linalg.LinAlgError:
             pass
         return least_squares_step(jacobian, right)
@@ -169,18 +166,6 @@ class Continuation:
             residual=residual,
             marches=marches,
         )
-
-    def period_of(self, point: CurvePoint) -> PeriodEnd:
-        """The period of a point, marched again.
-
-        Raises:
-            ConvergenceError: a step failed.
-        """
-        found = self._evaluate(self.place(point), derive=False)
-        if found is None:
-            raise ConvergenceError("a period that converged before failed when it was repeated")
-        end: PeriodEnd = found[3]
-        return end
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""

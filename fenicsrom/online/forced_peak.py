@@ -7,6 +7,7 @@ the frequency of this peak leads to the next force.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -18,10 +19,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.families import Family, force_family, frequency_family
+from fenicsrom.online.families import Family, Problem, force_family, frequency_family
+from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import PeriodEnd
-from fenicsrom.online.periodic import Shooting, solve
+from fenicsrom.online.periodic import Shooting
 from fenicsrom.online.surfaces import Contacts
 
 LOCATED = 1e-3
@@ -65,7 +66,7 @@ def forced_peaks(
     rest: tuple[Array, Array],
     frequency: float,
     factors: Sequence[float],
-    amplitude: Callable[[PeriodEnd], float],
+    amplitude: Callable[[Problem, CurvePoint], float],
 ) -> Iterator[ForcedPeak]:
     """Find the peaks at ascending factors on the loads, each from the one before.
 
@@ -77,7 +78,7 @@ def forced_peaks(
         rest: coordinates (n,) and sliders (P, d) of the equilibrium.
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
-        amplitude: of a period, m.
+        amplitude: of a motion with these data, m.
 
     Raises:
         ConvergenceError: a motion or a peak was not found; the error names the factor.
@@ -90,26 +91,44 @@ def forced_peaks(
     before = SMALL_FORCE * factors[0]
     problem = at_force(before)(frequency)
     shooting = Shooting(problem.model, contacts, settings, problem.period)
-    q, sliders = rest
-    start = shooting.map.pack(q, np.zeros_like(q), np.zeros_like(q), sliders)
-    s = shooting.scaled(solve(shooting, shooting.scaled(start)).z)
+    s = _small_motion(shooting, rest)
     for factor in factors:
         here = at_force(1.0)(frequency)
         by_force = force_family(here.model, contacts, here.period)
         s = _at_larger_force(shooting, by_force, s, before, factor)
-        size = float(np.linalg.norm(s))
-        path = Continuation(
-            shooting, at_force(factor), frequency / WINDOW, frequency * WINDOW, size
-        )
+        size, family = float(np.linalg.norm(s)), at_force(factor)
+
+        def height(point: CurvePoint, family: Family = family) -> float:
+            return amplitude(family(point.parameter), point)
+
+        path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
-        top = None if first is None else _climb(path, first, amplitude)
+        top = None if first is None else _climb(path, first, height)
         if top is None:
             raise ConvergenceError(
                 f"no largest amplitude of the forced motion was found between {path.low:.6g} and "
                 f"{path.high:.6g} Hz with {factor:g} times the loads"
             )
         s, frequency, before = top.s, top.parameter, factor
-        yield ForcedPeak(factor, frequency, amplitude(path.period_of(top)), top)
+        yield ForcedPeak(factor, frequency, height(top), top)
+
+
+def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
+    """Scaled variables of the linear motion about the equilibrium.
+
+    Raises:
+        ConvergenceError: a step failed, or a mode without damping is in resonance.
+    """
+    q, sliders = rest
+    zero = np.zeros_like(q)
+    s = shooting.scaled(shooting.map.pack(q, zero, zero, sliders))
+    found = shooting.march(s)
+    if found is not None:
+        residual, matrix, _, _ = found
+        with contextlib.suppress(np.linalg.LinAlgError):
+            jacobian = matrix - np.eye(s.size)
+            return s + solve_with_free_sliders(jacobian, -residual, shooting.sliders)[0]
+    raise ConvergenceError("the forced motion under small loads was not found")
 
 
 def _at_larger_force(
@@ -133,13 +152,9 @@ def _at_larger_force(
 
 
 def _climb(
-    path: Continuation, start: CurvePoint, amplitude: Callable[[PeriodEnd], float]
+    path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> CurvePoint | None:
-    """The next largest amplitude on the curve through a point; None without one."""
-
-    def height(point: CurvePoint) -> float:
-        return amplitude(path.period_of(point))
-
+    """The point of the next largest height on the curve through a point; None without one."""
     sides = []
     for direction in (1.0, -1.0):
         points, heights = [start], [height(start)]

@@ -199,6 +199,18 @@ class ModeContinuation(Continuation):
         """Variables z (N,) of unknowns s (N + 2,)."""
         return self.shooting.unscaled(self._rest + np.exp(parameter) * s[:-2])
 
+    def problem_of(self, point: CurvePoint) -> Problem:
+        """The data of the motion of a point: period and artificial damping."""
+        omega = 2.0 * np.pi * self.frequency(point)
+        return self.problem._replace(
+            model=self._damped(omega, self.damping_ratio(point)), period=2.0 * np.pi / omega
+        )
+
+    def _damped(self, omega: float, zeta: float) -> ReducedModel:
+        """The model with the damping C - 2 zeta omega M."""
+        model = self.problem.model
+        return model._replace(damping=float(model.damping - 2.0 * zeta * omega))
+
     def frequency(self, point: CurvePoint) -> float:
         """Frequency of a point, Hz."""
         return float(self.mode.omega * np.exp(-point.s[-2]) / (2.0 * np.pi))
@@ -208,11 +220,11 @@ class ModeContinuation(Continuation):
         return float(point.s[-1])
 
     def _evaluate(self, y: Array, *, derive: bool) -> Any:
-        """Residual (N + 2,), its derivative plus one, derivative by p, and the end of the period."""
+        """Residual (N + 2,), its derivative plus one, derivative by p, and end of the period."""
         problem, a = self.problem, float(np.exp(y[-1] * self.range))
         sigma, tau, zeta = y[:-3] * self.size, y[-3] * self.size, y[-2] * self.size
         omega = self.mode.omega * np.exp(-tau)
-        model = problem.model._replace(damping=float(problem.model.damping - 2.0 * zeta * omega))
+        model = self._damped(omega, zeta)
         s, period = self._rest + a * sigma, problem.period * float(np.exp(tau))
         by_period = problem.drift._replace(period=1.0, damping=2.0 * zeta * omega)
         found = self.shooting.march(s, model, problem.contacts, period, by_period, derive=derive)

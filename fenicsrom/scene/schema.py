@@ -17,9 +17,9 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
+from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.places import Place, Support
-from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
