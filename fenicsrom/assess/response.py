@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.branches import Piece, follow_branches, follow_isolated
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.branching import walk
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
@@ -53,22 +55,6 @@ START_PERIODS = (5, 20, 80, 320)  # marched before Newton's method tries to star
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 GROWTH = 2.0  # of the motion after which its steps are measured by its new size
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
-
-
-@dataclass(eq=False)
-class Piece:
-    """A connected part of a curve.
-
-    Attributes:
-        points: in their order along the curve.
-        special: the located folds, period doublings and torus bifurcations.
-        reason: why it ends: "end of the range", "number of points", "no convergence" or
-            "interrupted".
-    """
-
-    points: list[CurvePoint] = field(default_factory=list)
-    special: list[CurvePoint] = field(default_factory=list)
-    reason: str = ""
 
 
 @dataclass(eq=False)
@@ -240,18 +226,6 @@ def _prefixed(say: Callable[[str], None], prefix: str) -> Callable[[str], None]:
     return lambda line: say(f"{prefix}{line}")
 
 
-class _Kept(Continuation):
-    """A continuation that keeps what it finds in a `Piece`, in case of an interrupt."""
-
-    piece: Piece
-
-    def _locate(self, a: CurvePoint, b: CurvePoint, tangent: Array) -> list[CurvePoint]:
-        """The bifurcations between two points, also kept."""
-        found = super()._locate(a, b, tangent)
-        self.piece.special.extend(found)
-        return found
-
-
 def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None]) -> None:
     """Compute the pieces of one curve.
 
@@ -276,16 +250,13 @@ def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None
                 break
         if not curve.points and error is not None:
             raise error
+        _follow_more(stored, family, curve, say)
         curve.step_error = _step_error(stored, family, curve)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
         curve.seconds = clock.perf_counter() - begin
-
-
-class _Grown(Exception):
-    """The motion is much larger than where the continuation began."""
 
 
 def _follow_piece(
@@ -299,53 +270,90 @@ def _follow_piece(
 ) -> None:
     """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
 
-    The steps along a curve are measured by the size of the motion where it starts. Where the motion
-    has grown by `GROWTH`, the continuation begins again with its present size.
-
     Raises:
         ConvergenceError: the first point was not found.
     """
-    table, problem = response_table(stored.scene), family(value)
-    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
-    report = _reporter(table, piece, say)
-    piece.reason = "interrupted"
-    s = shooting.scaled(start.z)
-    path = _Kept(shooting, family, table.first, table.last, float(np.linalg.norm(s)))
-    path.piece = piece
+    table = response_table(stored.scene)
+    path, begin = _first_point(stored, family, start, value)
+    follow_piece(path, begin, direction, piece, table, say)
+
+
+def _continuation(
+    stored: StoredModel, family: Family, z: Array, periods: int = 1
+) -> tuple[Continuation, Array]:
+    """The continuation of motions like that with variables z (N,), and its scaled variables."""
+    table = response_table(stored.scene)
+    problem = family(table.last)
+    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
+    s = shooting.scaled(z)
+    size = float(np.linalg.norm(s))
+    return Continuation(shooting, family, table.first, table.last, size), s
+
+
+def _first_point(
+    stored: StoredModel, family: Family, start: PeriodicMotion, value: float
+) -> tuple[Continuation, CurvePoint]:
+    """The continuation from a motion, and its point.
+
+    Raises:
+        ConvergenceError: the point was not found.
+    """
+    path, s = _continuation(stored, family, start.z)
     begin = path.at_parameter(s, value)
     if begin is None:
-        raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
-    piece.points.append(begin)
+        name = response_table(stored.scene).parameter
+        raise ConvergenceError(f"the motion at {name} = {value:g} was lost")
+    return path, begin
 
-    def keep(point: CurvePoint) -> None:
-        piece.points.append(point)
-        report()
-        if float(np.linalg.norm(point.s)) > GROWTH * path.size:
-            raise _Grown
 
-    while True:
-        try:
-            left = table.points - len(piece.points) + 1
-            found = path.run(
-                begin, direction, largest_step=LARGEST_STEP, points=left, progress=keep
-            )
-            break
-        except _Grown:
-            begin, direction = _rescaled(path, piece.points[-1])
-    piece.reason = found.reason
-    if found.points[-1] is not piece.points[-1]:  # `run` reports no point at the end of the range
-        piece.points.append(found.points[-1])
+def follow_piece(
+    path: Continuation,
+    begin: CurvePoint,
+    direction: float | None,
+    piece: Piece,
+    table: ResponseTable,
+    say: Callable[[str], None],
+) -> None:
+    """Follow one piece from its first point; arguments as `fenicsrom.online.branching.walk`."""
+    report = _reporter(table, piece, say)
+    piece.reason = "interrupted"
+    walk(
+        path,
+        begin,
+        direction,
+        piece,
+        points=table.points,
+        largest_step=LARGEST_STEP,
+        progress=lambda point: report(),
+    )
     say(f"{len(piece.points)} points, {piece.reason}")
 
 
-def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
-    """Set the size to that of the last point; the point with its new tangent, and its direction."""
-    tangent = last.tangent.copy()
-    size = float(np.linalg.norm(last.s))
-    tangent[:-1] *= path.size / size
-    path.size = size
-    tangent /= np.linalg.norm(tangent)
-    return replace(last, tangent=tangent), float(np.sign(tangent[-1]) or 1.0)
+def _follow_more(
+    stored: StoredModel, family: Family, curve: ResponseCurve, say: Callable[[str], None]
+) -> None:
+    """Follow the branches and the isolated curves that the scene asks for.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found where isolated curves are sought.
+    """
+    table = response_table(stored.scene)
+
+    def path_of(motion: CurvePoint, periods: int) -> Continuation:
+        return _continuation(stored, family, motion.z, periods)[0]
+
+    def follow(
+        path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
+    ) -> None:
+        piece = Piece(origin=origin, periods=periods)
+        curve.pieces.append(piece)
+        follow_piece(path, begin, direction, piece, table, say)
+
+    def start(value: float) -> CurvePoint:
+        return _first_point(stored, family, start_motion(stored, family, value, say), value)[1]
+
+    follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
+    follow_isolated(curve.pieces, path_of, follow, start, table.isolated)
 
 
 def _reporter(table: ResponseTable, piece: Piece, say: Callable[[str], None]) -> Callable[[], None]:

@@ -1,106 +1,234 @@
-"""Bifurcations of periodic motions: their test functions, and where these are zero on a curve.
+"""Special points of a curve of periodic motions: bifurcations and contact events.
 
-Where the tangent has no component along the parameter the curve folds. Period doubling and torus
-bifurcations are zeros of functions of the Floquet multipliers. All are located by the secant
-method, safeguarded by bisection, on the curve itself.
+Between two points of a curve there is a special point where
+
+- the tangent has no component along the parameter: a fold;
+- the number of Floquet multipliers outside of the unit circle changes: the multiplier that crosses
+  the circle tells the kind. One that crosses at +1 away from a fold marks a branch point. If it
+  crosses in a jump, which the derivative of a motion with contact may do where a contact state
+  first occurs, the bifurcation is non-smooth;
+- a contact state first or last occurs at a contact point (`fenicsrom.online.contact_events`).
+
+Each is a change of sign of a function of the motion, bracketed on the curve itself by the secant
+method, safeguarded by bisection. The function may jump.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
 from fenicsrom.online.curve import CurvePoint, hermite, replaced
+from fenicsrom.online.periodic import STABLE_WITHIN
 
-LOCATED = 1e-6  # of the range of the parameter: how closely bifurcations are located
+LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
+BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
+EVALUATIONS = 60  # bisection alone needs about 20
+JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
+REAL = 1e-6  # angle of a multiplier below which it counts as real
 
-
-def _fold(point: CurvePoint) -> float:
-    return float(point.tangent[-1])
-
-
-def _period_doubling(point: CurvePoint) -> float:
-    """The product of all multipliers plus one: it changes sign where a real one passes -1."""
-    return float(np.prod(point.multipliers + 1.0).real)
-
-
-def _torus(point: CurvePoint) -> float:
-    """How far the largest complex pair is outside of the unit circle; NaN without one."""
-    pairs = point.multipliers[point.multipliers.imag > 1e-9]
-    return float(np.max(np.abs(pairs)) - 1.0) if pairs.size else np.nan
-
-
-TESTS: dict[str, Callable[[CurvePoint], float]] = {
-    "fold": _fold,
-    "period doubling": _period_doubling,
-    "torus": _torus,
-}
+Test = Callable[[CurvePoint], float]
 
 
 class Path(Protocol):
-    """What a bifurcation is located with: a `fenicsrom.online.continuation.Continuation`.
+    """What special points are located with: a `fenicsrom.online.continuation.Continuation`."""
 
-    Attributes:
-        range: width of the range of the parameter.
-    """
-
-    range: float
-
-    def correct(self, y: Array, along: Array) -> CurvePoint | None:
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`."""
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
 
 
-def locate(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
-    """The bifurcations between two points whose tangents point along the path."""
-    found = []
-    for kind, test in TESTS.items():
-        first, second = test(a), test(b)
-        if np.isfinite(first) and np.isfinite(second) and first * second < 0.0:
-            point = _zero(path, test, a, b, first, second)
-            if point is not None:
-                found.append(replaced(point, kind=kind))
-    return found
+class Bracket(NamedTuple):
+    """Two points of a curve between which a function changes its sign.
+
+    Attributes:
+        before: the point that comes first.
+        after: the other one.
+        values: of the function at both.
+    """
+
+    before: CurvePoint
+    after: CurvePoint
+    values: tuple[float, float]
+
+    @property
+    def nearest(self) -> CurvePoint:
+        """The point at which the function is nearer to zero."""
+        return self.before if abs(self.values[0]) <= abs(self.values[1]) else self.after
 
 
-def _zero(
-    path: Path,
-    test: Callable[[CurvePoint], float],
-    a: CurvePoint,
-    b: CurvePoint,
-    first: float,
-    second: float,
-) -> CurvePoint | None:
-    """Where a test function is zero between two points, by regula falsi (Illinois)."""
-    ya, yb = path.place(a), path.place(b)
-    ta, tb = a.tangent, b.tangent
-    low, high, best = 0.0, 1.0, None
-    chord = (yb - ya) / np.linalg.norm(yb - ya)
-    length = float(np.linalg.norm(yb - ya))
-    for _ in range(40):
-        share = low + (high - low) * first / (first - second)
-        guess = hermite(ya, yb, ta, tb, length, share)
-        point = path.correct(guess, chord)
-        if point is None:
-            return best
-        sign = np.sign(np.dot(point.tangent, ta)) or 1.0
-        point = replaced(point, tangent=sign * point.tangent)
-        value = test(point)
-        close = best is not None and abs(point.parameter - best.parameter) <= (
-            0.1 * LOCATED * path.range
-        )
-        best = point
-        if close or value == 0.0 or (high - low) * length <= 0.1 * LOCATED:
-            return best
-        if value * second > 0.0:
-            high, second = share, value
-            first *= 0.5
+def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
+    """The special points between two points of a curve, in their order.
+
+    Args:
+        path: finds points of the curve.
+        a: a point.
+        b: the next point; the tangents of both point along the path.
+
+    Returns:
+        The special points; None if one of them could not be located.
+    """
+    found: list[CurvePoint] = []
+    for kind, contact, test in _changes(a, b):
+        bracket = change_of_sign(path, test, a, b)
+        if bracket is None:
+            return None
+        found.append(replaced(bracket.nearest, kind=kind, contact=contact))
+    crossings = _crossings(path, a, b)
+    if crossings is None:
+        return None
+    folds = [path.place(point) for point in found if point.kind == "fold"]
+    for point in crossings:
+        apart = [float(np.linalg.norm(path.place(point) - fold)) for fold in folds]
+        if min(apart, default=np.inf) > LOCATED**0.5:
+            found.append(point)
+    chord = path.place(b) - path.place(a)
+    return sorted(found, key=lambda point: float(chord @ path.place(point)))
+
+
+def _changes(a: CurvePoint, b: CurvePoint) -> Iterator[tuple[str, int, Test]]:
+    """Kind, contact point and test function of the fold and the contact events between a and b."""
+    if a.tangent[-1] * b.tangent[-1] < 0.0:
+        yield "fold", -1, lambda point: float(point.tangent[-1])
+    for p in range(a.states.size):
+        touches = [bool(point.states[p] & (SLIPS | STICKS)) for point in (a, b)]
+        opens = [bool(point.states[p] & OPENS) for point in (a, b)]
+        slips = [bool(point.states[p] & SLIPS) for point in (a, b)]
+        if touches[0] != touches[1]:
+            yield _end(touches, "touch"), p, _extreme("touch", p)
+        if opens[0] != opens[1]:
+            yield _end(opens, "lift-off"), p, _extreme("lift_off", p)
+        if slips[0] != slips[1] and all(touches):
+            yield _end(slips, "slip"), p, _extreme("slip", p)
+
+
+def _extreme(name: str, p: int) -> Test:
+    """The function that reads a field of `Extremes` at a contact point."""
+
+    def test(point: CurvePoint) -> float:
+        return float(getattr(point.extremes, name)[p])
+
+    return test
+
+
+def _end(occurs: list[bool], what: str) -> str:
+    """The name of an event."""
+    return f"{'first' if occurs[1] else 'last'} {what}"
+
+
+def outside(point: CurvePoint) -> int:
+    """Number of multipliers outside of the unit circle."""
+    return int(np.sum(np.abs(point.judged) > 1.0 + STABLE_WITHIN))
+
+
+def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
+    """Where multipliers cross the unit circle between two points, in their order.
+
+    The size of the multiplier of rank k (the k-th largest) is a continuous function of the
+    monodromy matrix, whatever multipliers collide. If k is the larger number outside, it passes 1.
+    """
+    before, after = outside(a), outside(b)
+    if before == after:
+        return []
+    rank = max(before, after)
+
+    def test(point: CurvePoint) -> float:
+        sizes = np.abs(point.judged)
+        return float(sizes[rank - 1] - 1.0 - STABLE_WITHIN) if sizes.size >= rank else -1.0
+
+    bracket = change_of_sign(path, test, a, b)
+    if bracket is None:
+        return None
+    kind = _kind(bracket, rank, abs(test(b) - test(a)))
+    here = [replaced(bracket.nearest, kind=kind)]
+    if np.linalg.norm(path.place(b) - path.place(a)) <= 2.0 * BRACKET:
+        return here
+    first = _crossings(path, a, bracket.before)
+    last = _crossings(path, bracket.after, b)
+    return None if first is None or last is None else first + here + last
+
+
+def _kind(bracket: Bracket, rank: int, change: float) -> str:
+    """The kind of a bifurcation at which the multiplier of a rank crosses the unit circle."""
+    low, high = bracket.values
+    if abs(high - low) > JUMP * change:
+        return "non-smooth"
+    multiplier = bracket.nearest.judged[rank - 1]
+    if abs(multiplier.imag) > REAL:
+        return "torus"
+    return "period doubling" if multiplier.real < 0.0 else "branch point"
+
+
+def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket | None:
+    """Bracket the change of sign of a function between two points of a curve.
+
+    Each point is sought on the hyperplane normal to the chord from a to b. The secant method
+    (Illinois) keeps a distance from the ends of the bracket, so that both ends come near. A bracket
+    that three evaluations did not halve is bisected.
+
+    Args:
+        path: finds points of the curve.
+        test: the function; its signs at a and b differ. It may jump.
+        a: a point.
+        b: the next point; the tangents of both point along the path.
+
+    Returns:
+        The bracket, not wider than `BRACKET`; None if a point was not found.
+    """
+    origin = path.place(a)
+    chord = path.place(b) - origin
+    length = float(np.linalg.norm(chord))
+    chord /= length
+    points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
+    ends, slow, width = [0.0, length], 0, length
+    for _ in range(EVALUATIONS):
+        if ends[1] - ends[0] <= BRACKET:
+            return Bracket(points[0], points[1], (values[0], values[1]))
+        low, high = (value * weight for value, weight in zip(values, weights, strict=True))
+        if slow >= 3 or low == high:
+            arc = 0.5 * (ends[0] + ends[1])
         else:
-            low, first = share, value
-            second *= 0.5
-    return best
+            near = 0.45 * BRACKET
+            arc = ends[0] + (ends[1] - ends[0]) * low / (low - high)
+            arc = min(max(arc, ends[0] + near), ends[1] - near)
+        point = _between(path, points, ends, arc, origin, chord)
+        if point is None:
+            return None
+        value = test(point)
+        side = 1 if value * np.sign(values[1]) > 0.0 else 0
+        points[side], values[side], ends[side] = point, value, arc
+        weights = [1.0, 0.5 * weights[1]] if side == 0 else [0.5 * weights[0], 1.0]
+        slow += 1
+        if ends[1] - ends[0] <= 0.5 * width:
+            slow, width = 0, ends[1] - ends[0]
+    return None
+
+
+def _between(
+    path: Path,
+    points: list[CurvePoint],
+    ends: list[float],
+    arc: float,
+    origin: Array,
+    chord: Array,
+) -> CurvePoint | None:
+    """The point of the curve at a distance along the chord, between two points; None if lost."""
+    first, last = (path.place(point) for point in points)
+    share = (arc - ends[0]) / (ends[1] - ends[0])
+    length = float(np.linalg.norm(last - first))
+    guess = hermite(first, last, points[0].tangent, points[1].tangent, length, share)
+    guess = guess + (arc - chord @ (guess - origin)) * chord
+    point = path.correct(guess, chord, exact=True)
+    if point is None:
+        guess = first + share * (last - first)
+        point = path.correct(guess, chord, exact=True)
+    if point is None:
+        return None
+    turn = float(np.sign(point.tangent @ points[0].tangent)) or 1.0
+    return replaced(point, tangent=turn * point.tangent)

@@ -2,9 +2,8 @@
 
 The unknowns are the scaled variables s of `fenicsrom.online.periodic` and the parameter p. With
 |(ds, dp)|^2 = |ds|^2 / size^2 + dp^2 / range^2 the curve is followed by a polynomial through its
-last points and corrected orthogonally to its tangent (Keller 1977; Seydel 2010, chapter 4). The
-first correction at a point takes the derivative there, the next ones keep it while they converge.
-`fenicsrom.online.bifurcations` locates bifurcations between two points.
+last points and corrected orthogonally to its tangent (Keller 1977; Seydel 2010, chapter 4).
+`fenicsrom.online.bifurcations` locates special points between two points.
 """
 
 from __future__ import annotations
@@ -15,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.bifurcations import locate
-from fenicsrom.online.curve import Curve, CurvePoint, predict, replaced
+from fenicsrom.online.bifurcations import change_of_sign, special_points
+from fenicsrom.online.contact_events import extremes, state_bits
+from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
 from fenicsrom.online.families import Family
 from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
@@ -26,12 +26,15 @@ from fenicsrom.online.periodic import (
     Shooting,
     floquet,
     least_squares_step,
+    stuck_points,
 )
 from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
-CORRECTIONS = 8  # more of them cost more than a shorter step
-START_CORRECTIONS = 24  # where no step can be shortened
+CORRECTIONS = 8
+LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
+DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
+CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
@@ -76,17 +79,21 @@ class Continuation:
         """Variables z (N,) at the start of the period."""
         return self.shooting.unscaled(s)
 
-    def correct(self, y: Array, along: Array, iterations: int = CORRECTIONS) -> CurvePoint | None:
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
+
+        Newton's method takes a new derivative while its steps are longer than `DERIVED_WITHIN`, so
+        that the derivative is that of the point found; then it keeps the derivative.
 
         Args:
             y: (N + 1,) s / size and p / range.
             along: (N + 1,) unit normal; a unit vector of p keeps the parameter.
-            iterations: largest number of corrections.
+            exact: whether the derivative is taken at the very point.
         """
         jacobian, last, marched, derived = None, np.inf, 0, 0
-        tangent_free = 0
-        for _ in range(iterations):
+        monodromy, stuck = np.zeros((0, 0)), False
+        within = 0.0 if exact else DERIVED_WITHIN
+        for _ in range(CORRECTIONS):
             fresh = jacobian is None
             found = self._evaluate(y, derive=fresh)
             if found is None:
@@ -96,37 +103,48 @@ class Continuation:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
+            if relative > 10.0 * last:
+                return None
             if fresh:
-                n = residual.size
-                monodromy = matrix
-                jacobian = np.zeros((n + 1, n + 1))
-                jacobian[:n, :n] = matrix - np.eye(n)
-                jacobian[:n, n] = by_parameter * self.range / self.size
-                jacobian[n] = along
-                last = np.inf
+                monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
+                jacobian = self._bordered(matrix, by_parameter, along)
             assert jacobian is not None
             if relative <= self.tolerance:
-                tangent, tangent_free = self._solve(jacobian, np.append(np.zeros(y.size - 1), 1.0))
-                return self._point(
-                    y, tangent, monodromy, tangent_free, relative, end, (marched, derived)
-                )
-            if not fresh and relative > GOOD_RATE * last:
-                if relative > 10.0 * last:
-                    return None
-                jacobian = None
-                continue
-            last = relative
-            step, _ = self._solve(jacobian, np.append(-residual / self.size, 0.0))
-            if np.linalg.norm(step) > 0.5:
+                tangent, free = self._solve(jacobian, np.append(0.0 * y[:-1], 1.0), stuck)
+                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
+            step, _ = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
+            length = float(np.linalg.norm(step))
+            if length > LARGEST_CORRECTION:
                 return None
-            y = y + step
+            if length > within or (not fresh and relative > GOOD_RATE * last):
+                jacobian = None
+            y, last = y + step, relative
         return None
 
-    def _solve(self, jacobian: Array, right: Array) -> tuple[Array, int]:
-        """Solve the bordered system, by least squares where it is singular."""
+    def _bordered(self, matrix: Array, by_parameter: Array, along: Array) -> Array:
+        """The derivative (N + 1, N + 1) of the residual and of the distance along a direction."""
+        n = by_parameter.size
+        jacobian = np.zeros((n + 1, n + 1))
+        jacobian[:n, :n] = matrix - np.eye(n)
+        jacobian[:n, n] = by_parameter * self.range / self.size
+        jacobian[n] = along
+        return jacobian
+
+    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> tuple[Array, int]:
+        """Solve the bordered system, by least squares where it is singular.
+
+        Args:
+            jacobian: (N + 1, N + 1).
+            right: (N + 1,).
+            stuck: whether a point sticks during the whole period.
+
+        Returns:
+            The solution, and the number of free slider components.
+        """
         try:
             found, free = solve_with_free_sliders(jacobian, right, self.shooting.sliders)
-            if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
+            is_small = np.linalg.norm(found) < max(float(np.linalg.norm(right)), 1e-300) / RANK
+            if is_small and (free > 0 or not stuck):
                 return found, free
         except np.linalg.LinAlgError:
             pass
@@ -142,15 +160,14 @@ class Continuation:
         end: Any,
         marches: tuple[int, int],
     ) -> CurvePoint:
-        record = end.record
+        record, m = end.record, self.shooting.m
         displacement = record.displacement
         if displacement.shape[1] == 0:
             displacement = record.probe[:, None, :]
         multipliers, verdict = floquet(monodromy, free)
-        bits = np.zeros(record.state.shape[1], dtype=np.int64)
-        for bit, state in enumerate((-1, 0, 1)):
-            bits |= np.any(record.state == state, axis=0).astype(np.int64) << bit
         s = y[:-1] * self.size
+        problem = self.family(float(y[-1] * self.range))
+        first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         return CurvePoint(
             parameter=float(y[-1] * self.range),
             z=self.unscaled(s, float(y[-1] * self.range)),
@@ -162,10 +179,18 @@ class Continuation:
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=bits,
+            states=state_bits(record),
             residual=residual,
             marches=marches,
+            extremes=extremes(record, problem.contacts),
+            periods=m,
+            alternation=(displacement[first_period] - displacement[-1]).ravel(),
         )
+
+    def monodromy(self, point: CurvePoint) -> Array | None:
+        """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
+        found = self._evaluate(self.place(point), derive=True)
+        return None if found is None else np.asarray(found[1])
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
@@ -176,12 +201,12 @@ class Continuation:
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
         y = np.append(s / self.size, value / self.range)
-        return self.correct(y, along, START_CORRECTIONS)
+        return self.correct(y, along)
 
     def run(
         self,
         start: CurvePoint,
-        direction: float,
+        direction: float | None,
         *,
         step: float = 0.01,
         largest_step: float = 0.05,
@@ -189,49 +214,67 @@ class Continuation:
         points: int = 500,
         locate: bool = True,
         progress: Callable[[CurvePoint], None] | None = None,
+        curve: Curve | None = None,
+        largest_size: float = np.inf,
     ) -> Curve:
         """Follow the curve.
 
         Args:
             start: its first point.
-            direction: sign of the change of the parameter at the start.
+            direction: sign of the change of the parameter at the start; None follows the tangent of
+                `start`.
             step: first step along the curve.
             largest_step: largest step.
             smallest_step: smallest step.
             points: largest number of points.
-            locate: whether to locate bifurcations.
+            locate: whether to locate bifurcations and contact events.
             progress: called with each point.
+            curve: receives the points, after those that it has; the last of these is `start`.
+            largest_size: of the scaled variables, at which the continuation ends.
         """
-        curve = Curve([start])
-        tangent = start.tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
+        tangent = start.tangent
+        if direction is not None:
+            tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
+        curve = Curve([start]) if curve is None else curve
         ys, arcs = [self.place(start)], [0.0]
         tangents = [tangent]
         while len(curve.points) < points:
             guess = predict(ys, arcs, tangents[-1], step)
             inside = self.low <= guess[-1] * self.range <= self.high
+            before = replaced(curve.points[-1], tangent=tangents[-1])
             found = self._next(guess, tangents[-1], step, smallest_step)
-            if found is None:
+            if found is not None and not self.low <= found.parameter <= self.high:
+                last = self._end(before, found)
+                special = self._special(before, last, locate)
+                if last is not None and special is not None:
+                    curve.points.append(last)
+                    curve.special.extend(special)
+                curve.reason = "end of the range"
+                return curve
+            special = self._special(before, found, locate)
+            if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
                     curve.reason = "no convergence"
                     return curve
                 continue
-            before = curve.points[-1]
-            if not self.low <= found.parameter <= self.high:
-                curve.points.extend(self._end(before, found))
-                curve.reason = "end of the range"
+            reason = self._arrival(curve, before, found)
+            if reason:
+                curve.reason = reason
                 return curve
-            if locate:
-                curve.special.extend(self._locate(before, found, tangents[-1]))
+            curve.special.extend(special or [])
             curve.points.append(found)
             if progress is not None:
                 progress(found)
+            if float(np.linalg.norm(found.s)) > largest_size:
+                curve.reason = "grown"
+                return curve
             arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
             ys.append(self.place(found))
             tangents.append(found.tangent)
             marched, derived = found.marches
             effort = marched + derived
-            step = min(largest_step, step * (1.5 if effort <= 3 else 1.0 if effort <= 6 else 0.6))
+            step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
             if not inside:
                 step = max(0.5 * step, smallest_step)
         curve.reason = "number of points"
@@ -253,16 +296,47 @@ class Continuation:
             return None
         return replaced(found, tangent=found.tangent * (np.sign(turn) or 1.0))
 
-    def _end(self, inside: CurvePoint, outside: CurvePoint) -> list[CurvePoint]:
+    def _end(self, inside: CurvePoint, outside: CurvePoint) -> CurvePoint | None:
         """The point on the bound of the range between two points, if it is found."""
         bound = self.high if outside.parameter > self.high else self.low
         share = (bound - inside.parameter) / (outside.parameter - inside.parameter)
         last = self.at_parameter(inside.s + share * (outside.s - inside.s), bound)
-        return [] if last is None else [last]
+        if last is None:
+            return None
+        turn = float(np.sign(np.dot(last.tangent, inside.tangent))) or 1.0
+        return replaced(last, tangent=turn * last.tangent)
 
-    def _locate(self, a: CurvePoint, b: CurvePoint, tangent: Array) -> list[CurvePoint]:
-        """The bifurcations between two points."""
-        return locate(self, replaced(a, tangent=tangent), b)
+    def _special(
+        self, a: CurvePoint, b: CurvePoint | None, locate: bool
+    ) -> list[CurvePoint] | None:
+        """The special points between two points; None if one was not located."""
+        return special_points(self, a, b) if locate and b is not None else []
+
+    def _arrival(self, curve: Curve, before: CurvePoint, found: CurvePoint) -> str:
+        """Why the curve ends between two points; its last point is then added. Else ""."""
+        if len(curve.points) > 2 and self._passes(curve.points[:2], before, found):
+            curve.points.append(curve.points[0])
+            return "closed"
+        here, there = before.alternation, found.alternation
+        if found.periods > 1 and float(here @ there) < 0.0:
+            bracket = change_of_sign(
+                self, lambda point: float(here @ point.alternation), before, found
+            )
+            if bracket is not None:
+                curve.points.append(bracket.nearest)
+            return "end of the branch"
+        return ""
+
+    def _passes(self, home: list[CurvePoint], before: CurvePoint, found: CurvePoint) -> bool:
+        """Whether the curve passes the first of two points in their direction."""
+        first, last, y = self.place(before), self.place(found), self.place(home[0])
+        chord, way = last - first, self.place(home[1]) - y
+        length = float(np.linalg.norm(chord))
+        share = float(chord @ (y - first)) / length**2
+        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * float(np.linalg.norm(way)):
+            return False
+        near = hermite(first, last, before.tangent, found.tangent, length, share)
+        return float(np.linalg.norm(near - y)) < CLOSED * length
 
 
 def follow(

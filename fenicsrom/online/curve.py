@@ -9,8 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact_events import Extremes
+from fenicsrom.online.periodic import judged
 
 DEGREE = 3  # of the polynomial that predicts
+
+BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth")
+"""Kinds of special points where the stability changes; "non-smooth": the multipliers jump."""
+CONTACT_CHANGES = ("touch", "lift-off", "slip")
+CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("first", "last"))
+"""Kinds of special points where a contact state first or last occurs along a curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +35,18 @@ class CurvePoint:
         peak_force: (P,) largest normal force, N.
         friction_dissipation: energy dissipated by friction in the period, J.
         multipliers: (N,) Floquet multipliers, the largest first.
-        verdict: "stable", "fold", "period doubling" or "torus".
+        verdict: "stable", or how the stability was lost: "fold" (a real multiplier above 1),
+            "period doubling" or "torus".
         free_sliders: number of slider components that are not unique.
         states: (P,) bits of the contact states that occur: 1 open, 2 slip, 4 stick.
         residual: relative.
         marches: number of marched periods it took, and of those with derivatives.
-        kind: "" of an ordinary point, else the bifurcation located there.
+        extremes: contact quantities whose signs tell which contact states occur.
+        kind: "" of an ordinary point, else one of `BIFURCATIONS` or `CONTACT_EVENTS`.
+        contact: number of the contact point of an event of `CONTACT_EVENTS`, else -1.
+        periods: number m of periods of the loads in one of the motion.
+        alternation: (P d,) change of the contact displacement (of the probe without contact) from
+            the start of the motion to the end of the first period of the loads, m; zero if m is 1.
     """
 
     parameter: float
@@ -45,15 +59,24 @@ class CurvePoint:
     multipliers: NDArray[np.complex128]
     verdict: str
     free_sliders: int
-    states: Array
+    states: NDArray[np.int64]
     residual: float
     marches: tuple[int, int]
+    extremes: Extremes
     kind: str = ""
+    contact: int = -1
+    periods: int = 1
+    alternation: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> bool:
         """Whether the motion is stable."""
         return self.verdict == "stable"
+
+    @property
+    def judged(self) -> NDArray[np.complex128]:
+        """The multipliers that decide on the stability, the largest first."""
+        return judged(self.multipliers, self.free_sliders)
 
 
 @dataclass(eq=False)
@@ -62,9 +85,10 @@ class Curve:
 
     Attributes:
         points: in the order in which they were found.
-        special: located bifurcations.
-        reason: why the continuation ended: "end of the range", "number of points" or
-            "no convergence".
+        special: located bifurcations and contact events.
+        reason: why the continuation ended: "end of the range", "number of points", "closed" (the
+            curve returned to its first point), "end of the branch" (a motion of several periods
+            became one of fewer) or "no convergence".
     """
 
     points: list[CurvePoint] = field(default_factory=list)

@@ -95,6 +95,24 @@ def force_family(
     return at
 
 
+def excitation_family(problem: Problem) -> Family:
+    """Problems by a factor on all periodic loads of one problem; its own are at 1."""
+    chosen = problem.model.load_histories.sines[:, OMEGA] != 0.0
+
+    def at(factor: float) -> Problem:
+        model, contacts = problem.model, problem.contacts
+        sines, nothing = model.load_histories.sines.copy(), no_drift(model, contacts)
+        by_sines = nothing.sines.copy()
+        by_sines[chosen, AMPLITUDE] = sines[chosen, AMPLITUDE]
+        sines[chosen, AMPLITUDE] *= factor
+        return problem._replace(
+            model=model._replace(load_histories=model.load_histories._replace(sines=sines)),
+            drift=nothing._replace(sines=by_sines),
+        )
+
+    return at
+
+
 def contact_family(
     model: ReducedModel,
     contacts: Contacts,

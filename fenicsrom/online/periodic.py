@@ -204,6 +204,14 @@ def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
     return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
 
 
+def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
+    """The multipliers, the largest first, without those that belong to `free` slider components.
+
+    A slider that is not unique has the multiplier 1, so the `free` ones nearest to 1 are left out.
+    """
+    return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
+
+
 def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """Multipliers (N,) of a monodromy matrix, the largest first, and the verdict.
 
@@ -211,10 +219,10 @@ def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """
     found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(np.complex128)
     found = found[np.argsort(-np.abs(found))]
-    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[:free])
-    if judged.size == 0 or abs(judged[0]) <= 1.0 + STABLE_WITHIN:
+    deciding = judged(found, free)
+    if deciding.size == 0 or abs(deciding[0]) <= 1.0 + STABLE_WITHIN:
         return found, "stable"
-    worst = judged[0]
+    worst = deciding[0]
     if abs(worst.imag) > 1e-9 * abs(worst):
         return found, "torus"
     return found, "fold" if worst.real > 0.0 else "period doubling"

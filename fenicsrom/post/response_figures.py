@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.response import Piece, Response, judged_multiplier
+from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.response import Response, judged_multiplier
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -18,7 +19,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MARKERS = {"fold": "o", "period doubling": "s", "torus": "D"}
+MARKERS = {
+    "fold": "o",
+    "branch point": "p",
+    "period doubling": "s",
+    "torus": "D",
+    "non-smooth": "X",
+    "first touch": "v",
+    "last touch": "v",
+    "first lift-off": "^",
+    "last lift-off": "^",
+    "first slip": ">",
+    "last slip": ">",
+}
 UNITS = {
     "frequency": "Hz",
     "force": "N",

@@ -332,6 +332,10 @@ def _response_problems(scene: Scene) -> Problems:
     if not response.last > response.first:
         allowed = f"must be above first, {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    for value in response.isolated:
+        if not response.first <= value <= response.last:
+            allowed = f"must be from {response.first:g} to {response.last:g}"
+            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
         allowed = f"the scene has {len(getattr(scene, table))} {table}, numbered from 0"

@@ -78,6 +78,13 @@ class Response:
         last: value of the parameter at which a curve ends, above `first`.
         points: largest number of points of a curve.
         families: a second number of the scene; a curve for each of its values.
+        branches: how often a branch is taken: 1 follows the branches that leave a curve at period
+            doublings (motions of twice as many periods) and at branch points, 2 follows the
+            branches of these too.
+        isolated: values of the parameter at which more motions are sought, for curves that are not
+            connected with the first one. From the motion there, all periodic loads are increased up
+            to four times and reduced again, through all folds; each other motion that is found at
+            the loads of the scene starts a curve.
     """
 
     parameter: Annotated[str, PARAMETER] = "frequency"
@@ -85,3 +92,5 @@ class Response:
     last: Annotated[float, number(above=0.0)]
     points: Annotated[int, integer(2, 100_000)] = 500
     families: Annotated[Families | None, table_of(Families)] = None
+    branches: Annotated[int, integer(0, 10)] = 0
+    isolated: Annotated[tuple[float, ...], list_of(number())] = ()

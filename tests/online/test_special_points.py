@@ -1,0 +1,188 @@
+"""Contact events and changes of stability are located where they are."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import linear_model, one_contact
+
+from fenicsrom.online.bifurcations import LOCATED, outside, special_points
+from fenicsrom.online.branching import walk
+from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import BIFURCATIONS, Curve, CurvePoint
+from fenicsrom.online.families import Family, force_family
+from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.periodic import Shooting, solve
+from fenicsrom.scene import Time
+
+Array = NDArray[np.float64]
+
+
+def curve_over_force(
+    low: float, high: float, *, preload: float = 1.0, gap: float = 0.0, friction: float = 0.4
+) -> tuple[Continuation, Family, Curve]:
+    """Two coupled masses, the first before a wall with friction, over the size of the load."""
+    model = linear_model(
+        np.eye(4),
+        np.diag([1.0, 2.0, 3.0, 4.0]) + 0.3 * np.ones((4, 4)),
+        damping=0.1,
+        loads=np.array([[0.8], [1.2], [-0.5], [0.7]]),
+        load_histories=harmonic(np.array([1.0]), np.array([1.3]), np.array([0.3])),
+        masters=2,
+    )
+    contacts = one_contact(
+        preload=preload, normal_stiffness=6.0, tangential_stiffness=5.0, friction=friction
+    )
+    contacts = contacts._replace(radius=contacts.radius + gap)
+    period = 2.0 * np.pi / 1.3
+    family = force_family(model, contacts, period)
+    settings = Time.of(scheme="discrete-gradient", periods=1, steps_per_period=100)
+    problem = family(low)
+    shooting = Shooting(problem.model, contacts, settings, period)
+    s = np.zeros(shooting.map.size)
+    for _ in range(20):
+        marched = shooting.march(s, derive=False)
+        assert marched is not None
+        s = s + marched[0]
+    s = shooting.scaled(solve(shooting, s).z)
+    path = Continuation(shooting, family, low, high, float(np.linalg.norm(s)))
+    start = path.at_parameter(s, low)
+    assert start is not None
+    return path, family, walk(path, start, 1.0, Curve(), points=300, largest_step=0.05)
+
+
+def occurs(path: Continuation, near: CurvePoint, value: float, bits: int) -> bool:
+    """Whether contact states occur in the motion at a value of the parameter."""
+    point = path.at_parameter(near.s, value)
+    assert point is not None
+    return bool(point.states[0] & bits)
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "bits"),
+    [
+        ({"preload": 1.0}, "first slip", SLIPS),
+        ({"preload": 1.0}, "first lift-off", OPENS),
+        ({"preload": 0.0, "gap": 0.3}, "first touch", SLIPS | STICKS),
+    ],
+)
+def test_contact_event_is_between_motions_with_and_without_the_state(
+    options: dict[str, float], kind: str, bits: int
+) -> None:
+    path, _, curve = curve_over_force(0.02, 4.0, **options)
+    events = [point for point in curve.special if point.kind == kind]
+    assert [event.contact for event in events] == [0]
+    (event,) = events
+    width = LOCATED * path.range
+    assert not occurs(path, event, event.parameter - width, bits)
+    assert occurs(path, event, event.parameter + width, bits)
+
+
+def test_slip_begins_where_the_stuck_spring_reaches_its_limit() -> None:
+    # while the point sticks the motion is linear in the load
+    _, _, curve = curve_over_force(0.02, 4.0)
+    event = next(point for point in curve.special if point.kind == "first slip")
+    start = curve.points[0]
+    assert start.states[0] == STICKS
+    assert event.parameter > start.parameter
+    at = np.array([point.parameter for point in curve.points if point.states[0] == STICKS])
+    margins = np.array(
+        [point.extremes.slip[0] for point in curve.points if point.states[0] == STICKS]
+    )
+    straight = np.polyfit(at, margins, 1)
+    assert -straight[1] / straight[0] == pytest.approx(event.parameter, rel=1e-3)
+
+
+def test_point_that_sticks_throughout_leaves_its_slider_free() -> None:
+    _, _, curve = curve_over_force(0.02, 0.5, friction=1e3)
+    assert curve.reason == "end of the range"
+    for point in curve.points:
+        assert point.states[0] == STICKS
+        assert point.free_sliders == 1
+        assert point.stable
+        assert np.min(np.abs(point.multipliers - 1.0)) < 1e-12
+        assert point.judged.size == point.multipliers.size - 1
+        assert np.abs(point.judged).max() < 0.99
+
+
+class Line:
+    """A curve whose unknowns are one variable and the parameter: the variable is zero."""
+
+    def __init__(self, multipliers: Any):
+        self.multipliers, self.calls = multipliers, 0
+
+    def place(self, point: CurvePoint) -> Array:
+        return np.array([0.0, point.parameter])
+
+    def at(self, parameter: float) -> CurvePoint:
+        found = np.asarray(self.multipliers(parameter), dtype=np.complex128)
+        empty = np.zeros(0)
+        return CurvePoint(
+            parameter=parameter,
+            z=empty,
+            s=np.zeros(1),
+            tangent=np.array([0.0, 1.0]),
+            amplitude=np.zeros((1, 1)),
+            peak_force=empty,
+            friction_dissipation=0.0,
+            multipliers=found[np.argsort(-np.abs(found))],
+            verdict="",
+            free_sliders=0,
+            states=np.zeros(0, dtype=np.int64),
+            residual=0.0,
+            marches=(1, 1),
+            extremes=None,  # type: ignore[arg-type]
+        )
+
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint:
+        self.calls += 1
+        return self.at(float(y[-1]))
+
+
+@pytest.mark.parametrize(
+    ("multipliers", "kinds", "places"),
+    [
+        (lambda p: [-0.7 - p, 0.2], ["period doubling"], [0.3]),
+        (lambda p: [0.7 + p, 0.2], ["branch point"], [0.3]),
+        (lambda p: [(0.7 + p) * np.exp(1j), (0.7 + p) * np.exp(-1j)], ["torus"], [0.3]),
+        (lambda p: [0.9 if p < 0.3 else 1.2], ["non-smooth"], [0.3]),
+        (lambda p: [-0.7 - p, -0.5 - p], ["period doubling", "period doubling"], [0.3, 0.5]),
+        (lambda p: [-0.7 - p, 0.5 + p], ["period doubling", "branch point"], [0.3, 0.5]),
+        # a pair leaves the circle, meets the real axis and one of the two returns
+        (
+            lambda p: (
+                -1.05 - np.emath.sqrt(0.04 * (p - 0.5)) * np.array([1.0, -1.0])
+                if p > 0.4
+                else -1.05
+                - 0.5 * (0.4 - p) * -1.0
+                - np.emath.sqrt(0.04 * (p - 0.5)) * np.array([1.0, -1.0])
+            ),
+            ["torus", "period doubling"],
+            [None, 0.5625],
+        ),
+    ],
+)
+def test_every_change_of_the_number_of_multipliers_outside_is_located(
+    multipliers: Any, kinds: list[str], places: list[float | None]
+) -> None:
+    line = Line(multipliers)
+    a, b = line.at(0.0), line.at(1.0)
+    found = special_points(line, a, b)
+    assert found is not None
+    assert [point.kind for point in found] == kinds
+    for point, place in zip(found, places, strict=True):
+        assert place is None or point.parameter == pytest.approx(place, abs=LOCATED)
+    assert line.calls < 150
+
+
+def test_stability_changes_only_at_bifurcations() -> None:
+    _, _, curve = curve_over_force(0.02, 4.0)
+    kinds = [point.kind for point in curve.special if point.kind in BIFURCATIONS]
+    counts = [outside(point) for point in curve.points]
+    changes = sum(a != b for a, b in pairwise(counts))
+    assert changes <= len(kinds)
