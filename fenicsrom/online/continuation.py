@@ -200,8 +200,7 @@ class Continuation:
         """The point at a value of the parameter near scaled variables s."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
-        y = np.append(s / self.size, value / self.range)
-        return self.correct(y, along)
+        return self.correct(np.append(s / self.size, value / self.range), along)
 
     def run(
         self,

@@ -34,6 +34,10 @@ The amplitude changes with the square, by less than 1e-8 of it.
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
 WINDOW = 2.0  # largest ratio of the frequencies at which a climb ends and starts
 LARGEST_STEP = 0.1
+FINE = (
+    0.25  # part of the motion by which its steps are measured: slip begins at a kink in the force
+)
+STRIDE = 2.0  # growth of the force after which steps are measured by the new size of the motion
 POINTS = 2000  # of a continuation
 
 
@@ -139,16 +143,20 @@ def _at_larger_force(
     Raises:
         ConvergenceError: the factor was not reached.
     """
-    size = float(np.linalg.norm(s)) * factor / before
-    path = Continuation(shooting, family, before, factor, size)
-    first = path.at_parameter(s, before)
-    if first is not None:
-        curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
-        if abs(curve.points[-1].parameter - factor) <= 1e-12 * factor:
-            return curve.points[-1].s
-    raise ConvergenceError(
-        f"the forced motion was lost between {before:g} and {factor:g} times the loads"
-    )
+    while before < factor:
+        goal = min(factor, STRIDE * before)
+        size = FINE * float(np.linalg.norm(s))
+        path = Continuation(shooting, family, before, goal, size)
+        first = path.at_parameter(s, before)
+        curve = first and path.run(
+            first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False
+        )
+        if curve is None or abs(curve.points[-1].parameter - goal) > 1e-9 * goal:
+            raise ConvergenceError(
+                f"the forced motion was lost between {before:g} and {goal:g} times the loads"
+            )
+        s, before = curve.points[-1].s, goal
+    return s
 
 
 def _climb(
