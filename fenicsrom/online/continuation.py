@@ -33,6 +33,7 @@ from fenicsrom.online.surfaces import Contacts
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
+MAY_GROW = 1e-4  # a smaller residual may grow: the derivative jumps where slip begins
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
@@ -103,7 +104,7 @@ class Continuation:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
-            if relative > 10.0 * last:
+            if relative > max(10.0 * last, MAY_GROW):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
