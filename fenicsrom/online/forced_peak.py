@@ -1,8 +1,8 @@
 """The peak of the forced response: the largest amplitude over the frequency, as the force grows.
 
-A continuation in the frequency climbs from a motion to the next largest amplitude, through folds if
-need be. Golden sections narrow the arc of the curve that holds it. A continuation in the force at
-the frequency of this peak leads to the next force.
+A continuation in the frequency follows the curve around a motion, through folds if need be, until
+the amplitude has fallen on both sides. Golden sections narrow the arc that holds the largest
+amplitude. A continuation in the force at the frequency of this peak leads to the next force.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ FINE = (
 )
 STRIDE = 2.0  # growth of the force after which steps are measured by the new size of the motion
 POINTS = 2000  # of a continuation
+FALLEN = 0.7  # part of the largest amplitude at which its neighbourhood ends: half of its energy
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +59,8 @@ class ForcedPeak:
     point: CurvePoint
 
 
-class _Passed(Exception):
-    """The amplitude decreases."""
+class _Fallen(Exception):
+    """The amplitude is far below the largest."""
 
 
 def forced_peaks(
@@ -162,20 +163,21 @@ def _at_larger_force(
 def _climb(
     path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> CurvePoint | None:
-    """The point of the next largest height on the curve through a point; None without one."""
-    sides = []
-    for direction in (1.0, -1.0):
-        points, heights = [start], [height(start)]
+    """The point of the largest height on the curve through a point; None without one.
 
-        def keep(
-            point: CurvePoint, points: list[CurvePoint] = points, heights: list[float] = heights
-        ) -> None:
+    The curve is followed in both directions until the height has fallen below `FALLEN` of the
+    largest, so that a small dip does not end the search.
+    """
+    points, heights = [start], [height(start)]
+    for direction in (1.0, -1.0):
+
+        def keep(point: CurvePoint) -> None:
             points.append(point)
             heights.append(height(point))
-            if heights[-1] < heights[-2]:
-                raise _Passed
+            if heights[-1] < FALLEN * max(heights):
+                raise _Fallen
 
-        try:
+        with contextlib.suppress(_Fallen):
             path.run(
                 start,
                 direction,
@@ -184,13 +186,12 @@ def _climb(
                 locate=False,
                 progress=keep,
             )
-        except _Passed:
-            if len(points) > 2:
-                return _top(path, points[-3:], height)
-            sides.append(points[1])
-        else:
-            return None
-    return _top(path, [sides[0], start, sides[1]], height)
+        points.reverse()
+        heights.reverse()
+    best = int(np.argmax(heights))
+    if not 0 < best < len(points) - 1:
+        return None
+    return _top(path, points[best - 1 : best + 2], height)
 
 
 def _top(
