@@ -1,7 +1,7 @@
 """The peak of the forced response: the largest amplitude over the frequency, as the force grows.
 
 A continuation in the frequency follows the curve around a motion, through folds if need be, until
-the amplitude has fallen on both sides. Golden sections narrow the arc that holds the largest
+the amplitude has fallen by 2 % on both sides: this is a local maximum. Golden sections narrow the arc that holds the largest
 amplitude. A continuation in the force at the frequency of this peak leads to the next force.
 """
 
@@ -28,18 +28,16 @@ from fenicsrom.online.surfaces import Contacts
 LOCATED = 1e-3
 """How closely a peak is located, as a part of the arc that holds it.
 
-The arc is a few steps of `LARGEST_STEP`, a turn of the motion against the force by about 0.1 rad.
-The amplitude changes with the square, by less than 1e-8 of it.
+The arc is a few steps of `LARGEST_STEP`, a turn of the motion against the force by less than
+half a radian. The amplitude changes with the square of what is left, by less than 1e-6 of it.
 """
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
-WINDOW = 2.0  # largest ratio of the frequencies at which a climb ends and starts
-LARGEST_STEP = 0.1
-FINE = (
-    0.25  # part of the motion by which its steps are measured: slip begins at a kink in the force
-)
+WINDOW = 2.0  # largest ratio of the frequencies at which a search ends and starts
+LARGEST_STEP = 0.2  # along a curve
+FINE = 0.25  # part of the motion that measures the steps of the force: slip begins at a kink
 STRIDE = 2.0  # growth of the force after which steps are measured by the new size of the motion
-POINTS = 2000  # of a continuation
-FALLEN = 0.7  # part of the largest amplitude at which its neighbourhood ends: half of its energy
+POINTS = 400  # of a continuation
+FALLEN = 0.98  # part of the largest amplitude at which its neighbourhood ends
 
 
 @dataclass(frozen=True, eq=False)
