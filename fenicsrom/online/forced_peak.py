@@ -1,8 +1,9 @@
 """The peak of the forced response: the largest amplitude over the frequency, as the force grows.
 
 A continuation in the frequency follows the curve around a motion, through folds if need be, until
-the amplitude has fallen by 2 % on both sides: this is a local maximum. Golden sections narrow the arc that holds the largest
-amplitude. A continuation in the force at the frequency of this peak leads to the next force.
+the amplitude has fallen by 2 % on both sides: this is a local maximum. Golden sections narrow the
+arc that holds the largest amplitude. A continuation in the force at the frequency of this peak
+leads to the next force.
 """
 
 from __future__ import annotations
