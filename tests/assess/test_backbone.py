@@ -22,7 +22,7 @@ from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import load_histories
 from fenicsrom.scene import Scene
 
-DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 1.5
+DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
 TABLE = (
     "backbone.first=0.1",
     f"backbone.last={LAST}",
