@@ -148,14 +148,15 @@ def _at_larger_force(
         size = FINE * float(np.linalg.norm(s))
         path = Continuation(shooting, family, before, goal, size)
         first = path.at_parameter(s, before)
-        curve = first and path.run(
-            first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False
-        )
-        if curve is None or abs(curve.points[-1].parameter - goal) > 1e-9 * goal:
+        points = [] if first is None else [first]
+        if first is not None:
+            curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
+            points = curve.points
+        if not points or abs(points[-1].parameter - goal) > 1e-9 * goal:
             raise ConvergenceError(
                 f"the forced motion was lost between {before:g} and {goal:g} times the loads"
             )
-        s, before = curve.points[-1].s, goal
+        s, before = points[-1].s, goal
     return s
 
 

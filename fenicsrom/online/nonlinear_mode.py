@@ -94,7 +94,7 @@ def linear_modes(model: ReducedModel, contacts: Contacts) -> list[LinearMode]:
     if model.gyroscopic:
         state[n:, n:] = -mass @ model.gyroscopic_matrix
     values, vectors = np.linalg.eig(state)
-    found = []
+    found: list[LinearMode] = []
     for k in np.argsort(values.imag):
         value, shape = complex(values[k]), vectors[:n, k]
         if value.imag <= OSCILLATES * abs(value):
