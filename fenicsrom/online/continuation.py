@@ -18,7 +18,6 @@ from fenicsrom.online.bifurcations import change_of_sign, special_points
 from fenicsrom.online.contact_events import extremes, state_bits
 from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
 from fenicsrom.online.families import Family
-from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import (
     RANK,
@@ -33,14 +32,19 @@ from fenicsrom.online.surfaces import Contacts
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
-MAY_GROW = 1e-4  # a smaller residual may grow: the derivative jumps where slip begins
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
 class Continuation:
-    """One curve: `run` follows it from a periodic motion to the end of a range."""
+    """One curve: `run` follows it from a periodic motion to the end of a range.
+
+    Attributes:
+        may_grow: relative residual below which a correction may increase it.
+    """
+
+    may_grow = 0.0
 
     def __init__(
         self,
@@ -104,7 +108,7 @@ class Continuation:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
-            if relative > max(10.0 * last, MAY_GROW):
+            if relative > max(10.0 * last, self.may_grow):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
@@ -132,7 +136,7 @@ class Continuation:
         return jacobian
 
     def _solve(self, jacobian: Array, right: Array, stuck: bool) -> tuple[Array, int]:
-        """Solve the bordered system, by least squares where it is singular.
+        """Solve the bordered system, by least squares where sliders are free.
 
         Args:
             jacobian: (N + 1, N + 1).
@@ -142,13 +146,13 @@ class Continuation:
         Returns:
             The solution, and the number of free slider components.
         """
-        try:
-            found, free = solve_with_free_sliders(jacobian, right, self.shooting.sliders)
-            is_small = np.linalg.norm(found) < max(float(np.linalg.norm(right)), 1e-300) / RANK
-            if is_small and (free > 0 or not stuck):
-                return found, free
-        except np.linalg.LinAlgError:
-            pass
+        if not stuck:
+            try:
+                found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
+                if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
+                    return found, 0
+            except np.linalg.LinAlgError:
+                pass
         return least_squares_step(jacobian, right)
 
     def _point(

@@ -18,12 +18,12 @@ from scipy.optimize import minimize_scalar
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.families import Family, Problem, force_family, frequency_family
 from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import Shooting
+from fenicsrom.online.sticking_continuation import StickingContinuation
 from fenicsrom.online.surfaces import Contacts
 
 LOCATED = 1e-3
@@ -105,7 +105,7 @@ def forced_peaks(
         def height(point: CurvePoint, family: Family = family) -> float:
             return amplitude(family(point.parameter), point)
 
-        path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
+        path = StickingContinuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
         top = None if first is None else _climb(path, first, height)
         if top is None:
@@ -146,7 +146,7 @@ def _at_larger_force(
     while before < factor:
         goal = min(factor, STRIDE * before)
         size = FINE * float(np.linalg.norm(s))
-        path = Continuation(shooting, family, before, goal, size)
+        path = StickingContinuation(shooting, family, before, goal, size)
         first = path.at_parameter(s, before)
         points = [] if first is None else [first]
         if first is not None:
@@ -161,7 +161,7 @@ def _at_larger_force(
 
 
 def _climb(
-    path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
+    path: StickingContinuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> CurvePoint | None:
     """The point of the largest height on the curve through a point; None without one.
 
@@ -195,7 +195,7 @@ def _climb(
 
 
 def _top(
-    path: Continuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
+    path: StickingContinuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
 ) -> CurvePoint:
     """The largest amplitude on the arc through three points, of which the second is the highest."""
     places = np.array([path.place(point) for point in points])

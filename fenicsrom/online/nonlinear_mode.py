@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
-from fenicsrom.online.continuation import CURVE_TOLERANCE, Continuation
+from fenicsrom.online.continuation import CURVE_TOLERANCE
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.equilibrium import equilibrium
 from fenicsrom.online.families import Problem
@@ -35,6 +35,7 @@ from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.period_map import no_drift
 from fenicsrom.online.periodic import Shooting
+from fenicsrom.online.sticking_continuation import StickingContinuation
 from fenicsrom.online.surfaces import Contacts
 
 OSCILLATES = 1e-6  # an eigenvalue whose imaginary part is below this part of its size does not
@@ -137,7 +138,7 @@ def _contact_stiffness(model: ReducedModel, contacts: Contacts, x: Array) -> Arr
     return found
 
 
-class ModeContinuation(Continuation):
+class ModeContinuation(StickingContinuation):
     """The motions of one nonlinear mode; the parameter is p = ln a, a in sqrt(kg) m.
 
     The unknowns s (N + 2,) are sigma, tau and zeta.
