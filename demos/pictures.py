@@ -38,6 +38,7 @@ COMMANDS = {
     "response_2d": "response",
     "backbone_2d": "backbone",
     "blade_rub": "run",
+    "blade_response": "response",
 }
 STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#0072B2")}
 SELECTIONS = {"none": "#0072B2", "mmi": "#D55E00", "mmi-nls": "#009E73", "all": "#CC79A7"}
@@ -310,23 +311,50 @@ def backbone_picture(folder: Path) -> Figure:
     return figure
 
 
-def response_picture(folder: Path) -> Figure:
-    """Draw the amplitudes over the frequency, unstable parts dashed, with their folds."""
+def draw_response(
+    axes: Axes, folder: Path, quantity: tuple[str, float], parameter: str, family: str
+) -> None:
+    """Draw a column of response curves, unstable parts dashed, with their folds.
+
+    Args:
+        axes: where to draw.
+        folder: output folder of the scene.
+        quantity: the column, and the factor for it.
+        parameter: the column of the parameter.
+        family: the column of the second number.
+    """
     with open(folder / "response.csv") as file:
         rows = list(csv.DictReader(file))
-    figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
-    for number, force in enumerate(dict.fromkeys(row["loads.0.force"] for row in rows)):
-        mine = [row for row in rows if row["loads.0.force"] == force]
-        hertz = np.array([float(row["frequency"]) for row in mine])
-        size = 1e3 * np.array([float(row["amplitude_y_m"]) for row in mine])
+    for number, value in enumerate(dict.fromkeys(row[family] for row in rows)):
+        mine = [row for row in rows if row[family] == value]
+        place = np.array([float(row[parameter]) for row in mine])
+        size = quantity[1] * np.array([float(row[quantity[0]]) for row in mine])
         fold = np.array([row["bifurcation"] == "fold" for row in mine])
         stable = np.array([row["stability"] == "stable" for row in mine])
         look = {"color": list(SELECTIONS.values())[number], "linewidth": 1.6}
-        axes.plot(hertz, np.where(stable | fold, size, np.nan), **look, label=f"{float(force):g} N")
-        axes.plot(hertz, np.where(~stable | fold, size, np.nan), "--", **look)
-        axes.plot(hertz[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
+        axes.plot(place, np.where(stable | fold, size, np.nan), **look, label=f"{float(value):g}")
+        axes.plot(place, np.where(~stable | fold, size, np.nan), "--", **look)
+        axes.plot(place[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
+
+
+def response_picture(folder: Path) -> Figure:
+    """Draw the amplitudes of the clamped beam over the frequency."""
+    figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
+    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", "loads.0.force_N")
     axes.set(xlabel="frequency, Hz", ylabel="amplitude, mm")
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, title="force, N", title_fontsize=7)
+    return figure
+
+
+def blade_response_picture(folder: Path) -> Figure:
+    """Draw the amplitude and the peak normal force of the rubbing blade over the pressure."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(6.4, 2.5), layout="constrained")
+    columns = "loads.0.pressure_Pa", "contacts.0.gap_m"
+    draw_response(left, folder, ("amplitude_tangential_2_m", 1e3), *columns)
+    draw_response(right, folder, ("peak_normal_force_N", 1.0), *columns)
+    left.set(xlabel="pressure, Pa", ylabel="amplitude, mm")
+    right.set(xlabel="pressure, Pa", ylabel="peak normal force, N")
+    left.legend(fontsize=7, title="gap, m", title_fontsize=7)
     return figure
 
 
@@ -393,6 +421,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["response_2d"] = response_picture(runs / "response_2d")
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
+        figures["blade_response"] = blade_response_picture(runs / "blade_response")
         figures["compare"] = compare_picture(runs / "compare")
         figures["overview"] = overview_picture(runs)
         for name, figure in figures.items():

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full import FullModel
-    from fenicsrom.fem.mesh import Mesh, build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+    from fenicsrom.fem.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+    from fenicsrom.fem.mesh_data import Mesh
     from fenicsrom.fem.solid import Solid, build_solid, solid_of
     from fenicsrom.online.archive import StoredModel, load_model, save_model
     from fenicsrom.online.history import History, read_history
@@ -75,7 +76,8 @@ __all__ = [
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
-    "fem.mesh": ("Mesh", "build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
+    "fem.mesh": ("build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
+    "fem.mesh_data": ("Mesh",),
     "fem.solid": ("Solid", "build_solid", "solid_of"),
     "fem.full": ("FullModel",),
     "reduction.modes": ("component_modes",),

@@ -1,4 +1,4 @@
-"""Solids that several test files look at, made once a session."""
+"""Solids that several test files use, made once per session."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def bent2d() -> Any:
 
 @pytest.fixture(scope="session")
 def bent3d() -> Any:
-    """The same of tetrahedra, pushed aslant."""
+    """The short beam of tetrahedra, under an oblique static load."""
     pytest.importorskip("dolfinx")
     return make_solid(bent_scene(3, "geometry.cells='simplex'"))
 

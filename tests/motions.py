@@ -5,9 +5,21 @@ import numpy as np
 from fenicsrom.online.motion import Motion
 
 PERIOD = 0.25
-
-
 FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4
+
+# the documented keys of a response in summary.json
+RESPONSE_KEYS = [
+    "amplitude_m",
+    "fraction",
+    "peak_normal_force_N",
+    "peak_total_normal_force_N",
+    "dissipated_per_period_J",
+    "energy_imbalance",
+    "steady",
+    "periods",
+    "steps",
+    "newton_iterations",
+]
 
 
 def jenkins(
@@ -20,8 +32,8 @@ def jenkins(
     uneven=True,
     phase=0.0,
 ):
-    """A point led around: u_n = -normal cos 2wt, u_t = tangential sin wt, with the contact law
-    applied step by step."""
+    """A point on a prescribed path: u_n = -normal cos 2wt, u_t = tangential sin wt; the contact law
+    is applied step by step."""
     parts = np.linspace(0, 1, steps + 1)[:-1]
     if uneven:
         parts = parts + 0.12 * np.sin(2 * np.pi * parts) / (2 * np.pi)
@@ -61,7 +73,7 @@ def motion(
     period=PERIOD,
     point_friction_dissipation=None,
 ):
-    """A motion with an energy ledger that adds up but for 1e-3 J at the end."""
+    """A motion whose energy ledger balances except for 1e-3 J at the end."""
     ns, _, d = displacement.shape
     friction_dissipation = np.zeros(ns) if friction_dissipation is None else friction_dissipation
     points = 0 if force is None else force.shape[1]

@@ -1,5 +1,5 @@
-"""What several test files share: differences, slopes, small scenes and small models, runs on
-several ranks."""
+"""Helpers of several test files: differences, slopes, small scenes and models, runs on several
+ranks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -17,6 +18,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fenicsrom
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
@@ -62,6 +64,36 @@ def assert_tangent(
     error = np.abs(given - differences).max()
     assert error <= tolerance * size, (
         f"derivative off by {error / size:.1e} of its largest entry {size:.3g}"
+    )
+
+
+def random_directions(solid: Any) -> tuple[Array, Array]:
+    """A random displacement (n,) of a solid and three directions (3, n)."""
+    directions = [random_field(solid, 0.02, seed) for seed in (1, 2, 3)]
+    return random_field(solid, 0.02), np.array(directions)
+
+
+def assert_force_of_energy(solid: Any) -> None:
+    """The internal force of a solid is the derivative of its energy."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.energy(u + s @ directions),
+        lambda s: directions @ solid.internal_force(u + s @ directions),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
+    )
+
+
+def assert_tangent_of_force(solid: Any) -> None:
+    """The tangent of a solid is the derivative of its internal force."""
+    u, directions = random_directions(solid)
+    assert_tangent(
+        lambda s: solid.internal_force(u + s @ directions),
+        lambda s: solid.tangent_times(u + s @ directions, directions.T),
+        np.zeros(3),
+        step=0.5,
+        tolerance=1e-9,
     )
 
 
@@ -231,15 +263,35 @@ def linear_model(
     )
 
 
+def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
+    )
+    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
+    model = reduced_model(
+        np.ones((1, 1)),
+        damping,
+        elastic,
+        np.ones((1, 1)),
+        load,
+        *first(0, 1),
+        np.eye(2, 1),
+        np.zeros(2),
+    )
+    return model, 2.0 * np.pi / omega
+
+
 def oscillator(
     steps: int = 40, force: float = 1.0, damping: float = 0.5
 ) -> tuple[ReducedModel, Scene, Motion]:
-    """A linear oscillator of two coordinates, shaken, run until it is steady."""
+    """A linear oscillator of two coordinates, shaken, marched until it is steady."""
     scene = beam_scene(
         2,
         (
             "loads.0.frequency=1.0",
             f"time.steps_per_period={steps}",
+            "time.steady='march'",
             f"material.mass_damping={damping}",
         ),
         contacts=None,
@@ -315,9 +367,32 @@ def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 
     )
 
 
+def period_steps(steps: int, scheme: str = "discrete-gradient") -> Time:
+    """Settings of a periodic motion with a number of equal steps per period."""
+    return Time.of(scheme=scheme, periods=1, steps_per_period=steps)
+
+
 # ------------------------------------------------------------------ ranks
 
 needs_mpirun = pytest.mark.skipif(shutil.which("mpirun") is None, reason="no mpirun")
+
+
+@contextmanager
+def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> Iterator[None]:
+    """Expect a `SceneError` in one line.
+
+    Args:
+        kind: its kind.
+        key: the key that it is about.
+        file: the name of the file that it is about; by default any file.
+        names: text that its message contains, such as a name that stands in the file.
+    """
+    with pytest.raises(SceneError) as caught:
+        yield
+    error = caught.value
+    assert (error.kind, error.key) == (kind, key), error
+    assert not file or (Path(error.source).name == file and error.source in str(error))
+    assert names in str(error) and "\n" not in str(error)
 
 
 def on_ranks(
@@ -354,3 +429,24 @@ def on_ranks(
     )
     assert done.returncode == code, done.stderr
     return done
+
+
+def arrays_of_one_and_two_ranks(
+    script: str, folder: Path, *arguments: str
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Run a script on one and on two ranks; give the arrays that each run writes.
+
+    Args:
+        script: Python code that writes an .npz file, whose name follows the arguments; its array
+            "ranks" holds the number of ranks.
+        folder: folder of the files.
+        arguments: the arguments of the script.
+    """
+    found = []
+    for ranks in (1, 2):
+        target = folder / f"{ranks}.npz"
+        on_ranks(ranks, "-c", script, *arguments, str(target))
+        with np.load(target) as file:
+            found.append({name: file[name] for name in file.files})
+        assert int(found[-1].pop("ranks")) == ranks
+    return found[0], found[1]

@@ -330,7 +330,7 @@ def _pairs(scene: Scene, scales: Scales) -> Values:
         except LeftOut:
             continue
     if not found:
-        raise LeftOut("the scene has neither contact nor load that varies")
+        raise LeftOut("the scene has no contact and no varying load")
     return found
 
 

@@ -28,10 +28,12 @@ class Piece(Curve):
         origin: where it comes from: "march", or the kind and the parameter of the bifurcation at
             which it leaves another piece, or "isolated".
         periods: number of periods of the loads in one of the motion.
+        direction: 1.0 of a piece from the first value of the range, -1.0 of one from the last.
     """
 
     origin: str = "march"
     periods: int = 1
+    direction: float = 1.0
 
 
 class Follow(Protocol):

@@ -1,15 +1,8 @@
 """Campbell diagram: natural frequencies of a rotating body against speed, with engine orders.
 
 At every speed the body moves to its equilibrium without contact, and the modes are those of the
-tangent stiffness, K phi = omega^2 M phi. With the Coriolis force the modes are complex, with
-forward or backward whirl, and solve
-
-    (K + i omega G - omega^2 M) phi = 0.
-
-The real modes reduce this to a dense problem in state space. K^-1 times the residuals of its
-solutions extends the space until the frequencies change by less than `COMPLEX_TOLERANCE`. Modes are
-tracked from speed to speed by their modal assurance criterion,
-MAC = |a^H M b|^2 / (a^H M a  b^H M b).
+tangent stiffness (`fenicsrom.assess.rotating_modes`). They are tracked from speed to speed by their
+modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Engine order k excites k times per revolution. A critical speed Omega is a root of
 f(Omega)^2 = (k Omega / 2 pi)^2, where f^2 is a cubic spline of the speed (Southwell: f^2 is nearly
@@ -25,29 +18,18 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.optimize import linear_sum_assignment
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.reduction.basis import DEPENDENCE
-from fenicsrom.reduction.modes import close_frequency_groups
-from fenicsrom.reduction.projection import projected_gyroscopic
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
 
-Shapes = NDArray[Any]  # real, or complex with the Coriolis force
-
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
-# relative distance of frequencies below which the modes span one eigenspace
-COINCIDENT = 1e-4
 LEAST_MAC = 0.5  # a mode with a smaller MAC counts as lost
-# relative change of the frequencies at which the space of the complex modes is large enough
-COMPLEX_TOLERANCE = 1e-8
-COMPLEX_ROUNDS = 12
 
 
 @dataclass(frozen=True)
@@ -121,25 +103,9 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         SceneError: no rotation, no speed, or more modes than unknowns.
         ConvergenceError, AccuracyError: the first speed failed.
     """
-    from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import solid_of
-
     begin = clock.perf_counter()
-    rotation, speeds = scene.rotation, speeds_rpm(scene)
-    assert rotation is not None
-    say("mesh ..")
-    mesh = build_mesh(scene.geometry, comm)
-    say("solid ..")
-    solid = solid_of(replace(scene, rotation=replace(rotation, speed_rpm=float(speeds[0]))), mesh)
-    count = scene.campbell.modes
-    if count > solid.free:
-        raise SceneError(
-            f"{scene.source}: campbell.modes = {count}: must be at most {solid.free}, "
-            "the number of free unknowns",
-            kind=ErrorKind.RANGE,
-            key="campbell.modes",
-            source=scene.source,
-        )
+    speeds, count = speeds_rpm(scene), scene.campbell.modes
+    solid = _solid_at(float(speeds[0]), scene, comm, say)
     tracked = _Tracked(min(count + EXTRA_MODES, solid.free))
     unfinished: Exception | None = None
     for k, speed in enumerate(speeds):
@@ -164,7 +130,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         np.array(tracked.mac)[:, :count],
         np.array(tracked.largest),
         critical_speeds(reached, kept, scene),
-        max(tracked.changes) if rotation.coriolis else None,
+        max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
         solid.free,
         clock.perf_counter() - begin,
         list(solid.warnings),
@@ -172,6 +138,32 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
     )
     found.warnings += _warnings(found)
     return found
+
+
+def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
+    """Make the mesh and the solid about its equilibrium at this speed.
+
+    Raises:
+        SceneError: the scene cannot be used, or asks for more modes than the mesh has unknowns.
+        ConvergenceError: there is no equilibrium.
+    """
+    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.solid import solid_of
+
+    assert scene.rotation is not None
+    say("mesh ..")
+    mesh = build_mesh(scene.geometry, comm)
+    say("solid ..")
+    solid = solid_of(replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm)), mesh)
+    if scene.campbell.modes > solid.free:
+        raise SceneError(
+            f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
+            f"{solid.free}, the number of free unknowns",
+            kind=ErrorKind.RANGE,
+            key="campbell.modes",
+            source=scene.source,
+        )
+    return solid
 
 
 class _Tracked:
@@ -251,142 +243,6 @@ def _warnings(found: Campbell) -> list[str]:
 
 
 # ---------------------------------------------------------------------- modes
-
-
-def modes_at_speed(solid: Solid, count: int) -> tuple[Array, Shapes, float]:
-    """The lowest modes about the present equilibrium, complex with the Coriolis force.
-
-    Args:
-        solid: the body at speed.
-        count: number of modes.
-
-    Returns:
-        omega^2 (count,), ascending, shapes (local, count) of unit modal mass, and the last relative
-        change of the frequencies with the Coriolis force.
-
-    Raises:
-        ConvergenceError: the complex frequencies did not converge within `COMPLEX_ROUNDS`, or the
-            equilibrium is unstable.
-    """
-    squares, normal = solid.eigenmodes(solid.factor, count)
-    if solid.gyroscopic is None:
-        return squares, normal, 0.0
-    space = normal
-    previous = np.sqrt(np.maximum(squares, 0.0))
-    for _ in range(COMPLEX_ROUNDS):
-        omega, z = _state_space_modes(solid, space, count)
-        shapes = space @ z
-        change = float(np.max(np.abs(omega - previous) / omega))
-        if change <= COMPLEX_TOLERANCE or space.shape[1] >= solid.free:
-            mass = _hermitian(solid, shapes, shapes)
-            return omega**2, shapes / np.sqrt(np.diag(mass).real), change
-        previous = omega
-        new = [  # real and imaginary part of the residuals
-            solid.stiffness_times(a)
-            - omega**2 * solid.mass_times(a)
-            - omega * solid.gyroscopic_times(b)
-            for a, b in ((shapes.real, shapes.imag), (shapes.imag, -shapes.real))
-        ]
-        space = _extended(solid, space, solid.factor.solve(np.concatenate(new, axis=1)))
-    raise ConvergenceError(
-        f"complex modes: the frequencies still change by {change:.1e} after {COMPLEX_ROUNDS} "
-        f"rounds, more than {COMPLEX_TOLERANCE:.0e}"
-    )
-
-
-def _state_space_modes(solid: Solid, space: Array, count: int) -> tuple[Array, Shapes]:
-    """The complex modes within an M-orthonormal space (local, k).
-
-    With K = L L^T the state (L^T q, dq/dt) obeys a skew matrix. That matrix times i is Hermitian,
-    and its eigenvalues come in pairs +-omega.
-
-    Returns:
-        Frequencies (count,), rad/s, and coordinates (k, count).
-    """
-    k = space.shape[1]
-    try:
-        lower = np.linalg.cholesky(solid.inner(space, solid.stiffness_times(space)))
-    except np.linalg.LinAlgError:
-        raise ConvergenceError(
-            "complex modes: the equilibrium is unstable", kind=ErrorKind.INSTABILITY
-        ) from None
-    skew = np.block([[np.zeros((k, k)), lower.T], [-lower, -projected_gyroscopic(solid, space)]])
-    values, vectors = np.linalg.eigh(-1j * skew)
-    return values[k : k + count], vectors[k:, k : k + count]
-
-
-def _extended(solid: Solid, space: Array, vectors: Array) -> Array:
-    """Extend an M-orthonormal space by the vectors that it does not contain yet."""
-    sizes = np.sqrt(np.diag(solid.mass_inner(vectors, vectors)))
-    vectors = vectors[:, sizes > 0.0] / sizes[sizes > 0.0]
-    for _ in range(2):  # the second pass removes the rounding errors of the first
-        vectors = vectors - space @ solid.mass_inner(space, vectors)
-    values, turn = np.linalg.eigh(solid.mass_inner(vectors, vectors))
-    keep = values > DEPENDENCE**2
-    added = vectors @ (turn[:, keep] / np.sqrt(values[keep]))
-    added = added - space @ solid.mass_inner(space, added)
-    lower = np.linalg.cholesky(solid.mass_inner(added, added))
-    return np.concatenate([space, np.linalg.solve(lower, added.T).T], axis=1)
-
-
-def _hermitian(solid: Solid, a: Shapes, b: Shapes) -> Shapes:
-    """a^H M b of real or complex blocks (local, k) and (local, l)."""
-    if not (np.iscomplexobj(a) or np.iscomplexobj(b)):
-        return solid.mass_inner(a, b)
-    parts = [np.concatenate([block.real, block.imag], axis=1) for block in (a, b)]
-    k, n = a.shape[1], b.shape[1]
-    inner = solid.mass_inner(*parts)
-    return inner[:k, :n] + inner[k:, n:] + 1j * (inner[:k, n:] - inner[k:, :n])
-
-
-# ---------------------------------------------------------------------- tracking
-
-
-def follow(
-    solid: Solid, before: Array, shapes: Shapes, squares: Array, vectors: Shapes
-) -> tuple[Array, Shapes, Array]:
-    """Sort the modes at one speed in the order of the modes at the previous speed.
-
-    Args:
-        solid: the body.
-        before: (m,) omega^2 at the previous speed.
-        shapes: (local, m) shapes at the previous speed, of unit modal mass.
-        squares: (m,) omega^2 at this speed, ascending.
-        vectors: (local, m) shapes at this speed, of unit modal mass.
-
-    Returns:
-        omega^2 and shapes in the order of `shapes`, and the MAC of each pair (m,).
-    """
-    common = _hermitian(solid, shapes, vectors)
-    vectors = vectors @ aligning(common, squares)  # these shapes are returned
-    common = _hermitian(solid, shapes, vectors)
-    common = aligning(common.conj().T, before).conj().T @ common
-    mac = np.abs(common) ** 2
-    rows, columns = linear_sum_assignment(-mac)
-    order = columns[np.argsort(rows)]
-    return squares[order], vectors[:, order], np.minimum(mac[np.arange(order.size), order], 1.0)
-
-
-def aligning(common: Shapes, squares: Array) -> Shapes:
-    """The rotation of modes within coincident frequencies that aligns them with other modes.
-
-    Args:
-        common: (k, m) inner products of the other modes with these.
-        squares: (m,) omega^2 of these modes.
-
-    Returns:
-        (m, m) unitary matrix; the modes times this matrix are aligned.
-    """
-    turn = np.eye(squares.size, dtype=common.dtype)
-    omega = np.sqrt(np.abs(squares))
-    order = np.argsort(squares)
-    for part in close_frequency_groups(omega[order], COINCIDENT):
-        group = order[part]
-        if group.size > 1:
-            rows = np.sort(np.argsort(-np.sum(np.abs(common[:, group]) ** 2, axis=1))[: group.size])
-            u, _, vh = np.linalg.svd(common[np.ix_(rows, group)])
-            turn[np.ix_(group, group)] = (u @ vh).conj().T
-    return turn
 
 
 def critical_speeds(speeds: Array, squares: Array, scene: Scene) -> list[Critical]:

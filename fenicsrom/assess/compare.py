@@ -297,6 +297,7 @@ def time_runs(
     if (
         comm.bcast(motion.seconds) <= SLOW
         or motion.period is None
+        or motion.search is not None
         or motion.periods <= SHORT_PERIODS
     ):
         return tuple(simulate(model, scene).seconds for _ in range(repeats)), None

@@ -9,6 +9,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.online.march import end_of
 from fenicsrom.online.measures import (
     amplitude,
     at_rest,
@@ -27,11 +28,13 @@ from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import Derivatives, differentiate, enrich
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import coarser
+from fenicsrom.scene.times import Periodic
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
 
 PHASES = 200  # instants at which two periods are compared
+CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
 MORE_MODES = 2  # normal modes added to a basis that has all derivatives of its modes
 MORE_DERIVATIVES = 15  # largest number of derivatives added to a basis
 
@@ -71,7 +74,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     if coarse.time == scene.time and not at_rest(motion):
         return StepErrors(np.inf, np.inf)  # a single step cannot be made longer
     try:
-        other = simulate(model, coarse)
+        other = check_motion(model, coarse, motion)
     except (ConvergenceError, AccuracyError):
         return StepErrors(np.inf, np.inf)
     if at_rest(motion) and at_rest(other):
@@ -84,6 +87,40 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
     if not has_settled(other):
         return StepErrors(np.inf, force)
     return StepErrors(_amplitude_error(motion, other), force)
+
+
+def check_motion(
+    model: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None = None
+) -> Motion:
+    """A motion of another model, or with other steps, that checks a motion.
+
+    If Newton's method found the motion, the check starts where it ended, and Newton's method finds
+    its motion at once. Otherwise, and where this does not succeed within `CHECK_PERIODS`, the check
+    runs like the motion, from rest.
+
+    Args:
+        model: the model of the check.
+        scene: the scene of the check.
+        motion: the motion to be checked.
+        start: the end of the motion in the coordinates of the model: displacement and velocity
+            (n,) and sliders (P, d); by default the models have the same coordinates.
+
+    Raises:
+        ConvergenceError: the smallest step did not converge.
+        AccuracyError: the energy balance is off.
+    """
+    approaching = any(contact.approach for contact in scene.contacts)
+    if motion.newton_from is not None and motion.steady and not approaching:
+        assert isinstance(scene.time.span, Periodic)
+        span = replace(scene.time.span, periods=CHECK_PERIODS)
+        short = replace(scene, time=replace(scene.time, span=span))
+        try:
+            other = simulate(model, short, start=motion if start is None else start)
+        except (ConvergenceError, AccuracyError):
+            return simulate(model, scene)
+        if other.newton_from is not None and other.steady:
+            return other
+    return simulate(model, scene)
 
 
 def _start(motion: Motion) -> float:
@@ -171,7 +208,32 @@ def _with_more_modes(body: Structure, scene: Scene) -> ReducedBasis | None:
         return None
 
 
-def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
+def start_in(
+    body: Structure, basis: ReducedBasis, richer: ReducedBasis, motion: Motion
+) -> tuple[Array, ...] | None:
+    """The end of a motion in the coordinates of a richer basis, by projection in the mass norm.
+
+    Args:
+        body: the structure.
+        basis: the basis of the motion.
+        richer: the richer basis.
+        motion: the motion.
+
+    Returns:
+        Displacement and velocity (n,) and sliders (P, d); None for a motion that was marched or
+        has buckled, because its check starts from rest.
+    """
+    if motion.newton_from is None or motion.buckled:
+        return None
+    gram = body.mass_inner(richer.vectors, richer.vectors)
+    across = np.linalg.solve(gram, body.mass_inner(richer.vectors, basis.vectors))
+    q, v, sliders = end_of(motion)
+    return across @ q, across @ v, sliders
+
+
+def basis_error(
+    richer: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None = None
+) -> float:
     """Estimate the relative error of a settled motion due to its basis.
 
     The estimate is the relative distance of the amplitudes from those of a richer model. If the
@@ -181,6 +243,8 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
         richer: a model with a richer basis.
         scene: the scene of the motion.
         motion: the motion.
+        start: the end of the motion in the coordinates of the richer model (`start_in`), from which
+            the check starts; from rest if None.
 
     Returns:
         The relative error, infinite if the richer model does not settle.
@@ -188,7 +252,10 @@ def basis_error(richer: Any, scene: Scene, motion: Motion) -> float:
     Raises:
         ConvergenceError: the richer model fails.
     """
-    other = simulate(richer, scene)
+    if start is None:
+        other = simulate(richer, scene)
+    else:
+        other = check_motion(richer, scene, motion, start)
     if not has_settled(other):
         return float("inf")
     apart = 0.0

@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece, follow_branches, follow_isolated
+from fenicsrom.assess.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.processes import run_jobs
+from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
+from fenicsrom.assess.trust import LARGEST, Check, Richer, RicherModel, checks
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.branching import walk
+from fenicsrom.online.branching import follow_growing
+from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
@@ -31,12 +36,11 @@ from fenicsrom.online.families import (
     frequency_family,
 )
 from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
+    largest_multiplier,
     periodic_motion,
     settled_contacts,
 )
@@ -51,10 +55,41 @@ from fenicsrom.scene import (
     scene_table,
 )
 
-START_PERIODS = (5, 20, 80, 320)  # marched before Newton's method tries to start a curve
+START_PERIODS = 320  # largest number to march before a curve starts
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 GROWTH = 2.0  # of the motion after which its steps are measured by its new size
-REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
+
+
+@dataclass(frozen=True, eq=False)
+class FullPoint:
+    """The periodic motion of the full model at one value of the parameter.
+
+    Attributes:
+        parameter: its value.
+        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) of the reduced model there, m.
+        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        periods: number of periods of the full model that were marched.
+        derived: number of them that carried derivatives.
+        residual: relative.
+        seconds: run time.
+    """
+
+    parameter: float
+    amplitude: Array
+    reduced_amplitude: Array
+    verdict: str
+    periods: int
+    derived: int
+    residual: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """Error of the reduced amplitudes, relative to the largest amplitude: that of the basis."""
+        size = float(self.amplitude.max())
+        change = float(np.max(np.abs(self.reduced_amplitude - self.amplitude)))
+        return change / size if size else 0.0
 
 
 @dataclass(eq=False)
@@ -64,17 +99,18 @@ class ResponseCurve:
     Attributes:
         value: of the second number of the scene; None without families.
         pieces: the connected parts, that from the first value of the range first.
-        step_error: relative change of the largest amplitude with half the time step; None if that
-            motion was not found.
+        checks: estimates of the errors at selected points.
         marches: marched periods: all, and those with their derivatives.
-        seconds: run time.
+        seconds: run time, without that of the full model.
+        full: the motions of the full model at some values of the parameter.
     """
 
     value: float | None
     pieces: list[Piece] = field(default_factory=list)
-    step_error: float | None = None
+    checks: list[Check] = field(default_factory=list)
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
+    full: list[FullPoint] = field(default_factory=list)
 
     @property
     def points(self) -> list[CurvePoint]:
@@ -83,8 +119,18 @@ class ResponseCurve:
 
     @property
     def special(self) -> list[CurvePoint]:
-        """The bifurcations of all pieces."""
+        """The bifurcations and contact events of all pieces."""
         return [point for piece in self.pieces for point in piece.special]
+
+    @property
+    def step_error(self) -> float | None:
+        """Relative change of the largest amplitude with half the time step; None if not found."""
+        return next((c.step_error for c in self.checks if c.where == LARGEST), None)
+
+    @property
+    def basis_error(self) -> float | None:
+        """Relative change of the largest amplitude with a richer basis; None if not found."""
+        return next((c.basis_error for c in self.checks if c.where == LARGEST), None)
 
 
 @dataclass(eq=False)
@@ -102,6 +148,7 @@ class Response:
         warnings: sentences for the user.
         unfinished: the error of the first curve that was not found, or None.
         interrupted: whether the run was asked to stop; the last curve is then incomplete.
+        files: the written files.
     """
 
     scene: Scene
@@ -114,6 +161,7 @@ class Response:
     warnings: list[str] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
     interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
 
     @property
     def table(self) -> ResponseTable:
@@ -169,19 +217,60 @@ def check_response(scene: Scene) -> None:
             )
 
 
-def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
+CLASSES = {
+    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
+}
+"""The dataclasses of which a kept curve consists."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One curve to compute, in this process or in another.
+
+    Attributes:
+        stored: the model under the scene of all curves.
+        value: of the second number; None without families.
+        state: the file that keeps the curve; None keeps nothing.
+        kept: what an earlier run kept of it, or None.
+        richer: a model with a richer basis to compare with, or None.
+    """
+
+    stored: StoredModel
+    value: float | None
+    state: CurveFile | None
+    kept: KeptCurve | None
+    richer: RicherModel | None
+
+
+def response(
+    stored: StoredModel,
+    say: Callable[[str], None],
+    *,
+    state: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = lambda: False,
+    richer: RicherModel | None = None,
+) -> Response:
     """Compute the response curves of a reduced model under its scene.
 
     Args:
         stored: the model; its scene has a table [response].
         say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+        state: folder of the files that keep what is done of each curve; None keeps nothing.
+        resume: such a folder of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time. With several,
+            the calling script must be importable: put its code under `if __name__ == "__main__"`.
+        stop: asked at each point; the run ends when it returns True.
+        richer: a model with a richer basis to compare with at selected points.
 
     Returns:
         The curves. After an interrupt they end where they were, and `interrupted` is set; if a
         curve was not found, the others are there and `unfinished` holds the error.
 
     Raises:
-        SceneError: see `check_response`.
+        SceneError: see `check_response`, or `resume` does not belong to this model and scene.
+        OSError: a file of `state` cannot be written.
     """
     begin = clock.perf_counter()
     scene = stored.scene
@@ -199,35 +288,101 @@ def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
             "step, and the scene asks for an adaptive one."
         )
-    families = table.families
-    values: Sequence[float | None] = families.values if families else (None,)
-    for value in values:
-        curve = ResponseCurve(value)
-        found.curves.append(curve)
-        key = "" if families is None else f"{families.key} = {value:g}: "
-        current = (
-            stored if families is None else stored.with_overrides([f"{families.key}={value!r}"])
+    values: Sequence[float | None] = table.families.values if table.families else (None,)
+    jobs = [
+        _Job(
+            stored,
+            value,
+            curve_file(state, stored, number) if state is not None else None,
+            curve_file(resume, stored, number).load(CLASSES) if resume is not None else None,
+            richer,
         )
-        try:
-            _follow(current, curve, _prefixed(say, key))
-        except (ConvergenceError, AccuracyError) as error:
-            found.warnings.append(f"{key}{error}")
-            found.unfinished = found.unfinished or error
-        except KeyboardInterrupt:
-            found.interrupted = True
-            break
+        for number, value in enumerate(values, 1)
+    ]
+    if state is not None and (resume is None or resume.resolve() != state.resolve()):
+        forget(state)
+    progress = CurveProgress([_name(table, value) for value in values], say)
+    try:
+        for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
+            if isinstance(outcome, ConvergenceError):
+                outcome = _Outcome(ResponseCurve(values[number]), outcome)
+            found.curves.append(outcome.curve)
+            progress.finished(number)
+            if outcome.error is not None:
+                found.warnings.append(f"{_name(table, values[number])}{outcome.error}")
+                found.unfinished = found.unfinished or outcome.error
+            if outcome.interrupted:
+                found.interrupted = True
+                if workers <= 1:
+                    break
+    except KeyboardInterrupt:
+        found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _prefixed(say: Callable[[str], None], prefix: str) -> Callable[[str], None]:
-    """Make a callback that says each line with a prefix."""
-    return lambda line: say(f"{prefix}{line}")
+def _name(table: ResponseTable, value: float | None) -> str:
+    """The beginning of a sentence about a curve."""
+    return "" if table.families is None else f"{table.families.key} = {value:g}: "
 
 
-def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None]) -> None:
-    """Compute the pieces of one curve.
+@dataclass
+class _Outcome:
+    """A curve as far as it was computed, and why it ended before."""
+
+    curve: ResponseCurve
+    error: ConvergenceError | AccuracyError | None = None
+    interrupted: bool = False
+
+
+def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
+    """Compute the curve of a job; `report` may raise KeyboardInterrupt."""
+    stored, families = job.stored, response_table(job.stored.scene).families
+    richer = job.richer
+    if families is not None:
+        override = f"{families.key}={job.value!r}"
+        stored = stored.with_overrides([override])
+        if richer is not None:
+            richer = replace(richer, stored=richer.stored.with_overrides([override]))
+    curve = job.kept.curve if job.kept is not None else ResponseCurve(job.value)
+    outcome = _Outcome(curve)
+    if job.kept is not None and job.kept.done:
+        if job.state is not None:
+            job.state.save(curve, None, done=True)
+        return outcome
+    walk = CurveWalk(curve, response_table(stored.scene), report, job.state)
+    walk.stand = job.kept.stand if job.kept is not None else None
+    try:
+        _follow(stored, curve, walk, richer)
+        walk.save(done=True)
+    except (ConvergenceError, AccuracyError) as error:
+        outcome.error = error
+        walk.save()
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+        walk.save()
+    return outcome
+
+
+class _Kept(Continuation):
+    """A continuation that keeps what it finds in a `Piece`, in case of an interrupt."""
+
+    piece: Piece
+
+    def _special(
+        self, a: CurvePoint, b: CurvePoint | None, locate: bool
+    ) -> list[CurvePoint] | None:
+        """The special points between two points, also kept; None if one was not located."""
+        found = super()._special(a, b, locate)
+        self.piece.special.extend(found or [])
+        return found
+
+
+def _follow(
+    stored: StoredModel, curve: ResponseCurve, walk: CurveWalk, richer: RicherModel | None
+) -> None:
+    """Compute the pieces of one curve, from where it stands, and estimate its errors.
 
     Raises:
         ConvergenceError, AccuracyError: no motion was found at either end of the range.
@@ -237,100 +392,129 @@ def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None
     error: ConvergenceError | AccuracyError | None = None
     try:
         for value, direction in ((table.first, 1.0), (table.last, -1.0)):
-            try:
-                start = start_motion(stored, family, value, say)
-            except (ConvergenceError, AccuracyError) as problem:
-                error = problem
-                continue
-            piece = Piece()
-            curve.pieces.append(piece)
-            _follow_piece(stored, family, start, value, direction, piece, say)
+            earlier = [
+                piece
+                for piece in curve.pieces
+                if piece.origin == "march" and piece.direction == direction
+            ]
+            start: PeriodicMotion | None = None
+            if not earlier:
+                try:
+                    start = start_motion(stored, family, value, walk)
+                except (ConvergenceError, AccuracyError) as problem:
+                    error = problem
+                    continue
+                curve.pieces.append(Piece(direction=direction))
+            piece = earlier[0] if earlier else curve.pieces[-1]
+            if start is not None or piece.reason == "interrupted":
+                _follow_piece(stored, family, start, value, piece, walk)
             reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.last
             if reached or piece.reason == "number of points":
                 break
         if not curve.points and error is not None:
             raise error
-        _follow_more(stored, family, curve, say)
-        curve.step_error = _step_error(stored, family, curve)
+        _follow_more(stored, family, curve, walk)
+        other = None
+        if richer is not None:
+            other = Richer(family_of(richer.stored), richer.transfer)
+        curve.checks = checks(curve.pieces, family, stored.scene.time, other)
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
-        curve.seconds = clock.perf_counter() - begin
+        curve.seconds += clock.perf_counter() - begin
+
+
+def _shooting(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
+    """The equation of motions of so many periods; all pieces share the scales of its variables."""
+    problem = family(response_table(stored.scene).last)
+    return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
+
+
+class _Grown(Exception):
+    """The motion is much larger than where the continuation began."""
 
 
 def _follow_piece(
     stored: StoredModel,
     family: Family,
-    start: PeriodicMotion,
+    start: PeriodicMotion | None,
     value: float,
-    direction: float,
     piece: Piece,
-    say: Callable[[str], None],
+    walk: CurveWalk,
 ) -> None:
-    """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
+    """Follow one piece from a motion, or on from where it stands.
+
+    The step along the curve is relative to the size of the motion at the start of the piece. When
+    the motion has grown by the factor `GROWTH`, a new piece begins with the present size.
+
+    Args:
+        stored: the model.
+        family: problems by the parameter.
+        start: the first motion; None continues from `walk.stand`.
+        value: parameter at the first motion.
+        piece: the piece.
+        walk: reports and keeps what is done.
 
     Raises:
         ConvergenceError: the first point was not found.
     """
-    table = response_table(stored.scene)
-    path, begin = _first_point(stored, family, start, value)
-    follow_piece(path, begin, direction, piece, table, say)
+    table, shooting = response_table(stored.scene), _shooting(stored, family)
+    piece.reason = "interrupted"
+    path = _Kept(shooting, family, table.first, table.last, 1.0)
+    path.piece = piece
+    if start is not None:
+        _begin_piece(path, start, value, piece, walk)
+
+    def keep(point: CurvePoint) -> None:
+        piece.points.append(point)
+        if float(np.linalg.norm(point.s)) > GROWTH * path.size:
+            begin, direction = _rescaled(path, point)
+            walk.passed(path, begin, len(piece.points) - 1, direction)
+            raise _Grown
+        assert walk.stand is not None
+        walk.passed(path, walk.stand.begin, walk.stand.since, walk.stand.direction)
+
+    while True:
+        stand = walk.stand
+        assert stand is not None
+        path.size, shooting.guess = stand.size, stand.guess
+        *earlier, last = stand.trail(piece)
+        try:
+            found = path.run(
+                last,
+                stand.direction,
+                step=stand.step,
+                largest_step=LARGEST_STEP,
+                points=table.points - len(piece.points) + len(earlier) + 1,
+                progress=keep,
+                earlier=earlier,
+            )
+            break
+        except _Grown:
+            continue
+    end = found.points[-1]
+    if end is not last and end is not piece.points[-1]:  # at the end of the range: not reported
+        piece.points.append(end)
+    piece.reason, walk.stand = found.reason, None
+    walk(f"{len(piece.points)} points, {piece.reason}")
 
 
-def _continuation(
-    stored: StoredModel, family: Family, z: Array, periods: int = 1
-) -> tuple[Continuation, Array]:
-    """The continuation of motions like that with variables z (N,), and its scaled variables."""
-    table = response_table(stored.scene)
-    problem = family(table.last)
-    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
-    s = shooting.scaled(z)
-    size = float(np.linalg.norm(s))
-    return Continuation(shooting, family, table.first, table.last, size), s
-
-
-def _first_point(
-    stored: StoredModel, family: Family, start: PeriodicMotion, value: float
-) -> tuple[Continuation, CurvePoint]:
-    """The continuation from a motion, and its point.
-
-    Raises:
-        ConvergenceError: the point was not found.
-    """
-    path, s = _continuation(stored, family, start.z)
+def _begin_piece(
+    path: Continuation, start: PeriodicMotion, value: float, piece: Piece, walk: CurveWalk
+) -> None:
+    """Find the first point of a piece; arguments and errors as `_follow_piece`."""
+    s = path.shooting.scaled(start.z)
+    path.size = float(np.linalg.norm(s))
     begin = path.at_parameter(s, value)
     if begin is None:
-        name = response_table(stored.scene).parameter
-        raise ConvergenceError(f"the motion at {name} = {value:g} was lost")
-    return path, begin
-
-
-def follow_piece(
-    path: Continuation,
-    begin: CurvePoint,
-    direction: float | None,
-    piece: Piece,
-    table: ResponseTable,
-    say: Callable[[str], None],
-) -> None:
-    """Follow one piece from its first point; arguments as `fenicsrom.online.branching.walk`."""
-    report = _reporter(table, piece, say)
-    piece.reason = "interrupted"
-    walk(
-        path,
-        begin,
-        direction,
-        piece,
-        points=table.points,
-        largest_step=LARGEST_STEP,
-        progress=lambda point: report(),
-    )
-    say(f"{len(piece.points)} points, {piece.reason}")
+        raise ConvergenceError(f"the motion at {walk.table.parameter} = {value:g} was lost")
+    piece.points.append(begin)
+    walk.passed(path, begin, 0, piece.direction)
 
 
 def _follow_more(
-    stored: StoredModel, family: Family, curve: ResponseCurve, say: Callable[[str], None]
+    stored: StoredModel, family: Family, curve: ResponseCurve, progress: CurveWalk
 ) -> None:
     """Follow the branches and the isolated curves that the scene asks for.
 
@@ -340,36 +524,48 @@ def _follow_more(
     table = response_table(stored.scene)
 
     def path_of(motion: CurvePoint, periods: int) -> Continuation:
-        return _continuation(stored, family, motion.z, periods)[0]
+        size = float(np.linalg.norm(motion.s))
+        shooting = _shooting(stored, family, periods)
+        return Continuation(shooting, family, table.first, table.last, size)
 
     def follow(
         path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
     ) -> None:
-        piece = Piece(origin=origin, periods=periods)
+        piece = Piece(reason="interrupted", origin=origin, periods=periods)
         curve.pieces.append(piece)
-        follow_piece(path, begin, direction, piece, table, say)
+        follow_growing(
+            path,
+            begin,
+            direction,
+            piece,
+            points=table.points,
+            largest_step=LARGEST_STEP,
+            progress=lambda point: progress(""),
+        )
+        progress(f"{origin}: {len(piece.points)} points, {piece.reason}")
 
     def start(value: float) -> CurvePoint:
-        return _first_point(stored, family, start_motion(stored, family, value, say), value)[1]
+        motion = start_motion(stored, family, value, progress)
+        s = _shooting(stored, family).scaled(motion.z)
+        size = float(np.linalg.norm(s))
+        path = Continuation(_shooting(stored, family), family, table.first, table.last, size)
+        point = path.at_parameter(s, value)
+        if point is None:
+            raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
+        return point
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
-    follow_isolated(curve.pieces, path_of, follow, start, table.isolated)
+    follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())
 
 
-def _reporter(table: ResponseTable, piece: Piece, say: Callable[[str], None]) -> Callable[[], None]:
-    """Make a function that says where a piece stands, at most every `REPORT_INTERVAL`."""
-    last = clock.perf_counter()
-
-    def report() -> None:
-        nonlocal last
-        if clock.perf_counter() - last > REPORT_INTERVAL:
-            last, point = clock.perf_counter(), piece.points[-1]
-            say(
-                f"{len(piece.points)} points, {table.parameter} = {point.parameter:.5g}, amplitude "
-                f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
-            )
-
-    return report
+def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
+    """Set the size to that of the last point; the point with its new tangent, and its direction."""
+    tangent = last.tangent.copy()
+    size = float(np.linalg.norm(last.s))
+    tangent[:-1] *= path.size / size
+    path.size = size
+    tangent /= np.linalg.norm(tangent)
+    return replace(last, tangent=tangent), float(np.sign(tangent[-1]) or 1.0)
 
 
 def family_of(stored: StoredModel) -> Family:
@@ -406,66 +602,33 @@ def start_motion(
         ConvergenceError, AccuracyError: no motion was found; the error names the value.
     """
     scene, problem = stored.scene, family(value)
-    key = response_table(scene).parameter
-    motion: Motion | None = None
-    reason = ""
-    for periods in START_PERIODS:
-        say(f"start at {key} = {value:g}: {periods} periods, then Newton's method")
-        try:
-            motion = _marched(stored, problem.model, problem, periods, motion)
-            return periodic_motion(
-                problem.model, problem.contacts, scene.time, problem.period, motion.end
-            )
-        except ConvergenceError as error:
-            reason = str(error)
-            if motion is None:
-                break
-    raise ConvergenceError(
-        f"response: at {key} = {value:g} no periodic motion was found: {reason}",
-        kind=ErrorKind.CONVERGENCE,
-    )
-
-
-def _marched(
-    stored: StoredModel, model: ReducedModel, problem: Any, periods: int, before: Motion | None
-) -> Motion:
-    """The motion after so many periods, continued from an earlier one."""
-    scene = stored.scene
-    radius = scene.time.spectral_radius
+    key, radius = response_table(scene).parameter, scene.time.spectral_radius
+    say(f"start at {key} = {value:g}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
-        periods=periods,
-        steady_tolerance=0.0,
+        periods=START_PERIODS,
         steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steady_tolerance=1e-5,
         **({} if radius is None else {"spectral_radius": radius}),
     )
-    return integrate(
-        model,
-        problem.contacts,
-        settings,
-        problem.period,
-        dimension=scene.geometry.dimension,
-        resume=before.end if before is not None else None,
-    )
-
-
-def _step_error(stored: StoredModel, family: Family, curve: ResponseCurve) -> float | None:
-    """Relative change of the largest amplitude of a curve with half the time step."""
-    largest = max(curve.points, key=lambda point: float(point.amplitude.max()))
-    time, problem = stored.scene.time, family(largest.parameter)
-    finer = time.changed(steps_per_period=2 * (time.steps_per_period or FALLBACK_STEPS))
     try:
-        motion = periodic_motion(
-            problem.model, problem.contacts, finer, problem.period, largest.z, tolerance=1e-8
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            settings,
+            problem.period,
+            dimension=scene.geometry.dimension,
         )
-    except ConvergenceError:
-        return None
-    size = float(largest.amplitude.max())
-    return float(np.max(np.abs(motion.amplitude - largest.amplitude))) / size if size else None
+        return periodic_motion(
+            problem.model, problem.contacts, scene.time, problem.period, motion.end
+        )
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            kind=ErrorKind.CONVERGENCE,
+        ) from error
 
 
 def judged_multiplier(point: CurvePoint) -> complex:
     """The largest Floquet multiplier without those of sliders that are not unique."""
-    found = point.multipliers
-    judged = np.delete(found, np.argsort(np.abs(found - 1.0))[: point.free_sliders])
-    return complex(judged[0]) if judged.size else 0j
+    return largest_multiplier(point.multipliers, point.free_sliders)

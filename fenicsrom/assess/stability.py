@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
 from fenicsrom.assess.scales import scales_of
 from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
@@ -252,7 +252,8 @@ def _own_basis_error(
     )
     if richer is None:
         return None
-    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion)
+    start = start_in(solid, found.basis, richer, motion)
+    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion, start)
     check_basis_error(scene, estimate)
     return estimate
 
@@ -332,7 +333,11 @@ def stability(
     for axis in axes:
         if axis not in AXES:
             known = ", ".join(AXES)
-            raise SceneError(f"axis {axis!r} does not exist; the axes are {known}")
+            raise SceneError(
+                f"axis {axis!r} does not exist; the axes are {known}",
+                kind=ErrorKind.UNKNOWN_KEY,
+                key=axis,
+            )
     table, scene = load(path, changes)
     if scene.static_only:
         raise SceneError(

@@ -53,8 +53,9 @@ def _rerun(options: argparse.Namespace) -> int:
         stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    resumed = sentences.resumed_sentence(found.motion)
-    print_results(scene, table, found.warnings, [resumed] if resumed else [], found.files)
+    told = sentences.resumed_sentence(found.motion), sentences.periodic_sentence(found.motion)
+    given = [sentence for sentence in told if sentence]
+    print_results(scene, table, found.warnings, given, found.files)
     return _end(None, found.unfinished)
 
 
@@ -104,63 +105,63 @@ def campbell(options: argparse.Namespace) -> int:
 
 
 def response(options: argparse.Namespace) -> int:
-    """Compute the response curves of a scene or of a stored model."""
-    if options.stored:
-        from fenicsrom.online import archive
-
-        current = _changed_model(options, archive.load_model(Path(options.stored)))
-        folder = _make_folder(options, options.scene or options.stored)
-        return _end_response(study.response_of_model(current, progress), folder, None)
-    _require_scene(options)
-    comm, say, scene, folder = _start(options)
-    found = study.response(scene, comm, say, folder=folder, stop=is_terminated)
-    return _end_response(found, folder, comm)
-
-
-def _end_response(found: Any, folder: Path, comm: Any) -> int:
-    """End `response` as `_end_curves`."""
-    from fenicsrom.post import response_report
-
-    return _end_curves(found, response_report if found.curves else None, folder, comm)
-
-
-def backbone(options: argparse.Namespace) -> int:
-    """Compute a damped nonlinear mode of a scene or of a stored model."""
-    if options.stored:
-        from fenicsrom.online import archive
-
-        current = _changed_model(options, archive.load_model(Path(options.stored)))
-        folder = _make_folder(options, options.scene or options.stored)
-        return _end_backbone(study.backbone_of_model(current, progress), folder, None)
-    _require_scene(options)
-    comm, say, scene, folder = _start(options)
-    found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
-    return _end_backbone(found, folder, comm)
-
-
-def _end_backbone(found: Any, folder: Path, comm: Any) -> int:
-    """End `backbone` as `_end_curves`."""
-    from fenicsrom.post import backbone_report
-
-    return _end_curves(found, backbone_report if found.points else None, folder, comm)
-
-
-def _end_curves(found: Any, report: Any, folder: Path, comm: Any) -> int:
-    """Write and print curves as far as they were found, and end the command as `_end`.
-
-    Args:
-        found: the curves.
-        report: the module that writes them; None if nothing was found.
-        folder: of the files.
-        comm: MPI communicator, or None.
+    """Compute the response curves of a scene or of a stored model.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: a curve was not found.
     """
-    if report is not None and (comm is None or comm.rank == 0):
-        files = report.write(found, folder)
-        print_results(found.scene, report.terminal(found), found.warnings, files=files)
+    from fenicsrom.assess.processes import available_cores
+
+    settings: dict[str, Any] = {
+        "resume": Path(options.resume) if options.resume else None,
+        "workers": available_cores(),
+        "stop": is_terminated,
+    }
+    comm: Any = None
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        found = study.response_of_model(current, progress, folder=folder, **settings)
+    else:
+        _require_scene(options)
+        comm, say, scene, folder = _start(options)
+        found = study.response(scene, comm, say, folder=folder, **settings)
+    if found.curves and (comm is None or comm.rank == 0):
+        from fenicsrom.post import response_report
+
+        table = response_report.terminal(found)
+        print_results(found.scene, table, found.warnings, files=found.files)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return _end(comm, found.unfinished)
+
+
+def backbone(options: argparse.Namespace) -> int:
+    """Compute a damped nonlinear mode of a scene or of a stored model.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError: the mode or a peak was not found.
+    """
+    comm: Any = None
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        found = study.backbone_of_model(current, progress)
+    else:
+        _require_scene(options)
+        comm, say, scene, folder = _start(options)
+        found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+    if found.points and (comm is None or comm.rank == 0):
+        from fenicsrom.post import backbone_report
+
+        files = backbone_report.write(found, folder)
+        print_results(found.scene, backbone_report.terminal(found), found.warnings, files=files)
     if found.interrupted:
         raise KeyboardInterrupt
     return _end(comm, found.unfinished)

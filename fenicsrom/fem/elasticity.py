@@ -30,7 +30,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.mesh import Mesh
+from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.rotation import RotatingFrame
 from fenicsrom.fem.supports import clamped_nodes
 from fenicsrom.scene import Geometry, Material, Region, Rotation

@@ -127,24 +127,27 @@ def read(path: Path, form: str, curved: bool) -> MeshFile:
     blocks = [(block.type, np.asarray(block.data)) for block in mesh.cells if len(block.data)]
     if not blocks:
         raise SceneError(
-            f"{path}: no cells: must contain a mesh", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: the file has no cells; write the file with its mesh",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     for kind, cells in blocks:
         if kind not in CELLS:
             raise SceneError(
-                f"{path}: cells {kind}: must be triangles, quadrilaterals, tetrahedra or hexahedra",
+                f"{path}: cells of type {kind} are not supported; use triangles, quadrilaterals, "
+                "tetrahedra or hexahedra",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
         if cells.min() < 0 or cells.max() >= len(points):
             raise SceneError(
-                f"{path}: a cell has a node that is not in the file: must be a complete mesh",
+                f"{path}: a cell refers to a node that is not in the file; the mesh is incomplete",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
     if not np.isfinite(points).all():
         raise SceneError(
-            f"{path}: a coordinate is not a number: must be finite",
+            f"{path}: a coordinate is not a finite number",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -189,7 +192,7 @@ def _parse(path: Path, form: str) -> Any:
         ) from error
     if np.any(mesh.point_data.get("nastran:ref", 0)):
         raise SceneError(
-            f"{path}: a GRID has a coordinate system: must be the basic system "
+            f"{path}: a GRID has its own coordinate system; use the basic system "
             "(field 3 empty or 0)",
             kind=ErrorKind.FORMAT,
             source=str(path),
@@ -211,14 +214,16 @@ def _check_abaqus(path: Path, text: str) -> str:
     keywords = [line.partition(",")[0].strip() for line in lines if line.startswith("*")]
     if keywords.count("*NODE") != 1:
         raise SceneError(
-            f"{path}: {keywords.count('*NODE')} *NODE blocks: must be one, with all nodes of one "
-            "part",
+            f"{path}: the file has {keywords.count('*NODE')} *NODE blocks; "
+            "one is allowed, with all nodes of one part",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
     if "*INCLUDE" in keywords:
         raise SceneError(
-            f"{path}: *INCLUDE: must be a single file", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: *INCLUDE is not supported; write everything into one file",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     block = ""
     for index, line in enumerate(lines):
@@ -237,8 +242,8 @@ def _check_abaqus(path: Path, text: str) -> str:
                 )
         elif block in ("*NSET", "*ELSET") and re.search(r"[^-0-9,\s]", line):
             raise SceneError(
-                f"{path}: {block} lists the names of other sets ({line.strip()}): "
-                "must list node or element numbers",
+                f"{path}: {block} lists the names of other sets ({line.strip()}); "
+                "list node or element numbers instead",
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
@@ -263,7 +268,7 @@ def _check_nastran(path: Path, text: str) -> str:
     """Refuse a truncated bulk data file; return its text with the line that meshio looks for."""
     if not re.search(r"^ENDDATA", text, flags=re.MULTILINE):
         raise SceneError(
-            f"{path}: cannot be read; the file may be truncated: must end with ENDDATA",
+            f"{path}: the file does not end with ENDDATA; it may be truncated",
             kind=ErrorKind.FORMAT,
             source=str(path),
         )
@@ -271,7 +276,9 @@ def _check_nastran(path: Path, text: str) -> str:
         r"^[A-Z]+\*? *,? *[0-9]", text.partition("BEGIN BULK")[2] or text, flags=re.MULTILINE
     ):
         raise SceneError(
-            f"{path}: no cells: must contain a mesh", kind=ErrorKind.FORMAT, source=str(path)
+            f"{path}: the file has no cells; write the file with its mesh",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
         )
     return text if re.search(r"^ *BEGIN BULK", text, flags=re.MULTILINE) else "BEGIN BULK\n" + text
 

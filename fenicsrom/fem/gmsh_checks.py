@@ -52,8 +52,8 @@ def check_cells(
     spread = np.ptp([[x.min(axis=(0, 1)), x.max(axis=(0, 1))] for x in cells], axis=(0, 1))
     if d == 2 and spread[2] > PLANAR * spread.max():
         raise SceneError(
-            f"{source}: z differs by {spread[2]:g} m: "
-            "must be constant where geometry.dimension = 2",
+            f"{source}: z differs by {spread[2]:g} m, but it must be "
+            "constant if geometry.dimension = 2",
             kind=ErrorKind.MESH,
             key="geometry.dimension",
             source=source,
@@ -88,11 +88,14 @@ def _cell_kinds(gmsh: Any, geometry: Geometry, solid: list[int]) -> tuple[int, i
     properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
     names = ", ".join(entry[0] for entry in properties)
     if len(types) != 1:
-        raise error(f"cells {names or '(none)'}: must be of one type")
+        raise error(f"the cells must be of one type, but they are {names or '(none)'}")
     given, vertices = types[0], properties[0][5]
     kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
     if kind is None:
-        raise error(f"cells {names}: must be triangles, quadrilaterals, tetrahedra or hexahedra")
+        raise error(
+            f"cells of type {names} are not supported; use triangles, quadrilaterals, "
+            "tetrahedra or hexahedra"
+        )
     if geometry.cells is not None and (geometry.cells == "simplex") != (vertices == d + 1):
         raise error(
             f"geometry.cells = {geometry.cells!r}, but the cells are {names}",
@@ -168,7 +171,8 @@ def check_facets(gmsh: Any, source: str, d: int, groups: dict[str, list[int]], k
                     gmsh.model.mesh.getElementProperties(type_)[0] for type_ in (given, kind)
                 )
                 raise SceneError(
-                    f"{source}: group {name!r} has facets {have}: must be {need} for these cells",
+                    f"{source}: group {name!r} has facets of type {have}, "
+                    f"but the cells have facets of type {need}",
                     kind=ErrorKind.MESH,
                     source=source,
                 )

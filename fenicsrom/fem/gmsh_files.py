@@ -157,7 +157,7 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     if wrong:
         where = ", ".join(f"{value:.6g}" for value in wrong[0])
         raise SceneError(
-            f"{source}: the geometry extends to ({where}): coordinates must be at most "
+            f"{source}: the geometry extends to ({where}), but coordinates must be at most "
             f"{FARTHEST:g}",
             kind=ErrorKind.MESH,
             source=source,
@@ -289,9 +289,14 @@ def _errors(gmsh: Any, source: str) -> Iterator[None]:
         failure = error
     errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
     if errors or failure is not None:
+        sentence = " ".join((errors or [str(failure)])[0].split())
+        parameter = re.match(
+            r"(geometry\.parameters\.\w+) = ", sentence
+        )  # by Error() in a .geo file
         raise SceneError(
-            f"{source}: " + " ".join((errors or [str(failure)])[0].split()),
-            kind=ErrorKind.MESH,
+            f"{source}: {sentence}",
+            kind=ErrorKind.RANGE if parameter else ErrorKind.MESH,
+            key=parameter[1] if parameter else "",
             source=source,
         ) from failure
 

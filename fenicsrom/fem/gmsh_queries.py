@@ -43,7 +43,7 @@ def group_entities(gmsh: Any, source: str, d: int) -> dict[str, list[int]]:
             len(block) for entity in entities for block in gmsh.model.mesh.getElements(d, entity)[1]
         ):
             raise SceneError(
-                f"{source}: group {name!r} is empty: must have cells or facets of the mesh",
+                f"{source}: group {name!r} is empty; it must have cells or facets of the mesh",
                 kind=ErrorKind.MESH,
                 source=source,
             )

@@ -184,7 +184,7 @@ class Places:
         return weights.x.array[:local] / area, position, float(area * body.thickness)
 
     def _edge_or_node_weights(self, region: Region) -> tuple[Array, Array, float]:
-        """Weights by length on the edges of a node group, else equal; as `_weights`."""
+        """Weights by edge length for a node group with edges, else equal ones; as `_weights`."""
         body = self._body
         domain, degree = body.mesh.domain, body.geometry.degree
         scalar = fem.functionspace(domain, ("Lagrange", degree))

@@ -21,7 +21,8 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply
 from fenicsrom.fem.loads import load_vector
-from fenicsrom.fem.mesh import Mesh, build_mesh
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.load_histories import of_loads

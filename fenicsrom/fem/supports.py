@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh import Ints, Mesh
+from fenicsrom.fem.mesh_data import Ints, Mesh
 from fenicsrom.scene import Region
 
 COINCIDENT = 1e-12

@@ -32,7 +32,7 @@ LEAST_LOAD, LARGEST_LOAD = 0.01, 4.0  # factors on the loads through which other
 LOAD_POINTS = 1000  # largest number of points over the load
 
 
-def walk(
+def follow_growing(
     path: Continuation,
     start: CurvePoint,
     direction: float | None,
@@ -144,7 +144,7 @@ def motions_through_load(
         start = path.at_parameter(s, 1.0)
         if start is None:
             return found
-        curve = walk(
+        curve = follow_growing(
             path,
             start,
             direction,

@@ -20,7 +20,7 @@ from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.scene_changes import END_KEYS, changed_run_key
-from fenicsrom.online.state import TIME, Checkpoint, no_record, no_state
+from fenicsrom.online.state import TIME, Checkpoint, PeriodicSearch, no_record, no_state
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 FORMAT = "fenicsrom checkpoint 2"
@@ -68,8 +68,28 @@ def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: C
         "spans": checkpoint.spans,
         "buckled": checkpoint.buckled,
         "size": checkpoint.size,
+        "search": _search_table(checkpoint.search),
     }
     write_archive(path, header, _arrays(checkpoint))
+
+
+def _search_table(search: PeriodicSearch | None) -> dict[str, Any] | None:
+    """What Newton's method found, as plain data."""
+    if search is None:
+        return None
+    pairs = [[value.real, value.imag] for value in search.multipliers]
+    return {**search._asdict(), "multipliers": pairs}
+
+
+def _search_of(table: dict[str, Any] | None) -> PeriodicSearch | None:
+    """The inverse of `_search_table`."""
+    if table is None:
+        return None
+    pairs = np.array(table["multipliers"], dtype=np.float64).reshape(-1, 2)
+    counts = [int(table[name]) for name in ("periods", "marched", "iterations", "free_sliders")]
+    if not (counts[0] >= 1 and min(counts) >= 0):
+        raise ValueError("these are not the numbers of a search")
+    return PeriodicSearch(**{**table, "multipliers": pairs[:, 0] + 1j * pairs[:, 1]})
 
 
 def _arrays(checkpoint: Checkpoint) -> dict[str, Any]:
@@ -128,6 +148,7 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
         float(header["size"]),
         header["spans"],
         header["buckled"],
+        header["search"],
     )
     for name, array in _arrays(found).items():
         given = data.get(name)
@@ -172,6 +193,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
                 kind=ErrorKind.FORMAT,
                 source=str(path),
             )
+        header["search"] = _search_of(header.get("search"))
         return header, parse_scene(header["scene"], str(header["source"]), None), data
 
 
@@ -199,7 +221,8 @@ def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> b
     """
     end = motion.end
     if end is None or (
-        motion.period is not None and abs(motion.time[-1] / motion.period - end.spans) > 1e-6
+        motion.load_period is not None
+        and abs(motion.time[-1] / motion.load_period - end.spans) > 1e-6
     ):
         return False
     save_checkpoint(path, model, scene, end)

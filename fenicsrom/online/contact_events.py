@@ -13,6 +13,7 @@ from fenicsrom.online.state import Record
 from fenicsrom.online.surfaces import Contacts
 
 OPENS, SLIPS, STICKS = 1, 2, 4  # bits of the contact states that occur
+NEGLIGIBLE = 1e-7  # slip below this part of the stretch of the friction spring is round-off
 SMALLEST = 1e-300  # an extreme of a state that occurs is at least this, so that it has a sign
 
 
@@ -34,29 +35,50 @@ class Extremes(NamedTuple):
     slip: Array
 
 
-def state_bits(record: Record) -> NDArray[np.int64]:
-    """Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the contact states that occur in the rows."""
+def state_bits(record: Record, contacts: Contacts) -> NDArray[np.int64]:
+    """Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the contact states that occur in the rows.
+
+    Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick.
+    """
     bits = np.zeros(record.state.shape[1], dtype=np.int64)
     for bit, state in ((OPENS, OPEN), (SLIPS, SLIP), (STICKS, STICK)):
         bits |= bit * np.any(record.state == state, axis=0)
-    return bits
+    negligible = ((bits & SLIPS) > 0) & (_slid(record, contacts) <= _least(record, contacts))
+    return np.where(negligible, (bits & ~SLIPS) | STICKS, bits)
+
+
+def _limit(record: Record, contacts: Contacts) -> Array:
+    """Limit of friction (rows, P), N."""
+    return np.asarray(contacts.friction * record.force[:, :, 0])
+
+
+def _slid(record: Record, contacts: Contacts) -> Array:
+    """Energy dissipated by friction at each point, divided by its largest limit (P,), m."""
+    largest = np.maximum(np.max(_limit(record, contacts), axis=0, initial=0.0), SMALLEST)
+    return np.asarray(np.max(record.friction_dissipation, axis=0, initial=0.0) / largest)
+
+
+def _least(record: Record, contacts: Contacts) -> Array:
+    """Slip (P,) that counts as slip, m; -1 without friction or without its spring."""
+    largest = np.max(_limit(record, contacts), axis=0, initial=0.0)
+    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
+    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
+    return np.where(rubs, NEGLIGIBLE * largest / stiffness, -1.0)
 
 
 def extremes(record: Record, contacts: Contacts) -> Extremes:
     """The distances of the contact states from occurring, from the rows of a period."""
-    bits = state_bits(record)
+    bits = state_bits(record, contacts)
     force = contacts.preload - contacts.normal_stiffness * record.gap
-    limit = contacts.friction * record.force[:, :, 0]
     friction = np.linalg.norm(record.force[:, :, 1:], axis=2)
     stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
-    sticks = record.state == STICK
-    margin = np.min(np.where(sticks, limit - friction, np.inf), axis=0, initial=np.inf) / stiffness
-    largest = np.maximum(np.max(limit, axis=0, initial=0.0), SMALLEST)
-    slid = np.max(record.friction_dissipation, axis=0, initial=0.0) / largest
+    spare = np.where(record.state == STICK, _limit(record, contacts) - friction, np.inf)
+    margin = np.min(spare, axis=0, initial=np.inf) / stiffness
+    slips = (bits & SLIPS) > 0
     return Extremes(
         _signed(np.max(force, axis=0, initial=-np.inf), (bits & (SLIPS | STICKS)) > 0),
         _signed(np.max(-force, axis=0, initial=-np.inf), (bits & OPENS) > 0),
-        _signed(np.where((bits & SLIPS) > 0, slid, -margin), (bits & SLIPS) > 0),
+        _signed(np.where(slips, _slid(record, contacts), -margin), slips),
     )
 
 

@@ -8,7 +8,8 @@ last points and corrected orthogonally to its tangent (Keller 1977; Seydel 2010,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
 from fenicsrom.online.contact_events import extremes, state_bits
 from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
+from fenicsrom.online.curve_measures import harmonics, states_over_period
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import (
@@ -27,12 +29,15 @@ from fenicsrom.online.periodic import (
     least_squares_step,
     stuck_points,
 )
+from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
+AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
+STRAIGHT = 0.8  # least cosine of the angle between the tangents of two neighbours
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
@@ -67,7 +72,7 @@ class Continuation:
         """
         self.shooting, self.family, self.tolerance = shooting, family, tolerance
         self.low, self.high, self.range = low, high, high - low
-        self.size = size
+        self.size, self.step = size, 0.0
 
     def _evaluate(self, y: Array, *, derive: bool) -> Any:
         problem = self.family(y[-1] * self.range)
@@ -115,9 +120,9 @@ class Continuation:
                 jacobian = self._bordered(matrix, by_parameter, along)
             assert jacobian is not None
             if relative <= self.tolerance:
-                tangent, free = self._solve(jacobian, np.append(0.0 * y[:-1], 1.0), stuck)
+                tangent, free = self._tangent(jacobian, stuck)
                 return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
-            step, _ = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
+            step = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
             length = float(np.linalg.norm(step))
             if length > LARGEST_CORRECTION:
                 return None
@@ -135,25 +140,39 @@ class Continuation:
         jacobian[n] = along
         return jacobian
 
-    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> tuple[Array, int]:
+    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> Array:
         """Solve the bordered system, by least squares where sliders are free.
 
         Args:
             jacobian: (N + 1, N + 1).
             right: (N + 1,).
             stuck: whether a point sticks during the whole period.
-
-        Returns:
-            The solution, and the number of free slider components.
         """
         if not stuck:
             try:
                 found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
                 if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
-                    return found, 0
+                    return found
             except np.linalg.LinAlgError:
                 pass
-        return least_squares_step(jacobian, right)
+        return least_squares_step(jacobian, right)[0]
+
+    def _tangent(self, jacobian: Array, stuck: bool) -> tuple[Array, int]:
+        """The unit tangent (N + 1,) of the curve, and the number of free slider components.
+
+        Where sliders are free the motions of a parameter are a family. The tangent is then normal
+        to the family, so that the free sliders rest.
+        """
+        if not stuck:
+            found = self._solve(jacobian, np.append(np.zeros(len(jacobian) - 1), 1.0), stuck)
+            return found / np.linalg.norm(found), 0
+        _, sigma, rows = np.linalg.svd(jacobian[:-1])
+        count = 1 + int(np.sum(sigma <= RANK * sigma[0]))
+        flat = rows[-count:]
+        found = flat[:, -1] @ flat
+        if np.linalg.norm(found) < RANK:  # a fold
+            found = (flat @ jacobian[-1]) @ flat
+        return found / np.linalg.norm(found), count - 1
 
     def _point(
         self,
@@ -177,19 +196,22 @@ class Continuation:
             parameter=float(y[-1] * self.range),
             z=self.unscaled(s, float(y[-1] * self.range)),
             s=s,
-            tangent=tangent / np.linalg.norm(tangent),
+            tangent=tangent,
             amplitude=np.ptp(displacement, axis=0) / 2.0,
             peak_force=np.max(record.force[:, :, 0], axis=0, initial=0.0),
             friction_dissipation=float(np.sum(record.friction_dissipation[-1])),
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=state_bits(record),
+            states=state_bits(record, problem.contacts),
             residual=residual,
             marches=marches,
             extremes=extremes(record, problem.contacts),
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
+            harmonics=harmonics(record, problem.model.load_histories, problem.period),
+            period_states=states_over_period(record),
+            damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
         )
 
     def monodromy(self, point: CurvePoint) -> Array | None:
@@ -220,11 +242,15 @@ class Continuation:
         progress: Callable[[CurvePoint], None] | None = None,
         curve: Curve | None = None,
         largest_size: float = np.inf,
+        earlier: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
+        The size of the next step is in `step` when `progress` is called. An interrupted run
+        continues bit for bit with it, with the points so far and with the `guess` of `shooting`.
+
         Args:
-            start: its first point.
+            start: its first point, or the last one of an interrupted run.
             direction: sign of the change of the parameter at the start; None follows the tangent of
                 `start`.
             step: first step along the curve.
@@ -235,70 +261,85 @@ class Continuation:
             progress: called with each point.
             curve: receives the points, after those that it has; the last of these is `start`.
             largest_size: of the scaled variables, at which the continuation ends.
+            earlier: the points of an interrupted run before `start`.
         """
         tangent = start.tangent
-        if direction is not None:
+        if direction is not None and not earlier:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        curve = Curve([start]) if curve is None else curve
-        ys, arcs = [self.place(start)], [0.0]
-        tangents = [tangent]
+        curve = Curve([*earlier, start]) if curve is None else curve
+        ys: list[Array] = []
+        arcs: list[float] = []
+        for point in _since_kink([*earlier, start]):
+            self._extend(ys, arcs, point)
         while len(curve.points) < points:
-            guess = predict(ys, arcs, tangents[-1], step)
+            behind = replaced(curve.points[-1], tangent=tangent)
+            guess = predict(ys, arcs, tangent, step)
             inside = self.low <= guess[-1] * self.range <= self.high
-            before = replaced(curve.points[-1], tangent=tangents[-1])
-            found = self._next(guess, tangents[-1], step, smallest_step)
+            found = self._next(behind, guess, step, smallest_step)
             if found is not None and not self.low <= found.parameter <= self.high:
-                last = self._end(before, found)
-                special = self._special(before, last, locate)
+                last = self._end(behind, found)
+                special = self._special(behind, last, locate)
                 if last is not None and special is not None:
                     curve.points.append(last)
                     curve.special.extend(special)
                 curve.reason = "end of the range"
                 return curve
-            special = self._special(before, found, locate)
+            special = self._special(behind, found, locate)
             if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
                     curve.reason = "no convergence"
                     return curve
                 continue
-            reason = self._arrival(curve, before, found)
-            if reason:
-                curve.reason = reason
+            curve.reason = self._arrival(curve, behind, found)
+            if curve.reason:
                 return curve
             curve.special.extend(special or [])
             curve.points.append(found)
-            if progress is not None:
-                progress(found)
-            if float(np.linalg.norm(found.s)) > largest_size:
-                curve.reason = "grown"
-                return curve
-            arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
-            ys.append(self.place(found))
-            tangents.append(found.tangent)
+            if _kink(behind, found):
+                ys.clear()
+                arcs.clear()
+            self._extend(ys, arcs, found)
+            tangent = found.tangent
             marched, derived = found.marches
             effort = marched + derived
             step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
             if not inside:
                 step = max(0.5 * step, smallest_step)
+            self.step = step
+            if progress is not None:
+                progress(found)
+            if float(np.linalg.norm(found.s)) > largest_size:
+                curve.reason = "grown"
+                return curve
         curve.reason = "number of points"
         return curve
 
+    def _extend(self, ys: list[Array], arcs: list[float], point: CurvePoint) -> None:
+        """Add a point to those through which the curve is extrapolated, which have no kink."""
+        y = self.place(point)
+        arcs.append(arcs[-1] + float(np.linalg.norm(y - ys[-1])) if ys else 0.0)
+        ys.append(y)
+
     def _next(
-        self, guess: Array, tangent: Array, step: float, smallest_step: float
+        self, before: CurvePoint, guess: Array, step: float, smallest_step: float
     ) -> CurvePoint | None:
         """The point near a guess (N + 1,), or None to ask for a shorter step.
 
-        A sharp turn or a far correction shows that the step was too long.
+        A far correction or a sharp turn shows that the step was too long, unless the curve has a
+        kink.
         """
-        found = self.correct(guess, tangent)
+        found = self.correct(guess, before.tangent)
         if found is None:
             return None
-        turn = float(np.dot(found.tangent, tangent))
+        way = self.place(found) - self.place(before)
+        found = replaced(found, tangent=found.tangent * (np.sign(found.tangent @ way) or 1.0))
         away = float(np.linalg.norm(self.place(found) - guess))
-        if (abs(turn) < 0.8 or away > 0.5 * step) and step > 4.0 * smallest_step:
-            return None
-        return replaced(found, tangent=found.tangent * (np.sign(turn) or 1.0))
+        if _kink(before, found):
+            too_long = away > KINK_AWAY * step
+        else:
+            too_long = away > AWAY * step or float(found.tangent @ before.tangent) < STRAIGHT
+        return None if too_long and step > 4.0 * smallest_step else found
 
     def _end(self, inside: CurvePoint, outside: CurvePoint) -> CurvePoint | None:
         """The point on the bound of the range between two points, if it is found."""
@@ -341,6 +382,17 @@ class Continuation:
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
         return float(np.linalg.norm(near - y)) < CLOSED * length
+
+
+def _since_kink(points: list[CurvePoint]) -> list[CurvePoint]:
+    """The last points of a curve without a kink between them."""
+    kinks = [k for k, (a, b) in enumerate(pairwise(points), 1) if _kink(a, b)]
+    return points[max(kinks, default=0) :]
+
+
+def _kink(a: CurvePoint, b: CurvePoint) -> bool:
+    """Whether the curve has a kink between two points: other contact states, other free sliders."""
+    return bool(np.any(a.states != b.states)) or a.free_sliders != b.free_sliders
 
 
 def follow(

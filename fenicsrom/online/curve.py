@@ -19,6 +19,8 @@ BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth"
 CONTACT_CHANGES = ("touch", "lift-off", "slip")
 CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("first", "last"))
 """Kinds of special points where a contact state first or last occurs along a curve."""
+COMPLETE = ("end of the range", "closed", "end of the branch")
+"""Reasons for which a curve ends where it is complete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,10 @@ class CurvePoint:
         periods: number m of periods of the loads in one of the motion.
         alternation: (P d,) change of the contact displacement (of the probe without contact) from
             the start of the motion to the end of the first period of the loads, m; zero if m is 1.
+        harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
+            `fenicsrom.online.curve_measures.harmonics`.
+        period_states: (phases, P) contact states over the period.
+        damping_dissipation: energy dissipated by damping in the period, J.
     """
 
     parameter: float
@@ -67,6 +73,9 @@ class CurvePoint:
     contact: int = -1
     periods: int = 1
     alternation: Array = field(default_factory=lambda: np.zeros(0))
+    harmonics: NDArray[np.complex128] = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
+    period_states: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), np.int8))
+    damping_dissipation: float = 0.0
 
     @property
     def stable(self) -> bool:

@@ -7,7 +7,8 @@ The balance of a motion is (Gonzalez 1996, Simo and Tarnow 1992, for schemes tha
 with kinetic energy T, elastic energy V, energy of the contact springs V_c, energy D dissipated by
 damping and friction, and work W of the loads (`fenicsrom.online.motion.Motion.imbalance`). The
 balance is zero except for the error of the scheme: d > 0 is energy that was created, d < 0 energy
-that was lost.
+that was lost. Where Newton's method has replaced the marched motion by the periodic one, the state
+jumps: each part of the motion (`Motion.parts`) is judged alone, from its own start.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class EnergyErrors(NamedTuple):
         created: largest excess of the balance.
         lost: largest deficit of the balance.
         energy: largest kinetic plus elastic energy.
-        work: largest work of the loads since the first record.
+        work: largest work of the loads since the first record of the part.
         friction_gain: sum of all negative friction dissipation, with a positive sign.
         largest_friction_gain: the largest gain of one step.
         dissipated: sum of all positive friction dissipation, plus the damping dissipation.
@@ -58,16 +59,18 @@ class EnergyErrors(NamedTuple):
     dissipated: float
 
 
-def energy_errors(motion: Motion) -> EnergyErrors:
-    """Compute the energy errors of a motion."""
-    imbalance = motion.imbalance
-    steps = np.diff(motion.friction_dissipation)
-    damped = float(motion.damping_dissipation[-1] - motion.damping_dissipation[0])
+def energy_errors(motion: Motion, part: slice | None = None) -> EnergyErrors:
+    """Compute the energy errors of a motion, or of one of its `parts`."""
+    part = slice(None) if part is None else part
+    imbalance, work = motion.imbalance[part], motion.work[part]
+    steps = np.diff(motion.friction_dissipation[part])
+    damping_dissipation = motion.damping_dissipation[part]
+    damped = float(damping_dissipation[-1] - damping_dissipation[0])
     return EnergyErrors(
         created=float(np.max(imbalance)),
         lost=float(np.max(-imbalance)),
-        energy=float(np.max(motion.kinetic + np.abs(motion.elastic))),
-        work=float(np.max(np.abs(motion.work - motion.work[0]))),
+        energy=float(np.max(motion.kinetic[part] + np.abs(motion.elastic[part]))),
+        work=float(np.max(np.abs(work - work[0]))),
         friction_gain=-float(np.sum(steps[steps < 0.0])),
         largest_friction_gain=-float(steps.min(initial=0.0)),
         dissipated=float(np.sum(steps[steps > 0.0])) + damped,
@@ -84,20 +87,21 @@ def check_scheme(motion: Motion, scheme: str) -> None:
     Raises:
         AccuracyError: the imbalance exceeds `SCHEME_TOLERANCE`; `partial` holds the motion.
     """
-    found = energy_errors(motion)
-    size = found.energy + found.work
     one_sided = scheme == "generalised-alpha"
-    off = found.created if one_sided else max(found.created, found.lost)
     allowed = SCHEME_TOLERANCE[scheme]
-    if off > allowed * size:
-        other = "" if scheme == "discrete-gradient" else " or the discrete gradient"
-        raise AccuracyError(
-            f"time integration: the energy ledger is off by {100.0 * off / size:.3g} % of the "
-            f"energy and work, more than {100.0 * allowed:.3g} % (scheme {scheme}, "
-            f"{motion.steps} steps): take shorter steps{other}",
-            motion,
-            kind=ErrorKind.ENERGY,
-        )
+    for part in motion.parts:
+        found = energy_errors(motion, part)
+        size = found.energy + found.work
+        off = found.created if one_sided else max(found.created, found.lost)
+        if off > allowed * size:
+            other = "" if scheme == "discrete-gradient" else " or the discrete gradient"
+            raise AccuracyError(
+                f"time integration: the energy ledger is off by {100.0 * off / size:.3g} % of the "
+                f"energy and work, more than {100.0 * allowed:.3g} % (scheme {scheme}, "
+                f"{motion.steps} steps): take shorter steps{other}",
+                motion,
+                kind=ErrorKind.ENERGY,
+            )
 
 
 def check_energy(motion: Motion) -> None:
@@ -110,7 +114,12 @@ def check_energy(motion: Motion) -> None:
     Raises:
         AccuracyError: the balance is off, or friction gives energy.
     """
-    found = energy_errors(motion)
+    for part in motion.parts:
+        _check_part(energy_errors(motion, part))
+
+
+def _check_part(found: EnergyErrors) -> None:
+    """`check_energy` for one part of a motion."""
     both = found.energy + found.work
     for off, size, name, verb in (
         (found.created, found.energy, "largest energy", "is created"),
@@ -141,6 +150,9 @@ def friction_gains_energy(motion: Motion) -> bool:
 
     The discrete gradient excludes this gain; the other schemes do not.
     """
-    found = energy_errors(motion)
-    scale = found.energy + float(motion.friction_dissipation[-1])
-    return found.largest_friction_gain > ROUNDING * scale
+    for part in motion.parts:
+        found = energy_errors(motion, part)
+        scale = found.energy + float(motion.friction_dissipation[-1])
+        if found.largest_friction_gain > ROUNDING * scale:
+            return True
+    return False

@@ -150,13 +150,19 @@ class _Statics:
         return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
-        """Number of negative eigenvalues of the stiffness with the contacts that touch."""
+        """Number of negative eigenvalues of the stiffness with the contacts that touch.
+
+        With the springs S = B sqrt(k) n, the inertia of the matrix [[K, S], [S^T, -I]] is the sum
+        of those of K and -(I + S^T K^-1 S), and of those of -I and K + S S^T (Haynsworth 1968,
+        Linear Algebra and its Applications 1, 73-81). So neg(K + S S^T) = neg(K) - neg(I + S^T
+        K^-1 S).
+        """
         tangent = self._tangent(q)
         found: int = self.model.negative_directions(tangent)
-        _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, np.zeros_like(q))
         springs = self._springs(q)
-        if springs.shape[1]:  # K + sum k n n^T has as many as K and k^-1 + n^T K^-1 n
-            found += negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
+        if springs.shape[1]:
+            _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, np.zeros_like(q))
+            found -= negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
         return found
 
     def _springs(self, q: Array) -> Array:

@@ -21,6 +21,9 @@ HISTORY_ARRAYS: Mapping[str, str] = {
 }
 """The arrays of one model in `history.npz`, and the attribute of a `Motion` that each holds."""
 
+JUMP = "newton_from"
+"""The number in `history.npz` that tells when the periodic motion replaced the marched one, s."""
+
 
 @dataclass(frozen=True, eq=False)
 class History:
@@ -39,7 +42,9 @@ class History:
         work: (ns,) work of the loads and of moving surfaces since the start, J.
         damping_dissipation: (ns,) energy dissipated by damping since the start, J.
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
-        period: period of the loads, s, as given to `read_history`; None for the whole run.
+        period: period of the motion, s, as given to `read_history`; None for the whole run.
+        newton_from: the time at which Newton's method replaced the marched motion by the periodic
+            one, s; the state jumps there. None where it did not.
     """
 
     time: Array
@@ -54,6 +59,7 @@ class History:
     damping_dissipation: Array
     friction_dissipation: Array
     period: float | None = None
+    newton_from: float | None = None
 
     def last_period(self) -> slice:
         """The steps of the last period, both ends included; all steps without a period."""
@@ -72,8 +78,9 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
 
     Args:
         path: the file.
-        period: period of the loads in s, `Scene.period`; with it `amplitudes` and
-            `contact_fractions` look at the last period, without it at the whole run.
+        period: period of the motion in s, usually that of the loads, `Scene.period`; with it
+            `amplitudes` and `contact_fractions` look at the last period, without it at the whole
+            run.
 
     Returns:
         The motion of each model that ran, by its name: "reduced", "full", "beam".
@@ -100,6 +107,7 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
             name: History(
                 **{attribute: arrays[f"{name}_{key}"] for key, attribute in HISTORY_ARRAYS.items()},
                 period=period,
+                newton_from=float(arrays[f"{name}_{JUMP}"]) if f"{name}_{JUMP}" in arrays else None,
             )
             for name in names
         }

@@ -35,7 +35,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -55,10 +54,21 @@ from fenicsrom.online.state import (
     STEPS,
     TIME,
     Checkpoint,
+    PeriodicSearch,
     Record,
     State,
     no_record,
     no_state,
+)
+from fenicsrom.online.steady import (
+    FIRST_ATTEMPT,
+    attempt,
+    change_of,
+    continued,
+    fractions_of,
+    is_due,
+    periods_of,
+    prepare,
 )
 from fenicsrom.online.step import measure
 from fenicsrom.online.surfaces import Contacts
@@ -138,6 +148,8 @@ class _Run:
         buckled: as in `Motion`.
         history: the rows of each span; the first entry is the initial state.
         seconds: run time so far, compilation excluded.
+        search: what Newton's method found; None before its first attempt.
+        reference: rows of the period before the start, of a run that starts in a periodic motion.
     """
 
     model: Any
@@ -154,11 +166,28 @@ class _Run:
     buckled: int
     history: list[Record] = field(default_factory=list)
     seconds: float = 0.0
+    search: PeriodicSearch | None = None
+    reference: Record | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether Newton's method has replaced the marched motion by the periodic one."""
+        return self.search is not None and self.search.time is not None
+
+    @property
+    def multiple(self) -> int:
+        """Number of periods of the loads in one of the motion, as far as it is known."""
+        return self.search.periods if self.search is not None and self.found else 1
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
         """The checkpoint of the run after a span."""
-        last = self.history[-1] if last is None else last
-        return Checkpoint(self.state, last, float(self.control.size), span, self.buckled)
+        if last is None:
+            last = self.history[-1]
+            if self.multiple > 1 and self.period is not None:
+                last = periods_of(self.history, self.period, self.multiple)
+        return Checkpoint(
+            self.state, last, float(self.control.size), span, self.buckled, self.search
+        )
 
 
 def integrate(
@@ -178,12 +207,15 @@ def integrate(
 ) -> Motion:
     """Integrate a model to its steady state, or to the given time.
 
+    With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
+    code (`fenicsrom.online.steady`). It tries at once where the run begins with a given `start`.
+
     Args:
         model: a `ReducedModel` or any `Model`.
         contacts: parameters of the P contact points, in the order of the model's contact
             displacements.
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
-            tolerance, or duration.
+            tolerance and way to the steady state, or duration.
         period: period of the loads, s; None runs for `settings.duration`.
         dimension: d, of space.
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
@@ -217,25 +249,34 @@ def integrate(
     )
     if advance is not march:  # compile before the clock starts, by a call without a step
         advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
-    begin = clock.perf_counter()
     spans = settings.periods if period is not None else 1
+    by_newton = advance is compiled_march and bool(settings.steady_tolerance)
+    by_newton = by_newton and settings.steady == "newton"
+    if by_newton and (spans > FIRST_ATTEMPT or start is not None):
+        prepare(model, contacts, settings, run.horizon)
+    begin = clock.perf_counter()
     steady, stopped, status, span = False, False, DONE, run.done
     for span in range(run.done + 1, spans + 1):
+        if by_newton and not run.found and (is_due(span - 1) or (start is not None and span == 1)):
+            _try_newton(run, settings, span - 1)
         q0 = run.state.q.copy()
         status, stopped = _run_span(run, span, checkpoint, stop)
         if status == FAILED or period is None:
             break
-        change = _change(run.history[-2], run.history[-1], period)
-        if (
-            change <= settings.steady_tolerance
-        ):  # the contact points repeat; check the whole state too
+        before = run.history[-2] if run.reference is None else run.reference
+        change = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+        run.reference = None
+        if change <= settings.steady_tolerance and run.multiple == 1:
+            # the contact points repeat; check the whole state too
             size = max(run.state.scalars[SIZE], 1e-300)
             change = max(change, _norm(model, run.state.q - q0) / size)
+        steady = change <= settings.steady_tolerance
+        if steady and by_newton and not run.found:
+            steady = _confirm(run, settings, span, last=span == spans)
         if progress is not None:
             progress(span / spans, change)
         if checkpoint is not None:
             checkpoint(run.checkpoint(span))
-        steady = change <= settings.steady_tolerance
         stopped = not steady and span < spans and stop is not None and stop()
         if steady or stopped:
             break
@@ -270,9 +311,10 @@ def _set_up(
     if tolerance and period is None:  # adaptive steps must not miss a load
         stops = instants(model.load_histories, horizon)
         grid = min(horizon, quarter_period(model.load_histories))
-    done, buckled = 0, 0
+    done, buckled, search = 0, 0, None
     if resume is not None:
         state, size, buckled = copy.deepcopy(resume.state), resume.size, resume.buckled
+        search = resume.search
         done = resume.spans if period is not None else 0
     else:
         if start is None:
@@ -307,6 +349,7 @@ def _set_up(
         done,
         buckled,
         [first],
+        search=search,
     )
 
 
@@ -341,8 +384,9 @@ def _run_span(
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
             break
-    # of the previous span, only the coordinates at its end are needed
-    run.history[-1] = run.history[-1]._replace(coordinates=run.history[-1].coordinates[-1:])
+    # of the span before the last period, only the coordinates at its end are needed
+    k = max(len(run.history) - run.multiple, 0)
+    run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
     run.history.append(_rows(pieces, counts))
     return status, stopped
 
@@ -376,6 +420,48 @@ def _norm(model: Any, vector: Array) -> float:
     return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
 
 
+def _try_newton(run: _Run, settings: Any, done: int) -> None:
+    """Try Newton's method after so many periods; an accepted motion replaces the marched one.
+
+    The last row of the record becomes that of the periodic motion.
+    """
+    assert run.period is not None
+    if run.contacts.times.size > 1 and run.state.scalars[TIME] < run.contacts.times[-1]:
+        return  # the surfaces still approach
+    if run.search is not None and run.search.marched == done:
+        return  # tried already
+    fractions = fractions_of(run.history[-1], run.period) if settings.tolerance else None
+    before = run.checkpoint(done)
+    found = attempt(
+        run.model, run.contacts, settings, run.period, before, done, run.search, fractions
+    )
+    run.search = found.search
+    if found.state is None:
+        return
+    run.search = found.search._replace(time=float(run.state.scalars[TIME]))
+    run.state = continued(found.state, run.state)
+    write(run.model, run.contacts, run.state, run.record, 0)
+    last = run.history[-1]
+    run.history[-1] = _rows([last, run.record], [last.time.size - 1, 1])
+    if done == 0 and found.record is not None and found.search.periods == 1:
+        run.reference = found.record._replace(time=found.record.time - run.period)
+
+
+def _confirm(run: _Run, settings: Any, span: int, last: bool) -> bool:
+    """Whether a march that repeats is steady.
+
+    A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
+    method decides; the march is believed where it finds no motion, or after the last period.
+    """
+    kept = run.state, run.history[-1]
+    _try_newton(run, settings, span)
+    if run.found and last:
+        assert run.search is not None
+        (run.state, run.history[-1]), run.search = kept, run.search._replace(time=None)
+        return True
+    return run.search is None or run.search.verdict == "not found"
+
+
 def _copy(record: Record, count: int) -> Record:
     """The first rows of a record, copied."""
     return Record._make(array[:count].copy() for array in record)
@@ -389,24 +475,14 @@ def _rows(pieces: list[Record], counts: list[int]) -> Record:
     )
 
 
-def _change(before: Record, after: Record, period: float) -> float:
-    """Change of the contact (or probe) displacement from a period ago, relative to the largest."""
-    was: Array = before.displacement.reshape(before.time.size, -1)
-    now: Array = after.displacement.reshape(after.time.size, -1)
-    if now.shape[1] == 0:
-        was, now = before.probe, after.probe
-    if before.time.size < 2:
-        return np.inf
-    if (
-        now.shape == was.shape
-        and np.max(np.abs(after.time - period - before.time)) <= 1e-9 * period
-    ):
-        there = was
-    else:  # other steps in the two periods: a cubic spline is accurate enough
-        there = CubicSpline(before.time, was)(
-            np.clip(after.time - period, before.time[0], before.time[-1])
-        )
-    return float(np.max(np.abs(now - there)) / max(np.max(np.abs(now)), 1e-300))
+def _last_coordinates(history: list[Record]) -> Array:
+    """The coordinates (k, 3 n) of the last spans, and those at the end of the span before."""
+    found: list[Array] = []
+    for rows in reversed(history):
+        found.insert(0, rows.coordinates)
+        if rows.coordinates.shape[0] < rows.time.size:
+            break
+    return np.concatenate(found)
 
 
 def _motion(run: _Run, steady: bool, span: int) -> Motion:
@@ -414,8 +490,7 @@ def _motion(run: _Run, steady: bool, span: int) -> Motion:
     history, s = run.history, run.state.scalars
     kept: list[Any] = [None] * 3
     if history[-1].coordinates.size:
-        last = np.concatenate([rows.coordinates for rows in history[-2:]])
-        kept = np.split(last, 3, axis=1)
+        kept = np.split(_last_coordinates(history), 3, axis=1)
     whole = _rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )
@@ -425,7 +500,7 @@ def _motion(run: _Run, steady: bool, span: int) -> Motion:
     end = run.checkpoint(span)
     return Motion(
         time=whole.time,
-        period=run.period,
+        period=None if run.period is None else run.period * run.multiple,
         displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
         force=whole.force,
         mean_force=whole.mean_force,
@@ -450,4 +525,5 @@ def _motion(run: _Run, steady: bool, span: int) -> Motion:
         coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
         end=end,
         buckled=end.buckled,
+        search=run.search,
     )

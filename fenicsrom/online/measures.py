@@ -11,6 +11,8 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.periodic import largest_multiplier
+from fenicsrom.online.state import PeriodicSearch
 
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
 # a motion is at rest if its amplitude, relative to the largest displacement, is smaller
@@ -220,9 +222,10 @@ def response_summary(motion: Motion) -> dict[str, Any]:
     Returns:
         `amplitude_m` (of the first contact point), `fraction`, `peak_normal_force_N` (of any
         point), `peak_total_normal_force_N` (of all together), `dissipated_per_period_J` (by
-        friction), `energy_imbalance` (relative), `steady`, `periods`, `steps`, `newton_iterations`.
+        friction), `energy_imbalance` (relative), `steady`, `periods`, `steps`, `newton_iterations`;
+        and `periodic_motion` (see `search_summary`) where Newton's method has looked for it.
     """
-    return {
+    found = {
         "amplitude_m": amplitudes(motion),
         "fraction": contact_fractions(motion),
         "peak_normal_force_N": peak_normal_force(motion),
@@ -234,6 +237,43 @@ def response_summary(motion: Motion) -> dict[str, Any]:
         "steps": int(motion.steps),
         "newton_iterations": int(motion.newton_iterations),
     }
+    if motion.search is not None:
+        found["periodic_motion"] = search_summary(motion.search)
+    return found
+
+
+def search_summary(search: PeriodicSearch) -> dict[str, Any]:
+    """What Newton's method found of the periodic motion, for `summary.json`.
+
+    Returns:
+        `verdict` ("stable", "unstable: fold", "unstable: period doubling", "unstable: torus",
+        "not reached" for a stable motion to which the march does not tend, or "not found"),
+        `from_s` (when the periodic motion replaced the marched one, or None), `load_periods` (in
+        one period of the motion), `marched_periods`, `newton_iterations`, `relative_residual`,
+        `largest_multiplier` (absolute value, without those of free sliders), `floquet_multipliers`
+        (the largest, as pairs of real and imaginary part), `free_sliders` (components that are not
+        unique).
+    """
+    multipliers, free = search.multipliers, search.free_sliders
+    largest = abs(largest_multiplier(multipliers, free)) if multipliers.size else None
+    return {
+        "verdict": search_verdict(search),
+        "from_s": search.time,
+        "load_periods": search.periods,
+        "marched_periods": search.marched,
+        "newton_iterations": search.iterations,
+        "relative_residual": search.residual if math.isfinite(search.residual) else None,
+        "largest_multiplier": largest,
+        "floquet_multipliers": [[float(x.real), float(x.imag)] for x in multipliers],
+        "free_sliders": search.free_sliders,
+    }
+
+
+def search_verdict(search: PeriodicSearch) -> str:
+    """The verdict of `search_summary`."""
+    if search.verdict == "not found" or search.accepted:
+        return search.verdict
+    return "not reached" if search.verdict == "stable" else f"unstable: {search.verdict}"
 
 
 def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]:

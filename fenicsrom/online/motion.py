@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.history import last_period
-from fenicsrom.online.state import Checkpoint
+from fenicsrom.online.state import Checkpoint, PeriodicSearch
 
 
 class Interrupted(KeyboardInterrupt):
@@ -31,7 +31,8 @@ class Motion:
 
     Attributes:
         time: (ns,) s.
-        period: period of the loads, s; None without harmonic load.
+        period: period of the motion, s: that of the loads, or several of these if Newton's method
+            found a subharmonic motion; None without harmonic load.
         displacement: (ns, P, d) contact displacement in the local frames [normal, tangents], or
             (ns, 1, d) of the probe in global axes where there is no contact, m.
         force: (ns, P, d) contact forces [N, T] acting against the motion, along the normal of the
@@ -50,11 +51,11 @@ class Motion:
         friction_dissipation: (ns,) energy dissipated by friction since the start, J.
         point_friction_dissipation: (ns, P) energy dissipated by friction at each contact point, J.
         steady: whether the motion was found to repeat.
-        periods: number of periods run.
+        periods: number of periods of the loads that were run.
         steps: accepted steps.
         rejected: rejected steps.
         newton_iterations: number of iterations of all steps, rejected steps included.
-        seconds: run time of the integration, compilation excluded.
+        seconds: run time of the integration with Newton's method, compilation excluded.
         coordinates: (k, n) coordinates q of the last period, if they were requested.
         velocity: (k, n) their velocities in the scheme.
         acceleration: (k, n) their accelerations in the scheme (zero for the discrete gradient,
@@ -63,6 +64,7 @@ class Motion:
         end: the checkpoint at the end of the motion, to continue from.
         buckled: number of directions in which the nearest equilibrium was unstable; the motion then
             started in another one.
+        search: what Newton's method found of the periodic motion; None if it was not tried.
     """
 
     time: Array
@@ -91,16 +93,48 @@ class Motion:
     coordinate_time: Array | None = None
     end: Checkpoint | None = None
     buckled: int = 0
+    search: PeriodicSearch | None = None
+
+    @property
+    def newton_from(self) -> float | None:
+        """The time at which the periodic motion replaced the marched one, s, or None.
+
+        The record at this time is that of the periodic motion. The sums (work and dissipated
+        energies) go on; the state, and with it the stored energy, jumps.
+        """
+        return self.search.time if self.search is not None else None
+
+    @property
+    def load_period(self) -> float | None:
+        """The period of the loads, s; None without harmonic load."""
+        if self.period is None or self.search is None or self.search.time is None:
+            return self.period
+        return self.period / self.search.periods
+
+    @property
+    def parts(self) -> tuple[slice, ...]:
+        """The steps that were integrated without a jump: one part, or two around `newton_from`."""
+        whole = slice(0, self.time.size)
+        if self.newton_from is None:
+            return (whole,)
+        jump = int(np.searchsorted(self.time, self.newton_from * (1.0 - 1e-12)))
+        parts = slice(0, jump), slice(jump, self.time.size)
+        return tuple(part for part in parts if part.start < part.stop) or (whole,)
 
     @property
     def imbalance(self) -> Array:
         """(ns,) the energy ledger: energy + dissipated - work - initial, J.
 
-        It is zero except for the error of the scheme.
+        It is zero except for the error of the scheme. Each of the `parts` starts at zero.
         """
         energy = self.kinetic + self.elastic + self.contact_energy
         spent = self.damping_dissipation + self.friction_dissipation - self.work
-        return energy - energy[0] + spent - spent[0]
+        return np.concatenate(
+            [
+                energy[part] - energy[part.start] + spent[part] - spent[part.start]
+                for part in self.parts
+            ]
+        )
 
     @property
     def relative_imbalance(self) -> float:

@@ -21,17 +21,19 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact_state import STICK
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import DONE, PeriodEnd, PeriodMap
+from fenicsrom.online.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.scheme import scheme
+from fenicsrom.online.sensitivity import Drift
 from fenicsrom.online.state import Checkpoint, Record
-from fenicsrom.online.step_sensitivity import Drift
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
 SMALLEST_DAMPING = 1.0 / 16.0
-RANK = 1e-8  # singular values of dP/dz - I below this part of the largest count as zero
+DECREASE = 1e-4  # smallest decrease of the residual, as a part of the damping (Armijo's rule)
+RANK = 1e-8  # singular values below this part of the largest count as zero
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
 
@@ -91,8 +93,14 @@ def settled_contacts(contacts: Contacts) -> Contacts:
 class Shooting:
     """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
 
-    M = L L^T. A slider component is scaled by the square root of the mass that its direction feels,
+    M = L L^T. Accelerations are scaled by the square of the shortest step h, L^T a h^2, as the step
+    uses them: scaled by omega, the fast modes would make dP/dz - I seem singular. A slider
+    component is scaled by the square root of the mass that its direction feels,
     1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+
+    Attributes:
+        guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
+            size of that step, s: the first guess of the first step is extrapolated from them.
     """
 
     def __init__(
@@ -126,14 +134,15 @@ class Shooting:
         self._scale = np.zeros((self.map.size, self.map.size))
         self._unscale = np.zeros_like(self._scale)
         inverse = np.linalg.inv(root)
+        rates = 1.0, omega, (period * float(np.min(np.diff(grid)))) ** -2
         for k in range(self.map.blocks):
             part = slice(k * n, (k + 1) * n)
-            self._scale[part, part] = root / omega**k
-            self._unscale[part, part] = inverse * omega**k
+            self._scale[part, part] = root / rates[k]
+            self._unscale[part, part] = inverse * rates[k]
         rest = np.arange(self.map.blocks * n, self.map.size)
         self._scale[rest, rest] = slider[self.map.memory]
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
-        self._guess: tuple[Array | None, float] = (None, 0.0)
+        self.guess: tuple[Array | None, float] = (None, 0.0)
 
     @property
     def sliders(self) -> NDArray[np.int64]:
@@ -148,6 +157,10 @@ class Shooting:
         """Variables z."""
         return np.asarray(self._unscale @ s)
 
+    def scaled_matrix(self, matrix: Array) -> Array:
+        """A matrix (N, N) between variables z as one between scaled variables."""
+        return np.asarray(self._scale @ matrix @ self._unscale)
+
     def march(
         self,
         s: Array,
@@ -159,7 +172,7 @@ class Shooting:
         derive: bool = True,
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
         """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed."""
-        guess, last_step = self._guess
+        guess, last_step = self.guess
         status, end = self.map(
             self.model if model is None else model,
             self.contacts if contacts is None else contacts,
@@ -170,15 +183,15 @@ class Shooting:
             guess=guess,
             last_step=last_step,
         )
-        if status != DONE or not np.all(np.isfinite(end.z)):
+        if status != DONE or not np.all(np.isfinite(end.z)) or not np.all(np.isfinite(end.matrix)):
             return None
-        self._guess = end.guess, end.last_step
+        self.guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
         if not derive:
             return residual, end.matrix, end.by_parameter, end
         return (
             residual,
-            self._scale @ end.matrix @ self._unscale,
+            self.scaled_matrix(end.matrix),
             self._scale @ end.by_parameter,
             end,
         )
@@ -189,7 +202,7 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
     pmap = shooting.map
     if isinstance(start, Checkpoint):
         state = start.state
-        shooting._guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
+        shooting.guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
         return pmap.pack(state.q, state.v, state.a, state.contact.slider)
     if isinstance(start, tuple):
         q, v, sliders = start
@@ -198,10 +211,15 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
 
 
 def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
-    """The shortest solution of a square system, and how many of its directions are free."""
-    u, sigma, vt = np.linalg.svd(matrix)
+    """The shortest solution of a square system, and how many of its directions are free.
+
+    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
+    decide which singular values count as zero.
+    """
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    u, sigma, vt = np.linalg.svd(matrix / size[:, None])
     keep = sigma > RANK * sigma[0]
-    return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
+    return vt[keep].T @ ((u[:, keep].T @ (right / size)) / sigma[keep]), int(np.sum(~keep))
 
 
 def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
@@ -219,13 +237,18 @@ def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     """
     found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(np.complex128)
     found = found[np.argsort(-np.abs(found))]
-    deciding = judged(found, free)
-    if deciding.size == 0 or abs(deciding[0]) <= 1.0 + STABLE_WITHIN:
+    worst = largest_multiplier(found, free)
+    if abs(worst) <= 1.0 + STABLE_WITHIN:
         return found, "stable"
-    worst = deciding[0]
     if abs(worst.imag) > 1e-9 * abs(worst):
         return found, "torus"
     return found, "fold" if worst.real > 0.0 else "period doubling"
+
+
+def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> complex:
+    """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
+    deciding = judged(multipliers, free)
+    return complex(deciding[np.argmax(np.abs(deciding))]) if deciding.size else 0j
 
 
 def stuck_points(record: Record) -> tuple[int, ...]:
@@ -265,11 +288,32 @@ def periodic_motion(
     return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
 
 
-def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> PeriodicMotion:
-    """Damped Newton from scaled variables s (N,); arguments and errors as `periodic_motion`."""
-    found = shooting.march(s)
+def solve(
+    shooting: Shooting,
+    s: Array,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+    smallest_damping: float = SMALLEST_DAMPING,
+    found: tuple[Array, Array, Array, PeriodEnd] | None = None,
+) -> PeriodicMotion:
+    """Find a periodic motion by damped Newton iterations.
+
+    The last march of `shooting` is that of the motion.
+
+    Args:
+        shooting: the equation.
+        s: (N,) scaled variables of the start.
+        tolerance: of the residual relative to the variables.
+        iterations: largest number of iterations.
+        smallest_damping: smallest part of a Newton step that is tried.
+        found: `shooting.march(s)`, if the caller has it.
+
+    Raises:
+        ConvergenceError: no periodic motion was found; `partial` holds the residuals.
+    """
+    found = shooting.march(s) if found is None else found
     residuals: list[float] = []
-    for _ in range(ITERATIONS):
+    for _ in range(iterations):
         if found is None:
             break
         residual, matrix, _, end = found
@@ -278,19 +322,18 @@ def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> Periodi
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
-        damping, best = 1.0, None
-        while damping >= SMALLEST_DAMPING:
-            trial = shooting.march(s + damping * step)
-            if trial is not None:
-                ahead = float(np.linalg.norm(trial[0]))
-                if best is None or ahead < best[0]:
-                    best = ahead, damping, trial
-                if ahead < size:
-                    break
+        damping = 1.0
+        trial = found = shooting.march(s + step)
+        while trial is None or np.linalg.norm(trial[0]) > (1.0 - DECREASE * damping) * size:
             damping *= 0.5
-        if best is None:
+            if damping < smallest_damping:
+                break
+            trial = shooting.march(s + damping * step, derive=False)
+        if damping < smallest_damping:
             break
-        s, found = s + best[1] * step, best[2]
+        s = s + damping * step
+        if damping < 1.0:
+            found = shooting.march(s)
     raise ConvergenceError(
         f"no periodic motion of {shooting.m} period(s) was found near the start: relative residual "
         f"{residuals[-1] if residuals else np.inf:.3g} after {len(residuals)} Newton iterations",
@@ -301,8 +344,7 @@ def solve(shooting: Shooting, s: Array, tolerance: float = TOLERANCE) -> Periodi
 def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
-    sigma = np.linalg.svd(matrix - np.eye(s.size), compute_uv=False)
-    free = int(np.sum(sigma <= RANK * sigma[0]))
+    _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),

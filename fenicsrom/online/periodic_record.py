@@ -9,20 +9,10 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.families import Problem
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.period_map import DONE, PeriodMap
 from fenicsrom.online.periodic import Shooting
-from fenicsrom.online.state import Record, no_record
-
-
-class _CoordinateMap(PeriodMap):
-    """A period map whose record holds the coordinates."""
-
-    def __init__(self, *arguments: Any):
-        """Make the arrays; arguments as `PeriodMap`."""
-        super().__init__(*arguments)
-        rows = self._record.time.size
-        self._record = no_record(rows, self.points, self.dimension, 3 * self.n)
+from fenicsrom.online.state import Record
 
 
 def recorded_motion(problem: Problem, settings: Any, z: Array, m: int = 1) -> Motion:
@@ -38,11 +28,7 @@ def recorded_motion(problem: Problem, settings: Any, z: Array, m: int = 1) -> Mo
         ConvergenceError: a step did not converge.
     """
     shooting = Shooting(problem.model, problem.contacts, settings, problem.period, m)
-    plain = shooting.map
-    pmap = _CoordinateMap(
-        problem.model, problem.contacts, plain.plan, plain.dimension, plain.fractions
-    )
-    status, end = pmap(problem.model, problem.contacts, problem.period, z, derive=False)
+    status, end = shooting.map(problem.model, problem.contacts, problem.period, z, derive=False)
     if status != DONE:
         raise ConvergenceError("the periodic motion was lost when it was recorded")
     return _motion(_with_start(end.record), m * problem.period, problem.model.size)

@@ -9,7 +9,7 @@ from typing import Any
 from fenicsrom.scene import Contact, Load, Scene
 
 # keys of [time] that only determine when a run ends
-END_KEYS = ("periods", "duration", "steady_tolerance")
+END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
 
 
 def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.load_histories import LoadHistories, of_loads
 from fenicsrom.online.march import end_of, integrate
@@ -20,7 +21,7 @@ def simulate(
     model: Any,
     scene: Scene,
     *,
-    start: Motion | None = None,
+    start: Motion | tuple[Array, ...] | None = None,
     **options: Any,
 ) -> Motion:
     """Integrate a model (reduced, full or beam) under its scene.
@@ -32,8 +33,8 @@ def simulate(
     Args:
         model: the model.
         scene: the scene the model belongs to.
-        start: a motion whose end is the state at t = 0; by default the run starts at rest in the
-            equilibrium.
+        start: a motion whose end is the state at t = 0, or this state as displacement and velocity
+            (n,) and sliders (P, d); by default the run starts at rest in the equilibrium.
         options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
             `fenicsrom.online.march.integrate`.
 
@@ -47,6 +48,6 @@ def simulate(
         scene.time,
         scene.period,
         dimension=scene.geometry.dimension,
-        start=end_of(start) if start is not None else None,
+        start=end_of(start) if isinstance(start, Motion) else start,
         **options,
     )

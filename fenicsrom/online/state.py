@@ -129,16 +129,50 @@ class Record(NamedTuple):
     coordinates: Array
 
 
+class PeriodicSearch(NamedTuple):
+    """What Newton's method found of the periodic motion to which a run tends.
+
+    Attributes:
+        verdict: "stable", "fold", "period doubling" or "torus" of the motion that was found: how
+            its stability was lost; "not found" without one.
+        tends: whether the run tends to this motion.
+        time: when the periodic motion replaced the marched one, s; None if it did not.
+        periods: number of periods of the loads in one of the motion.
+        marched: periods that were marched before the last attempt.
+        iterations: Newton iterations of all attempts.
+        residual: relative residual of the last attempt.
+        multipliers: (k,) Floquet multipliers, the largest first; empty without a motion.
+        free_sliders: number of slider components that are not unique.
+    """
+
+    verdict: str
+    tends: bool
+    time: float | None
+    periods: int
+    marched: int
+    iterations: int
+    residual: float
+    multipliers: NDArray[np.complex128]
+    free_sliders: int
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the periodic motion may replace the marched one."""
+        return self.verdict == "stable" and self.tends
+
+
 class Checkpoint(NamedTuple):
     """The state of a run between two periods or steps, to continue the run bit for bit.
 
     Attributes:
         state: the state.
-        last: rows of the last period, with which the next period is compared to find a steady
-            state; without a period the last rows, at most 4096.
+        last: rows of the last period (of the motion, if that is known to last several periods of
+            the loads), with which the next period is compared to find a steady state; without a
+            period the last rows, at most 4096.
         size: lower bound of the size of the motion in relative errors (`Control.size`).
         spans: periods run.
         buckled: as in `Motion`.
+        search: what Newton's method found; None before its first attempt.
     """
 
     state: State
@@ -146,6 +180,7 @@ class Checkpoint(NamedTuple):
     size: float
     spans: int
     buckled: int
+    search: PeriodicSearch | None = None
 
 
 def no_state(n: int, points: int, dimension: int) -> State:

@@ -221,22 +221,21 @@ def plot_energy(motion: Motion) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, stored energy and imbalance."""
     figure = new_figure(8.6, 4.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
-    periodic = motion.period is not None
-    time = motion.time / motion.period if motion.period is not None else motion.time
+    periodic = motion.load_period is not None
+    time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     stored = motion.kinetic + motion.elastic + motion.contact_energy
     above.plot(time, motion.work, color="#000000", label="work of the loads")
     above.plot(time, motion.damping_dissipation, color="#0072B2", label="dissipated by damping")
     above.plot(time, motion.friction_dissipation, color="#D55E00", label="dissipated by friction")
-    above.plot(
-        time,
-        stored,
-        color="#009E73",
-        linewidth=1.0,
-        label="stored (kinetic, elastic, contact springs)",
-    )
+    for part in motion.parts:
+        label = "stored (kinetic, elastic, contact springs)" if part.start == 0 else None
+        above.plot(time[part], stored[part], color="#009E73", linewidth=1.0, label=label)
+        below.plot(time[part], motion.imbalance[part], color="#555B61")
+        if part.start > 0:
+            for axis, name in ((above, "Newton's method: periodic from here"), (below, None)):
+                axis.axvline(time[part.start], color="#8c8c8c", linestyle="--", label=name)
     above.set_ylabel("energy, J")
     above.margins(x=0)
-    below.plot(time, motion.imbalance, color="#555B61")
     below.set(ylabel="imbalance, J", xlabel="time / period" if periodic else "time, s")
     below.margins(x=0)
     _legend(figure, above, columns=2)
@@ -281,7 +280,9 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     if motion.period is None:
         return motion.time, np.ones(len(motion.time), dtype=bool)
     cycles = motion.time / motion.period
-    start = max(round(float(cycles[-1])) - periods, 0)
+    last = float(cycles[-1])  # a subharmonic motion may begin at any period of the loads
+    last = last if motion.period != motion.load_period else round(last)
+    start = max(last - periods, 0)
     part = cycles >= start - 1e-9
     return cycles[part] - start, part
 

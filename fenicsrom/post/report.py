@@ -15,6 +15,7 @@ from fenicsrom.post.sentences import (
     equilibrium_sentence,
     error_sentence,
     estimate_sentence,
+    periodic_sentence,
     response_rows,
 )
 from fenicsrom.post.summary import errors_of
@@ -58,7 +59,7 @@ def write_rerun_report(
     """
     rows = response_rows({"reduced": motion}, {"reduced": stored.size})
     sections: list[Section] = [
-        ("Results", [rows, RESPONSE_NOTE, *_warnings(warnings)]),
+        ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
         *((heading, [path]) for heading, path in pictures),
     ]
     return write_report(folder / REPORT, scene.title or scene.source, sections)
@@ -69,6 +70,8 @@ def _results(study: Study) -> list[Any]:
     found: list[Any] = []
     if study.motions:
         found += [response_rows(study.motions, study.sizes), RESPONSE_NOTE]
+    if "reduced" in study.motions:
+        found += _periodic(study.motions["reduced"])
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if errors := errors_of(study.motions):
@@ -79,6 +82,12 @@ def _results(study: Study) -> list[Any]:
         name, error = study.unfinished
         found.append(f"The {name} model has no reliable result: {error}")
     return found + _warnings(study.warnings)
+
+
+def _periodic(motion: Motion) -> list[str]:
+    """Compose the paragraph on what Newton's method found, if it was tried."""
+    sentence = periodic_sentence(motion)
+    return [sentence] if sentence else []
 
 
 def _warnings(warnings: Sequence[str]) -> list[str]:

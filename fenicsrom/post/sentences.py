@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.measures import has_settled, out_of_reach, response_summary
+from fenicsrom.online.measures import (
+    has_settled,
+    out_of_reach,
+    response_summary,
+    search_summary,
+)
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
@@ -32,8 +37,8 @@ RESPONSE_HEAD = (
     "imbalance",
 )
 RESPONSE_NOTE = (
-    "Amplitudes are half of peak-to-peak over the last period. The imbalance is the largest error "
-    "of the energy balance relative to the largest energy of the motion."
+    "Amplitudes are half of peak-to-peak over the last period of the motion. The imbalance is the "
+    "largest error of the energy balance relative to the largest energy of the motion."
 )
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
@@ -127,6 +132,43 @@ def resumed_sentence(motion: Motion) -> str | None:
     )
 
 
+def periodic_sentence(motion: Motion) -> str | None:
+    """State what Newton's method found of the periodic motion; None if it was not tried."""
+    search = motion.search
+    if search is None:
+        return None
+    tried = (
+        f"after {search.marched} marched periods and {search.iterations} Newton iterations "
+        f"(relative residual {search.residual:.1e})"
+    )
+    if search.verdict == "not found":
+        return f"Periodic motion: not found {tried}: the march went on."
+    found = search_summary(search)
+    size = found["largest_multiplier"]
+    several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
+    sentence = (
+        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
+        f"found {tried}"
+    )
+    if search.accepted:
+        return f"{sentence}."
+    if search.verdict == "stable":
+        return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    return f"{sentence}; the march went on."
+
+
+def free_slider_sentence(name: str, motion: Motion) -> str | None:
+    """Warn that the periodic motion is not unique; None if it is."""
+    search = motion.search
+    if search is None or not search.accepted or search.free_sliders == 0:
+        return None
+    return (
+        f"the periodic motion of the {name} model is not unique: {search.free_sliders} slider "
+        "position(s) of contact points that stick all the time are free; the run takes the motion "
+        "nearest to the marched one"
+    )
+
+
 def basis_sentences(study: Study) -> list[str]:
     """State the coordinates of the basis and the condition numbers."""
     basis, modes = study.basis, study.modes
@@ -140,13 +182,11 @@ def basis_sentences(study: Study) -> list[str]:
 
 
 def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
-    """State the ratio of the step times of the full and the reduced model; None unless both ran."""
+    """State the ratio of the run times of the full and the reduced model; None unless both ran."""
     if "full" not in motions or "reduced" not in motions:
         return None
-    slow, fast = (
-        motions[name].seconds / max(motions[name].steps, 1) for name in ("full", "reduced")
-    )
-    return f"One step of the reduced model took 1/{slow / fast:.0f} of the time of the full model."
+    ratio = motions["full"].seconds / max(motions["reduced"].seconds, 1e-9)
+    return f"The motion of the reduced model took 1/{ratio:.0f} of the time of the full model."
 
 
 def study_sentences(study: Study) -> list[str]:
@@ -154,7 +194,7 @@ def study_sentences(study: Study) -> list[str]:
     reduced = study.motions.get("reduced")
     found: list[str | None] = []
     if reduced is not None:
-        found.append(resumed_sentence(reduced))
+        found += [resumed_sentence(reduced), periodic_sentence(reduced)]
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     found += basis_sentences(study)
@@ -198,5 +238,16 @@ def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
         )
     return (
         f"the {name} model did not become periodic within {motion.periods} periods, so its "
-        f"amplitudes are those of the last period only; {remedy}"
+        f"amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
+    )
+
+
+def _multiplier_clause(motion: Motion) -> str:
+    """The part of a sentence that gives the largest Floquet multiplier, where it is known."""
+    if motion.search is None or not motion.search.multipliers.size:
+        return ""
+    found = search_summary(motion.search)
+    return (
+        f" (the periodic motion that Newton's method found is {found['verdict']}, with the largest "
+        f"Floquet multiplier {found['largest_multiplier']:.6g})"
     )

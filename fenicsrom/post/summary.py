@@ -11,7 +11,7 @@ import numpy as np
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.history import HISTORY_ARRAYS
+from fenicsrom.online.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.measures import (
     errors_percent,
     out_of_reach,
@@ -110,19 +110,21 @@ def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
 def write_history(path: Path, motions: Mapping[str, Motion]) -> Path:
     """Write the motions as arrays `MODEL_time`, `MODEL_displacement` and so on.
 
-    `HISTORY_ARRAYS` lists the arrays.
+    `HISTORY_ARRAYS` lists the arrays. `MODEL_newton_from` is the time at which Newton's method
+    replaced the marched motion by the periodic one, where it did.
 
     Raises:
         OSError: the file cannot be written.
     """
-    return write_arrays(
-        path,
-        {
-            f"{name}_{key}": getattr(motion, attribute)
-            for name, motion in motions.items()
-            for key, attribute in HISTORY_ARRAYS.items()
-        },
-    )
+    arrays = {
+        f"{name}_{key}": getattr(motion, attribute)
+        for name, motion in motions.items()
+        for key, attribute in HISTORY_ARRAYS.items()
+    }
+    for name, motion in motions.items():
+        if motion.newton_from is not None:
+            arrays[f"{name}_{JUMP}"] = np.array(motion.newton_from)
+    return write_arrays(path, arrays)
 
 
 def write_checkpoint(folder: Path, model: ReducedModel, scene: Scene, motion: Motion) -> list[Path]:

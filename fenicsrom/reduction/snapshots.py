@@ -79,7 +79,7 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
     )
     time, tolerance = scene.time, scene.time.steady_tolerance
     if tolerance is not None:
-        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS))
+        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS), steady="march")
     model = project(structure, basis, nonlinear=False)
     motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None

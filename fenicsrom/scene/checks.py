@@ -274,8 +274,9 @@ def _duration_problems(scene: Scene) -> Problems:
     transient = [index for index, load in enumerate(scene.loads) if load.transient]
     why = f"loads[{transient[0]}] does not repeat" if transient else "no load has a frequency"
     if isinstance(time.span, Periodic):
-        tolerance = time.span.steady_tolerance
-        name = "periods" if tolerance is None else "steady_tolerance"
+        given = ("steady_tolerance", "steady")
+        default = Periodic()
+        name = next((n for n in given if getattr(time, n) != getattr(default, n)), "periods")
         yield Problem(f"time.{name}", getattr(time, name), f"use duration, because {why}")
     if isinstance(time.span, EquilibriumOnly):
         if not scene.static_only or not isinstance(time.stepping, NoStep):
@@ -332,10 +333,15 @@ def _response_problems(scene: Scene) -> Problems:
     if not response.last > response.first:
         allowed = f"must be above first, {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
-    for value in response.isolated:
+    for value in response.isolated or ():
         if not response.first <= value <= response.last:
             allowed = f"must be from {response.first:g} to {response.last:g}"
             yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
+    for k, value in enumerate(response.full_values):
+        if not response.first <= value <= response.last:
+            allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
+            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
+            return
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
         allowed = f"the scene has {len(getattr(scene, table))} {table}, numbered from 0"

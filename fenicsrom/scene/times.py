@@ -13,6 +13,7 @@ from fenicsrom.scene.tables import OneOf, changed, from_keys
 
 SCHEMES = ("average-acceleration", "generalised-alpha", "discrete-gradient")
 GENERALISED_ALPHA = "generalised-alpha"
+STEADY = ("newton", "march")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,11 +24,15 @@ class Periodic:
         periods: largest number of periods; a run ends earlier if it reaches a steady state.
         steady_tolerance: relative change over a period below which the motion is steady; 0 runs all
             periods; by default the larger of 1e-5 and `tolerance`.
+        steady: how the reduced model reaches its steady state: "newton" finds the periodic motion
+            by Newton's method after 5, 10, 20, .. periods, and judges its stability; "march" runs
+            until the motion repeats, as the full model and the beam always do.
     """
 
     WHERE: ClassVar[str] = "with periods"
     periods: Annotated[int, integer(1, 1_000_000)] = 100
     steady_tolerance: Annotated[float | None, number(least=0.0, below=1.0)] = None
+    steady: Annotated[str, choice(*STEADY)] = "newton"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +100,13 @@ class NoStep:
 
 Span = Periodic | Duration | EquilibriumOnly
 Stepping = FixedStep | StepsPerPeriod | Tolerance | NoStep
-SPANS = OneOf(EquilibriumOnly, duration=Duration, periods=Periodic, steady_tolerance=Periodic)
+SPANS = OneOf(
+    EquilibriumOnly,
+    duration=Duration,
+    periods=Periodic,
+    steady_tolerance=Periodic,
+    steady=Periodic,
+)
 STEPPINGS = OneOf(NoStep, step=FixedStep, steps_per_period=StepsPerPeriod, tolerance=Tolerance)
 
 
@@ -137,6 +148,11 @@ class Time:
     def steady_tolerance(self) -> float | None:
         """The change over a period that counts as steady; None with a duration."""
         return self.span.steady_tolerance if isinstance(self.span, Periodic) else None
+
+    @property
+    def steady(self) -> str | None:
+        """How the reduced model reaches its steady state; None with a duration."""
+        return self.span.steady if isinstance(self.span, Periodic) else None
 
     @property
     def duration(self) -> float | None:

@@ -2,10 +2,12 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
-`stored` integrates a stored model again, and `curves` computes response curves and backbones.
+`stored` integrates a stored model again, `curves` computes response curves, and `backbones` computes
+nonlinear modes.
 """
 
-from fenicsrom.study.curves import backbone, backbone_of_model, response, response_of_model
+from fenicsrom.study.backbones import backbone, backbone_of_model
+from fenicsrom.study.curves import response, response_of_model
 from fenicsrom.study.execution import build_model, execute, offline, run
 from fenicsrom.study.motions import check
 from fenicsrom.study.scene_stages import plan, stages

@@ -1,4 +1,4 @@
-"""Response curves and backbones: of a scene, whose reduced model is built first, or of a model."""
+"""Response curves: of a scene, whose reduced model is built first, or of a stored model."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.study.execution import all_ranks, execute
-from fenicsrom.study.scene_stages import offline_stages
-from fenicsrom.study.stage import Run
+from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.backbone import Backbone
     from fenicsrom.assess.response import Response
+    from fenicsrom.assess.trust import RicherModel
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.scene import Scene
+
+
+STATE = "response_state"  # folder of what is kept of the curves
 
 
 def response(
@@ -24,96 +25,115 @@ def response(
     say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
     stop: Callable[[], bool] = never,
 ) -> Response:
-    """Build the reduced model of a scene and compute its response curves.
+    """Build the reduced model of a scene, compute its response curves and write their files.
 
     Args:
         scene: the scene, with a table [response].
         comm: MPI communicator of the offline stages; by default all ranks.
         say: receives the progress, one line at a time; by default nobody.
-        folder: folder of the reduced model; None writes no model.
-        stop: asked between the offline stages; the run ends where it returns True.
+        folder: folder of the output files; None writes no files.
+        resume: folder of the state of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time, see
+            `fenicsrom.assess.response.response`; with several ranks there are no processes.
+        stop: asked between the offline stages and at each point of a curve; the run ends where it
+            returns True.
 
     Raises:
-        SceneError: the scene cannot be used.
+        SceneError: the scene or the earlier state cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
         KeyboardInterrupt: `stop` returned True before the curves began.
-        OSError: the model cannot be written.
+        OSError: a file cannot be written.
     """
     from fenicsrom.assess.response import check_response
+    from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.assess.trust import richer_model
+    from fenicsrom.online.archive import save_model
+    from fenicsrom.post.response_report import write
+    from fenicsrom.post.summary import MODEL, stored_model
 
     check_response(scene)
-    stored, warnings = _reduce(scene, comm, say, folder, stop)
-    found = response_of_model(stored, say)
-    found.warnings[:0] = warnings
+    if resume is not None:
+        check_folder(resume)
+    built = offline(scene, comm, Stopwatch(say), stop=stop)
+    stored, ranks = stored_model(built), built.solid.comm
+    kept = folder if ranks.rank == 0 else None
+    if kept is not None:
+        save_model(kept / MODEL, stored)
+    assert built.basis is not None and built.modes is not None
+    richer = None
+    if built.derivatives is not None:
+        richer = richer_model(
+            built.solid, stored, built.basis, built.modes, built.selection, built.derivatives
+        )
+    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop, richer)
+    found.warnings[:0] = built.warnings
+    if found.table.full_values and not found.interrupted:
+        from fenicsrom.assess.full_points import add_full_points
+
+        assert built.basis is not None
+        watch = Stopwatch(say)
+        with watch("full model"):
+            add_full_points(found, stored, built.solid, built.basis.vectors, watch.say)
+    if folder is not None and found.curves:
+        found.files = write(found, stored, folder, built)
     return found
 
 
-def response_of_model(stored: StoredModel, say: Callable[[str], None] | None = None) -> Response:
-    """Compute the response curves of a stored model; arguments as `response`.
-
-    Raises:
-        SceneError: the scene of the model cannot be used.
-    """
-    from fenicsrom.assess import response as curves
-
-    watch = Stopwatch(say if say is not None else lambda line: None)
-    with watch("response curves"):
-        return curves.response(stored, watch.say)
-
-
-def backbone(
-    scene: Scene,
-    comm: Any = None,
+def response_of_model(
+    stored: StoredModel,
     say: Callable[[str], None] | None = None,
     *,
     folder: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
     stop: Callable[[], bool] = never,
-) -> Backbone:
-    """Build the reduced model of a scene and compute its nonlinear mode.
+) -> Response:
+    """Compute the response curves of a stored model; arguments as `response`.
 
-    Args and errors are those of `response`; the scene has a table [backbone].
+    Raises:
+        SceneError: the scene of the model or the earlier state cannot be used.
+        OSError: a file cannot be written.
     """
-    from fenicsrom.assess.backbone import check_backbone
+    from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.post.response_report import write
 
-    check_backbone(scene)
-    stored, warnings = _reduce(scene, comm, say, folder, stop)
-    found = backbone_of_model(stored, say)
-    found.warnings[:0] = warnings
+    if resume is not None:
+        check_folder(resume)
+    found = _curves(stored, say, folder, resume, workers, stop)
+    if found.table.full_values:
+        found.warnings.append(
+            "response.full was left out: the full model needs the mesh, which a stored model does "
+            "not have; run fenicsrom response SCENE."
+        )
+    if folder is not None and found.curves:
+        found.files = write(found, stored, folder)
     return found
 
 
-def backbone_of_model(stored: StoredModel, say: Callable[[str], None] | None = None) -> Backbone:
-    """Compute the nonlinear mode of a stored model; arguments as `response`.
-
-    Raises:
-        SceneError: the scene of the model cannot be used.
-        ConvergenceError: the model has no equilibrium.
-    """
-    from fenicsrom.assess import backbone as modes
-
-    watch = Stopwatch(say if say is not None else lambda line: None)
-    with watch("nonlinear mode"):
-        return modes.backbone(stored, watch.say)
-
-
-def _reduce(
-    scene: Scene,
-    comm: Any,
+def _curves(
+    stored: StoredModel,
     say: Callable[[str], None] | None,
     folder: Path | None,
+    resume: Path | None,
+    workers: int,
     stop: Callable[[], bool],
-) -> tuple[StoredModel, list[str]]:
-    """Build the reduced model of a scene and store it; also give the warnings of its stages."""
-    from fenicsrom.online.archive import save_model
-    from fenicsrom.post.record import Study
-    from fenicsrom.post.summary import MODEL, stored_model
+    richer: RicherModel | None = None,
+) -> Response:
+    """Compute the response curves of a stored model; arguments as `response`."""
+    from fenicsrom.assess import response as curves
 
-    say = say if say is not None else (lambda line: None)
-    run = Run(Study(scene), comm or all_ranks(), Stopwatch(say), folder, stop=stop)
-    execute(run, offline_stages(scene, modes_only=False))
-    stored = stored_model(run.study)
-    if folder is not None and run.comm.rank == 0:
-        save_model(folder / MODEL, stored)
-    return stored, run.study.warnings
+    watch = Stopwatch(say)
+    with watch("response curves"):
+        return curves.response(
+            stored,
+            lambda line: watch.say(f"  {line}"),
+            state=None if folder is None else folder / STATE,
+            resume=resume,
+            workers=workers,
+            stop=stop,
+            richer=richer,
+        )

@@ -12,7 +12,7 @@ from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh import Mesh
+    from fenicsrom.fem.mesh_data import Mesh
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene
@@ -53,20 +53,31 @@ def run(
     """
     from fenicsrom.post.record import Study
 
-    watch = Stopwatch(say if say is not None else lambda line: None)
-    run = Run(Study(scene), comm or all_ranks(), watch, folder, resume, stop, mesh)
+    run = Run(Study(scene), comm or _all_ranks(), Stopwatch(say), folder, resume, stop, mesh)
     execute(run, stages(scene, modes_only, files=folder is not None))
     return run.study
 
 
 def offline(
-    scene: Scene, comm: Any, watch: Stopwatch, modes_only: bool = False, mesh: Mesh | None = None
+    scene: Scene,
+    comm: Any,
+    watch: Stopwatch,
+    mesh: Mesh | None = None,
+    stop: Callable[[], bool] = never,
 ) -> Study:
-    """Run the stages up to the reduced model, or up to the modal derivatives; write no files."""
+    """Run the stages up to the reduced model; write no files.
+
+    Args:
+        scene: the scene.
+        comm: MPI communicator; None takes all ranks.
+        watch: times the stages.
+        mesh: the mesh; None makes or reads the mesh of the scene.
+        stop: called between stages; the run ends when it returns True.
+    """
     from fenicsrom.post.record import Study
 
-    run = Run(Study(scene), comm, watch, mesh=mesh)
-    execute(run, offline_stages(scene, modes_only))
+    run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
+    execute(run, offline_stages(scene, modes_only=False))
     return run.study
 
 
@@ -90,8 +101,7 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
     if scene.static_only:
         reason = "all loads are static, so there is no reduced model to integrate"
         raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
-    watch = Stopwatch(lambda line: None)
-    return stored_model(offline(scene, comm or all_ranks(), watch, mesh=mesh))
+    return stored_model(offline(scene, comm, Stopwatch(), mesh))
 
 
 def execute(run: Run, listed: list[Stage]) -> None:
@@ -116,7 +126,7 @@ def execute(run: Run, listed: list[Stage]) -> None:
             study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
 
 
-def all_ranks() -> Any:
+def _all_ranks() -> Any:
     """Give the communicator of all ranks."""
     from mpi4py import MPI
 

@@ -15,7 +15,11 @@ def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.online.measures import out_of_reach
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.sentences import buckled_sentence, unsteady_sentence
+    from fenicsrom.post.sentences import (
+        buckled_sentence,
+        free_slider_sentence,
+        unsteady_sentence,
+    )
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -40,6 +44,8 @@ def integrate(run: Run, name: str) -> None:
         return
     if motion.buckled:
         study.warnings.append(buckled_sentence(name, motion))
+    if sentence := free_slider_sentence(name, motion):
+        study.warnings.append(sentence)
     if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
         study.warnings.append(unsteady_sentence(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
@@ -94,7 +100,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, richer_basis, step_errors
+    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
     from fenicsrom.assess.verdicts import check_basis_error, check_time_error
     from fenicsrom.online.energy import check_energy
     from fenicsrom.online.measures import has_settled, is_unsteady
@@ -120,8 +126,12 @@ def check(study: Study) -> None:
                 motion.buckled > 0,
             )
             if richer is not None:
+                assert study.basis is not None
                 study.errors["basis"] = basis_error(
-                    reduce(study.solid, scene.basis, richer), scene, motion
+                    reduce(study.solid, scene.basis, richer),
+                    scene,
+                    motion,
+                    start_in(study.solid, study.basis, richer, motion),
                 )
                 check_basis_error(scene, study.errors["basis"])
     except (AccuracyError, ConvergenceError) as error:

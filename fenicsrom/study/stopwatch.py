@@ -32,9 +32,9 @@ class Stopwatch:
         seconds: stage -> run time, s.
     """
 
-    def __init__(self, say: Callable[[str], None]):
-        """Announce stages through `say`."""
-        self.say = say
+    def __init__(self, say: Callable[[str], None] | None = None):
+        """Announce stages through `say`; by default to nobody."""
+        self.say = say if say is not None else lambda line: None
         self.seconds: dict[str, float] = {}
 
     @contextmanager

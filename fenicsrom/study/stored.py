@@ -13,6 +13,7 @@ from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 if TYPE_CHECKING:
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.state import Checkpoint
     from fenicsrom.scene import Scene
 
 
@@ -61,43 +62,76 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.verdicts import rejection_reason
-    from fenicsrom.online.checkpoints import keeper, load_checkpoint
-    from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
-    from fenicsrom.post.report import write_rerun_report
-    from fenicsrom.post.summary import CHECKPOINT, write_rerun_numbers
+    from fenicsrom.online.checkpoints import load_checkpoint
 
-    watch = Stopwatch(say if say is not None else lambda line: None)
+    watch = Stopwatch(say)
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
-    unfinished: ConvergenceError | AccuracyError | None
     with watch("reduced motion"):
-        try:
-            motion = simulate(
-                model,
-                scene,
-                resume=begin,
-                checkpoint=keeper(folder / CHECKPOINT, model, scene),
-                progress=watch.progress("reduced", scene.time.steady_tolerance),
-                stop=stop,
-            )
-        except (AccuracyError, ConvergenceError) as error:
-            if error.partial is None:
-                raise
-            motion, unfinished = error.partial, error
-        else:
-            unfinished = None
+        motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     if unfinished is None:
         stop_where_asked(stop)
         with watch("checks"):
             unfinished = rejection_reason(model, scene, motion)
+    warnings, files = _write(stored, scene, motion, folder, watch, stop)
+    return Rerun(motion, unfinished, warnings, files)
+
+
+def _integrate(
+    model: Any,
+    scene: Scene,
+    folder: Path,
+    begin: Checkpoint | None,
+    watch: Stopwatch,
+    stop: Callable[[], bool],
+) -> tuple[Motion, ConvergenceError | AccuracyError | None]:
+    """Integrate the model from the checkpoint `begin`, or from its start, and write checkpoints.
+
+    Returns:
+        The motion, up to the failure if there was one, and the failure.
+    """
+    from fenicsrom.online.checkpoints import keeper
+    from fenicsrom.online.simulate import simulate
+    from fenicsrom.post.summary import CHECKPOINT
+
+    try:
+        motion = simulate(
+            model,
+            scene,
+            resume=begin,
+            checkpoint=keeper(folder / CHECKPOINT, model, scene),
+            progress=watch.progress("reduced", scene.time.steady_tolerance),
+            stop=stop,
+        )
+    except (AccuracyError, ConvergenceError) as error:
+        if error.partial is None:
+            raise
+        return error.partial, error
+    return motion, None
+
+
+def _write(
+    stored: StoredModel,
+    scene: Scene,
+    motion: Motion,
+    folder: Path,
+    watch: Stopwatch,
+    stop: Callable[[], bool],
+) -> tuple[list[str], list[Path]]:
+    """Write the numbers, the pictures and the report; give the warnings and the written files."""
+    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
+    from fenicsrom.post.report import write_rerun_report
+    from fenicsrom.post.sentences import free_slider_sentence
+    from fenicsrom.post.summary import write_rerun_numbers
+
     stop_where_asked(stop)
     with watch("numbers"):
         files = write_rerun_numbers(stored, scene, motion, folder)
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
-    warnings = [sentence] if sentence else []
+    free = free_slider_sentence("reduced", motion)
+    warnings = [text for text in (free, sentence) if text]
     with watch("pictures"):
         written = write_motion_pictures([] if sentence else pictures, folder)
     report = write_rerun_report(stored, scene, motion, written, warnings, folder)
-    return Rerun(motion, unfinished, warnings, [report, *files, *(path for _, path in written)])
+    return warnings, [report, *files, *(path for _, path in written)]

@@ -20,7 +20,7 @@ BENDING = 3.0 * 207e9 * 0.0254**4 / 12.0 / 2.54**3  # N/m, at the tip
 
 
 def in_units(length: float, mass: float, time: float) -> Scene:
-    """The beam of the tests in units of these many m, kg and s."""
+    """The beam of the tests; one unit is so many m, kg and s."""
     force = mass * length / time**2
     values = {
         "geometry.parameters.length": 2.54 / length,
@@ -60,7 +60,7 @@ def number(override: str) -> tuple[str, float | str]:
 
 
 def test_axes_do_not_depend_on_the_units() -> None:
-    """In mm, t and s every axis has the same values, and its numbers are those of SI."""
+    """In mm, t and s every axis has the same factors as in SI."""
     length, mass, time = 1e-3, 1e3, 1.0
     force = mass * length / time**2
     unit = {

@@ -40,7 +40,8 @@ def test_every_scheme_is_of_second_order_on_a_smooth_problem(
 
 @pytest.mark.slow
 def test_amplitude_error_matches_the_exact_oscillator(smooth: Series) -> None:
-    """That of a shaken oscillator is known; what is compared with is near enough to it."""
+    """The exact amplitude of a forced oscillator is known; the reference run is close enough to
+    it."""
     model, scene, _ = oscillator()
     omega = 2.0 * np.pi
     exact = [f / abs(complex(k - omega**2, 0.5 * omega)) for f, k in ((1.0, 60.0), (0.3, 30.0))]
@@ -98,7 +99,7 @@ def test_run_without_motion_keeps_its_reason(monkeypatch: pytest.MonkeyPatch) ->
 
 @pytest.mark.slow
 def test_tolerance_replaces_the_steps(smooth: Series) -> None:
-    """And no setting of another scheme is left over."""
+    """No setting of another scheme remains."""
     adaptive = [run for run in smooth.runs if run.tolerance is not None]
     assert [run.scheme for run in adaptive] == list(SCHEMES)
     assert all(
@@ -127,7 +128,7 @@ def test_fitted_order_of_a_power_law_is_its_exponent() -> None:
 
 
 def made(order: float, least: float = 0.0, **changed: object) -> Series:
-    """Runs of the discrete gradient whose errors are of an order, or at least so large."""
+    """Runs of the discrete gradient whose errors follow an order but do not fall below a floor."""
 
     def runs(scheme: str) -> list[Run]:
         errors = [max(float(n) ** -order, least) for n in scheme_errors.STEPS]
@@ -162,7 +163,7 @@ def test_unsettled_runs_have_an_order_of_the_path_only() -> None:
 
 
 def test_sentences_count_refusals_and_low_orders() -> None:
-    """Counts, and which order is not the second."""
+    """The sentences give the counts and name the orders below two."""
     found = made(1.0)
     lost = {
         "refused": "the energy ledger is off: 2e-02 is lost",
@@ -209,8 +210,10 @@ def test_events_count_changes_of_contact_state() -> None:
 
 
 def test_errors_compare_equal_instants() -> None:
-    """A motion twice as large is off by one; one whose peak lies between its steps is not off on
-    its cycle."""
+    """The error of a doubled motion is one.
+
+    A motion whose peak lies between two steps has no error over its cycle.
+    """
     _, _, exact = oscillator(400)
 
     def scaled(motion: Motion, factor: float) -> Motion:

@@ -15,8 +15,7 @@ from fenicsrom.online.motion import Motion
 
 
 def test_estimate_covers_the_error_of_the_exact_oscillator() -> None:
-    """The exact amplitude of the oscillator is known; the estimate is six times the error, more or
-    less."""
+    """The exact amplitude is known; the estimate is about six times the error."""
     omega = 2.0 * np.pi
     exact = [f / abs(complex(k - omega**2, 0.5 * omega)) for f, k in ((1.0, 60.0), (0.3, 30.0))]
     for steps in (20, 40, 80):
@@ -27,7 +26,7 @@ def test_estimate_covers_the_error_of_the_exact_oscillator() -> None:
 
 
 def struck(step: float, touching: bool) -> tuple[object, object, Motion]:
-    """The oscillator struck once, before a wall that it meets, or in the open; its motion decays
+    """The oscillator after a single impulse, with or without a wall that it hits; its motion decays
     within the run."""
     hit = {
         "group": "tip",
@@ -103,7 +102,8 @@ def test_resumed_run_is_judged_by_its_own_record() -> None:
 
 
 def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:
-    """Six steps are too few for an amplitude, but not for one of 1e-9 of the displacement."""
+    """Six steps per period give a wrong amplitude, but the error is small for an amplitude of 1e-9
+    of the displacement."""
     model, scene, moving = oscillator(6, force=1e-8)
     assert estimates.step_errors(
         model, scene, moving
@@ -122,8 +122,10 @@ def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:
 
 @pytest.mark.parametrize("tolerance", [0.9, 0.999])
 def test_estimate_of_a_huge_tolerance_exceeds_every_limit(tolerance: float) -> None:
-    """Off by an eighth, it once was taken as exact: what it was compared with had the same
-    tolerance."""
+    """The amplitude is wrong by an eighth.
+
+    A comparison with a run of the same tolerance would not show this error.
+    """
     model, scene, _ = oscillator()
     scene = replace(scene, time=scene.time.changed(tolerance=tolerance))
     assert (

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motions import RESPONSE_KEYS
 
 from fenicsrom.cli import main
 
@@ -45,18 +46,7 @@ def test_summary_of_run_has_documented_keys(results):
     assert found["basis"]["size"] == len(found["basis"]["labels"])
     assert set(found["response"]) == {"reduced", "full", "beam"}
     for response in found["response"].values():
-        assert list(response) == [
-            "amplitude_m",
-            "fraction",
-            "peak_normal_force_N",
-            "peak_total_normal_force_N",
-            "dissipated_per_period_J",
-            "energy_imbalance",
-            "steady",
-            "periods",
-            "steps",
-            "newton_iterations",
-        ]
+        assert list(response) == RESPONSE_KEYS
         assert response["steady"] is False and response["periods"] == 2
         assert sum(response["fraction"].values()) == pytest.approx(1.0)
     errors = found["error_percent"]
@@ -90,8 +80,8 @@ def test_files_of_run_can_be_opened(results):
 
 
 def test_contact_points_file_agrees_with_body_and_contact_law(results):
-    """Point sets at the same instants as the grids: the tip node's displacement, and the law of the
-    contact."""
+    """The point sets and the grids have the same instants; the files agree with the displacement of
+    the tip node and with the contact law."""
     import pyvista
 
     grids = pyvista.get_reader(results / "motion" / "motion.pvd")
@@ -231,26 +221,21 @@ def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
 
 
 @pytest.mark.parametrize(
-    ("override", "sentence"),
+    ("override", "key"),
     [
-        ("material.young=1e9", "material cannot change on a stored reduced model"),
-        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal cannot change"),
+        ("material.young=1e9", "material"),
+        ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal"),
         ("contacts.0.friction=-1", "contacts[0].friction"),
-        ("geometry.thickness=0.05", "geometry cannot change on a stored reduced model"),
-        ("supports.0.group='tip'", "supports cannot change on a stored reduced model"),
-        ("basis.modes=2", "basis cannot change on a stored reduced model"),
-        (
-            "geometrically_nonlinear=false",
-            "geometrically_nonlinear cannot change on a stored reduced model",
-        ),
+        ("geometry.thickness=0.05", "geometry"),
+        ("supports.0.group='tip'", "supports"),
+        ("basis.modes=2", "basis"),
+        ("geometrically_nonlinear=false", "geometrically_nonlinear"),
     ],
 )
-def test_stored_model_with_changed_structure_is_refused(
-    results, tmp_path, capsys, override, sentence
-):
+def test_stored_model_with_changed_structure_is_refused(results, tmp_path, capsys, override, key):
     model = str(results / "reduced_model.npz")
     assert main(["run", "--from", model, "--output", str(tmp_path), "--set", override]) == 2
-    assert sentence in capsys.readouterr().err
+    assert f": {key} " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -552,7 +537,7 @@ def test_modes_command_prints_frequencies_and_writes_shapes(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_interrupted_run_leaves_only_complete_files(tmp_path):
-    """SIGINT during a long run: exit code 130, and every file there is can be read."""
+    """SIGINT during a long run gives exit code 130, and every file can be read."""
     arguments = [
         "-m",
         "fenicsrom",

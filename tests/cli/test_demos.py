@@ -70,14 +70,14 @@ def check(motion, amplitude, fraction, tolerance=2e-3):
         for name in RECOMPUTED
     ],
 )
-def test_beam_against_the_recomputed_paper(name):
+def test_beam_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER)
     motion = simulate(beam.beam_model(scene), scene)
     check(motion, RECOMPUTED[name][1], RECOMPUTED[name][2], 1e-3)
 
 
 @pytest.mark.parametrize("name", LINEAR_BEAM)
-def test_linear_beam_against_the_recomputed_paper(name):
+def test_linear_beam_matches_the_recomputed_paper(name):
     scene = demo(name, *PAPER, "geometrically_nonlinear=false")
     across, along = across_and_along(simulate(beam.beam_model(scene), scene))
     assert across == pytest.approx(LINEAR_BEAM[name], rel=1e-3)
@@ -94,7 +94,7 @@ def full(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RECOMPUTED)
-def test_full_model_against_the_recomputed_paper(name):
+def test_full_model_matches_the_recomputed_paper(name):
     check(full(name)[2], RECOMPUTED[name][0], RECOMPUTED[name][2])
 
 
@@ -110,7 +110,7 @@ BASES = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "load"), [("slip_liftoff_2d", 0), ("high_load_2d", 1)])
-def test_reduced_models_against_the_full_one(name, load):
+def test_reduced_models_match_the_full_model(name, load):
     _, solid, reference = full(name)
     for method, modes, derivatives, size, *limits in BASES:
         if limits[load] is None:
@@ -130,7 +130,7 @@ def test_reduced_models_against_the_full_one(name, load):
 
 
 @pytest.mark.slow
-def test_derivatives_are_needed():
+def test_basis_without_derivatives_locks():
     """Craig-Bampton with 14 modes and no derivatives locks: 87 % of the amplitude is lost."""
     _, solid, reference = full("slip_liftoff_2d")
     wanted = ['basis.method="craig-bampton"', "basis.modes=14", 'basis.derivatives="none"']
@@ -143,7 +143,7 @@ def test_derivatives_are_needed():
 
 
 @pytest.mark.slow
-def test_three_dimensions_reduced():
+def test_reduced_model_in_3d_matches_the_recomputed_amplitude():
     """157.07 mm is the full 3D model's; the reduced model is within 0.3 % of it."""
     scene = demo("slip_liftoff_3d", *PAPER)
     model, basis = reduced(body(scene), scene)
@@ -153,9 +153,9 @@ def test_three_dimensions_reduced():
     assert along == pytest.approx(2.826, rel=3e-3)
 
 
-def test_adaptive_steps_on_the_paper_s_case():
-    """Contact opens and closes, and what is too fast for the steps rings: the step control goes
-    on."""
+def test_adaptive_steps_match_fixed_steps_on_the_paper_case():
+    """The contact opens and closes, and vibrations that the steps do not resolve are excited; the
+    step control still finishes."""
     scene = demo("slip_liftoff_2d", "time.tolerance=1e-4", "time.periods=25")
     model, _ = reduced(body(scene), scene)
     across, along = across_and_along(simulate(model, scene))
@@ -164,8 +164,8 @@ def test_adaptive_steps_on_the_paper_s_case():
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_a_basis_for_an_oblique_wall(method):
-    """Derivatives that nearly depend on one another are orthonormalised all the same."""
+def test_basis_for_oblique_wall_is_orthonormal(method):
+    """Almost dependent derivatives are orthonormalised too."""
     wanted = [
         f'basis.method="{method}"',
         "basis.modes=5",
@@ -177,7 +177,7 @@ def test_a_basis_for_an_oblique_wall(method):
     assert basis.size + len(basis.dropped) == 2 + 5 + 28
 
 
-def test_python_demo():
+def test_python_demo_matches_the_paper():
     found = runpy.run_path(str(DEMOS / "slip_liftoff.py"))
     across, along = across_and_along(found["motion"])
     assert across == pytest.approx(157.60, rel=2e-3)

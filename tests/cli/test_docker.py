@@ -1,5 +1,5 @@
-"""`docker/run` against an engine that only notes what it is asked, and where an installed package
-finds its meshes."""
+"""`docker/run` against a fake engine that records its arguments, and the meshes of an installed
+package."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def engine(tmp_path: Path) -> Path:
 def docker_run(
     engine: Path, *command: str, checkout: Path = CHECKOUT, folder: Path = CHECKOUT
 ) -> tuple[int, str]:
-    """Run docker/run with the noting engine first in PATH; give its exit code and what it said."""
+    """Run docker/run with a fake engine first in PATH; give its exit code and output."""
     path = f"{engine}:{os.environ['PATH']}"
     environment = {
         "PATH": path,
@@ -51,7 +51,7 @@ def docker_run(
     return done.returncode, done.stderr
 
 
-def test_builds_once_and_passes_command_folder_and_exit_code(engine: Path) -> None:
+def test_image_is_built_once_and_command_keeps_folder_and_exit_code(engine: Path) -> None:
     code, said = docker_run(engine, "python3", "-c", "print('a  b')", folder=CHECKOUT / "tests")
     assert code == 7
     assert "building" in said
@@ -63,7 +63,7 @@ def test_builds_once_and_passes_command_folder_and_exit_code(engine: Path) -> No
     assert docker_run(engine, "true") == (7, "")
 
 
-def test_builds_again_when_the_environment_changes_but_not_the_rest(
+def test_image_is_built_again_only_after_change_of_environment(
     engine: Path, tmp_path: Path
 ) -> None:
     checkout = tmp_path / "checkout"
@@ -84,12 +84,12 @@ def test_builds_again_when_the_environment_changes_but_not_the_rest(
     assert built == [1, 1, 2]
 
 
-def test_no_command_is_refused(engine: Path) -> None:
+def test_missing_command_is_refused(engine: Path) -> None:
     assert docker_run(engine) == (2, "docker/run: usage: docker/run COMMAND...\n")
 
 
 @pytest.mark.slow
-def test_shared_meshes_of_the_checkout_and_of_an_installation(tmp_path: Path) -> None:
+def test_shared_meshes_are_found_in_checkout_and_installation(tmp_path: Path) -> None:
     assert (shared_meshes() / "beam2d.geo").is_file()
     site = tmp_path / "site"
     source = tmp_path / "source"

@@ -15,12 +15,12 @@ import scipy.linalg
 from numpy.typing import NDArray
 from support import (
     STOCKY,
+    arrays_of_one_and_two_ranks,
     beam_scene,
     dense,
     free_unknowns,
     make_solid,
     needs_mpirun,
-    on_ranks,
     scene_of,
 )
 
@@ -64,12 +64,12 @@ SHORT = (
 
 
 def blade(*overrides: str) -> Scene:
-    """The scene of the demo, with changes."""
+    """The scene of the demo with overrides."""
     return read_scene(DEMO, overrides)
 
 
 def reduced(solid: Any) -> tuple[Any, ReducedBasis]:
-    """The reduced model of a solid as its scene asks for it, and its basis."""
+    """The reduced model of a solid by the settings of its scene, and its basis."""
     found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
     return found.model, found.basis
 
@@ -86,7 +86,7 @@ def assert_close(motion: Motion, full: Motion) -> None:
 
 
 @pytest.mark.slow
-def test_reduced_blade_against_the_full_one() -> None:
+def test_reduced_blade_matches_full_blade() -> None:
     """2 000 unknowns, three revolutions: the tip rubs at several nodes, slips, and lifts off."""
     solid = make_solid(
         blade(
@@ -110,8 +110,8 @@ def test_reduced_blade_against_the_full_one() -> None:
 
 
 @pytest.mark.slow
-def test_reduced_blade_with_coriolis_force_against_the_full_one() -> None:
-    """Gyroscopic forces turn the motion, do no work, and are the same in both models."""
+def test_reduced_blade_with_coriolis_force_matches_full_blade() -> None:
+    """Gyroscopic forces change the motion, do no work, and are equal in both models."""
     motions = {}
     for coriolis in ("true", "false"):
         solid = make_solid(
@@ -208,12 +208,11 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     return np.array(rates), np.array(forces), np.array(reactions)
 
 
-def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum() -> None:
-    """To rounding in the full model, step by step; the reduced one has the reaction that its
-    momentum asks for.
+def test_contact_and_support_forces_balance_rate_of_momentum() -> None:
+    """The full model balances to rounding in every step.
 
-    (That is the one to take of a reduced model: its stresses at the root, of a dozen shapes, are
-    off by a fifth of the contact forces on this mesh.)
+    The reaction of the reduced model follows from its momentum; the stresses at its root, from
+    a dozen shapes, miss a fifth of the contact forces on this mesh.
     """
     solid = make_solid(blade(*SHORT, "rotation.coriolis=true", "basis.modes=6"))
     full = simulate(FullModel(solid), scene_of(solid), keep_coordinates=True)
@@ -234,8 +233,8 @@ def test_forces_of_contact_and_support_are_in_balance_with_the_rate_of_momentum(
 # ------------------------------------------------------------------ points
 
 
-def test_two_contacts_of_half_the_stiffness_on_one_place_are_one() -> None:
-    """Their displacements depend on one another: interface modes leave out what does."""
+def test_two_contacts_of_half_stiffness_equal_one_contact() -> None:
+    """The displacements of both contacts are equal; interface modes drop the dependent ones."""
 
     def contact(share: float) -> dict[str, Any]:
         return {
@@ -278,9 +277,9 @@ def test_two_contacts_of_half_the_stiffness_on_one_place_are_one() -> None:
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_many_nodes_of_a_slender_body_are_masters(method: str) -> None:
-    """Nine nodes of a tip face, 1e8 times stiffer against one another than the beam: R_m and modes
-    with them held."""
+def test_slender_body_with_many_masters_keeps_its_basis(method: str) -> None:
+    """Nine nodes of a tip face are 1e8 times stiffer against each other than the beam; residual
+    flexibility and fixed-interface modes stay accurate."""
     contacts = [
         {
             "group": "tip",
@@ -315,9 +314,9 @@ def test_many_nodes_of_a_slender_body_are_masters(method: str) -> None:
         np.testing.assert_allclose(found.omega**2, squares, rtol=1e-5)
 
 
-def test_the_shares_of_nodes_add_up_to_the_area_or_the_length() -> None:
-    """Corners of quadratic tetrahedra have no share of a facet and are no points; the others keep
-    the order of an edge."""
+def test_tributary_areas_add_up_to_area_or_length() -> None:
+    """Corner nodes of quadratic tetrahedra have no tributary area and are no contact points; the
+    other nodes keep the order along an edge."""
     contacts = [
         {
             "group": "tip",
@@ -373,14 +372,8 @@ if solid.comm.rank == 0:
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks_find_the_same_points_in_the_same_order(tmp_path: Path) -> None:
-    found = []
-    for ranks in (1, 2):
-        on_ranks(ranks, "-c", POINTS, str(tmp_path / f"{ranks}.npz"))
-        with np.load(tmp_path / f"{ranks}.npz") as file:
-            found.append({name: file[name] for name in file.files})
-    one, two = found
-    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+def test_two_ranks_find_same_points_in_same_order(tmp_path: Path) -> None:
+    one, two = arrays_of_one_and_two_ranks(POINTS, tmp_path)
     assert (
         np.abs(two.pop("force")).max() < 1e-3 and np.abs(one.pop("force")).max() < 1e-3
     )  # of the equilibrium: rounding
@@ -395,9 +388,9 @@ def test_two_ranks_find_the_same_points_in_the_same_order(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: int) -> None:
-    """A slow approach of the casing to a beam along its radius: N (1/k + 1/K) is what it has come
-    beyond the gap."""
+def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> None:
+    """A casing slowly approaches a beam along its radius: the approach beyond the gap is N (1/k +
+    1/K)."""
     surface: dict[str, Any] = {"kind": "cylinder", "point": [-1.0, 0.0, 0.0][:dimension]}
     if dimension == 3:
         surface["axis"] = [0.0, 0.0, 1.0]
@@ -441,8 +434,9 @@ def test_a_casing_that_closes_in_presses_as_deep_as_stiffnesses_say(dimension: i
     assert motion.gap[-1, 0] == pytest.approx(-expected / stiffness, rel=2e-3)
 
 
-def test_what_is_out_of_reach_is_said() -> None:
-    """The run says so, with the smallest gap that was left; points that touch are not named."""
+def test_points_out_of_reach_are_reported_with_smallest_gap() -> None:
+    """The run reports points that never touch, with their smallest gap; it does not name points
+    that touch."""
     scene = blade(
         *SHORT,
         "contacts.0.gap=3e-3",
@@ -467,9 +461,9 @@ def test_what_is_out_of_reach_is_said() -> None:
     assert out_of_reach(replace(motion, force=np.ones_like(motion.force)), found.solid.points) == []
 
 
-def test_plan_of_a_rub() -> None:
-    """The plan counts displacements, and leaves out what one point, or a body at rest, does not
-    need."""
+def test_plan_of_rub_counts_contact_displacements() -> None:
+    """The plan counts contact displacements; it leaves out the parts that a single point or a body
+    at rest does not need."""
 
     def stages(scene: Scene) -> dict[str, tuple[bool, str]]:
         return {item.name: (item.needed, item.reason) for item in plan(scene)}
@@ -504,7 +498,7 @@ def test_plan_of_a_rub() -> None:
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, Path]:
-    """A small blade, its reduced model, and that in a file."""
+    """A small blade, its reduced model, and the file of this model."""
     solid = make_solid(blade(*SHORT, "basis.derivatives=['1V1V', '1V1S']"))
     found = Reduction(solid, scene_of(solid), lambda stage: contextlib.nullcontext())
     study = Study(
@@ -521,11 +515,11 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, StoredModel, 
     return solid, stored_model(study), path
 
 
-def test_equilibrium_is_sought_in_parts_of_what_presses(
+def test_equilibrium_in_overlapping_casing_is_found_by_load_steps(
     stored: tuple[Any, StoredModel, Path],
 ) -> None:
-    """The blade grows into its casing at speed: from nothing, where it would touch without
-    pressing, to all of it."""
+    """At speed the blade grows into its casing; the equilibrium is found by load steps from zero
+    pressure to the full one."""
     solid, made, _ = stored
     problem = _Statics(made.model, contacts_of(scene_of(solid), made.model.points), 3)
     q = np.zeros(made.model.size)
@@ -538,9 +532,11 @@ def test_equilibrium_is_sought_in_parts_of_what_presses(
     assert found[0] <= 1e-9 * found[2] and 0.3 < found[1] / found[2] < 0.7
 
 
-def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path]) -> None:
-    """From the file the same motion, bit for bit; with another casing that of the model made for
-    it."""
+def test_stored_model_with_another_casing_equals_new_model(
+    stored: tuple[Any, StoredModel, Path],
+) -> None:
+    """The stored model gives the same motion bit for bit; with another casing it equals the model
+    that was made for this casing."""
     solid, made, path = stored
     read = load_model(path)
     before = simulate(read.model, read.scene)
@@ -564,9 +560,9 @@ def test_stored_model_rubs_another_casing(stored: tuple[Any, StoredModel, Path])
     assert np.abs(after.force - before.force).max() > 0.1 * before.force.max()
 
 
-def test_surfaces_of_other_normals_need_another_model() -> None:
-    """What turns the normals at the contact points needs the mesh; everything else about a surface
-    may change."""
+def test_surface_with_other_normals_is_refused_by_stored_model() -> None:
+    """A change that turns the normals at the contact points needs the mesh; everything else about a
+    surface may change."""
     made = blade()
     for change in (
         "surface.point=[-0.2, 0.0, 0.0]",
@@ -595,8 +591,8 @@ def test_surfaces_of_other_normals_need_another_model() -> None:
 
 @pytest.mark.slow
 def test_demo_rubs_to_a_steady_state() -> None:
-    """As its head says: two rubs a revolution, slip and lift-off, each revolution like the one
-    before after some forty."""
+    """As the head of the demo says: two rubs per revolution with slip and lift-off, steady after
+    about forty revolutions."""
     from mpi4py import MPI
 
     found = run(blade(), MPI.COMM_WORLD, lambda line: None)
@@ -624,9 +620,9 @@ def test_demo_rubs_to_a_steady_state() -> None:
     )
 
 
-def test_demo_says_what_it_is() -> None:
-    """The demo's scene survives the way into a stored model, its casing at rest and turning as seen
-    from the blade."""
+def test_scene_of_demo_survives_stored_model() -> None:
+    """The stored model keeps the scene; the casing is at rest, so it turns in the frame of the
+    blade."""
     from fenicsrom.online.surfaces import spin_of
     from fenicsrom.scene import parse_scene, scene_table
 

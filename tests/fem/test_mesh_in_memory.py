@@ -13,7 +13,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh import Mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+from fenicsrom.fem.mesh import mesh_from_dolfinx, mesh_from_gmsh_model
+from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.supports import unclamped_pieces
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import needs_mpirun, on_ranks
+from support import arrays_of_one_and_two_ranks, needs_mpirun, on_ranks
 
 pytest.importorskip("dolfinx")
 
@@ -78,7 +78,8 @@ SMALL = ["geometry.parameters.elements_along=10", "time.periods=2"]
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
-    """Errors and indicators of `fenicsrom compare`, each time against a full model of its own."""
+    """Errors and indicators of `fenicsrom compare`; each number of ranks computes its own full
+    model."""
     lists = [
         "compare.modes=[1]",
         "compare.derivatives=['none', 'mmi-nls']",
@@ -123,7 +124,7 @@ sys.exit(cli.main(["run", sys.argv[1], "--output", sys.argv[3]]))
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks_refuse_once(tmp_path: Path) -> None:
+def test_error_of_two_ranks_is_printed_once(tmp_path: Path) -> None:
     bad = tmp_path / "bad.toml"
     bad.write_text("[geometry]\nmesh = 'x.geo'\n")
     said = on_ranks(2, "-m", "fenicsrom", "run", str(bad), code=2).stderr
@@ -145,10 +146,10 @@ def test_two_ranks_refuse_once(tmp_path: Path) -> None:
         ("wrong on {rank}", "0 1", ["wrong on 0", "wrong on 1"]),
     ],
 )
-def test_what_one_rank_refuses_is_said(
+def test_error_of_one_rank_is_printed_and_stops_the_other(
     sentence: str, ranks: str, expected: list[str], tmp_path: Path
 ) -> None:
-    """The rank that goes on is stopped: it would wait for the other."""
+    """The other rank is stopped, because it would wait forever."""
     done = on_ranks(
         2, "-c", ALONE, SCENE, sentence, str(tmp_path), *ranks.split(), code=2, timeout=100
     )
@@ -160,9 +161,9 @@ def test_what_one_rank_refuses_is_said(
 
 @pytest.mark.slow
 @needs_mpirun
-def test_two_ranks_write_what_moves_once(tmp_path: Path) -> None:
-    """Grids in pieces, contact points whole, an animation where it can be drawn; the same contact
-    points as of one rank."""
+def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
+    """Each rank writes its piece of the grids; the contact points and the animation are written
+    once. The contact points equal those of one rank."""
     pyvista = pytest.importorskip("pyvista")
     wanted = [
         "output.motion=true",
@@ -189,14 +190,7 @@ def test_two_ranks_write_what_moves_once(tmp_path: Path) -> None:
 @needs_mpirun
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> None:
-    results = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, method, str(target))
-        with np.load(target) as file:
-            results.append(dict(file))
-    one, two = results
-    assert (one["ranks"], two["ranks"]) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(CHAIN, tmp_path, method)
     np.testing.assert_allclose(two["omega"], one["omega"], rtol=1e-6)
     assert list(one["labels"]) == list(two["labels"])
     assert list(one["kept"]) == list(two["kept"])

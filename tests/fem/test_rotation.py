@@ -1,5 +1,5 @@
-"""A turning body: its forms, its equilibrium at speed, its frequencies against beam theory, and the
-Campbell diagram."""
+"""A rotating body: its forms, its equilibrium at speed, its frequencies against beam theory, and
+the Campbell diagram."""
 
 from __future__ import annotations
 
@@ -20,19 +20,23 @@ pytest.importorskip("dolfinx")
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
+    arrays_of_one_and_two_ranks,
+    assert_force_of_energy,
     assert_tangent,
+    assert_tangent_of_force,
     beam_scene,
     dense,
     enriched,
     free_unknowns,
     make_solid,
     needs_mpirun,
-    on_ranks,
+    random_directions,
     random_field,
     scene_of,
 )
 
 from fenicsrom.assess import campbell as diagram
+from fenicsrom.assess import rotating_modes
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.full import FullModel
@@ -71,7 +75,7 @@ PUSH = [
 def rotating_scene(
     dimension: int, *overrides: str, rotation: dict[str, Any] | None = None, **tables: Any
 ) -> Any:
-    """A short turning beam on a tiny mesh."""
+    """A short rotating beam on a tiny mesh."""
     rotation = rotation or (
         {"speed_rpm": 4000.0, "point": [-0.2, 0.1]} | ({"coriolis": True})
         if dimension == 2
@@ -87,7 +91,7 @@ def spun(request: pytest.FixtureRequest) -> Any:
 
 @pytest.fixture(scope="module")
 def slender() -> Any:
-    """The paper's beam without Poisson's effect, clamped on the axis z, at rest."""
+    """The paper's beam with a Poisson's ratio of zero, clamped on the axis z, at rest."""
     still = {"speed_rpm": 0.0, "axis": [0.0, 0.0, 1.0]}
     sizes = ("geometry.parameters.elements_along=40", "material.poisson=0.0")
     return make_solid(beam_scene(3, sizes, contacts=None, rotation=still))
@@ -97,26 +101,11 @@ def slender() -> Any:
 
 
 def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
-    u, directions = (
-        random_field(spun, 0.02),
-        np.array([random_field(spun, 0.02, seed) for seed in (1, 2, 3)]),
-    )
+    u, directions = random_directions(spun)
     assert np.abs(spun.rotation.centrifugal_force(u)).max() > 0.0
-    assert_tangent(
-        lambda s: spun.energy(u + s @ directions),
-        lambda s: directions @ spun.internal_force(u + s @ directions),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    assert_tangent(
-        lambda s: spun.internal_force(u + s @ directions),
-        lambda s: spun.tangent_times(u + s @ directions, directions.T),
-        np.zeros(3),
-        step=0.5,
-        tolerance=1e-9,
-    )
-    # the centrifugal part apart, which the elastic one drowns
+    assert_force_of_energy(spun)
+    assert_tangent_of_force(spun)
+    # the centrifugal part alone, because the elastic part is much larger
     frame, q = spun.rotation, directions
     assert_tangent(
         lambda s: frame.energy(s @ q),
@@ -145,7 +134,7 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_forces_of_a_field_that_grows_along_the_beam(dimension: int) -> None:
+def test_rotation_forces_of_linear_field_match_closed_form(dimension: int) -> None:
     """u = x a: integrals over the box are closed forms."""
     solid = make_solid(rotating_scene(dimension))
     omega = 4000.0 / RPM
@@ -217,7 +206,7 @@ def tiny_still() -> Any:
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.3])
-def test_spinning_rod_stretches_as_the_boundary_value_problem(slender: Any, speed: float) -> None:
+def test_stretch_of_spinning_rod_matches_boundary_value_problem(slender: Any, speed: float) -> None:
     """k L = `speed`, k^2 = rho Omega^2 / E: (S (1 + u'))' + k^2 (x + u) = 0, S = u' + u'^2/2, u(0)
     = 0 = S(L).
 
@@ -274,7 +263,7 @@ def test_equilibrium_at_speed_balances_and_is_independent_of_the_path(dimension:
     np.testing.assert_allclose(u, solid.static(1.2 * solid.static_load), rtol=0, atol=1e-8 * scale)
 
 
-def test_geometrically_linear_vibrations_about_the_same_equilibrium() -> None:
+def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
     nonlinear, linear = (
         make_solid(rotating_scene(3, f"geometrically_nonlinear={word}", loads=PUSH))
         for word in ("true", "false")
@@ -331,7 +320,9 @@ def test_rotating_cantilever_matches_beam_theory(slender: Any) -> None:
 
 @pytest.mark.parametrize(("dimension", "loads"), [(2, PUSH[:1]), (3, PUSH[:1]), (3, PUSH)])
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-def test_polynomial_about_the_spinning_state(dimension: int, loads: Any, method: str) -> None:
+def test_polynomial_about_spinning_state_matches_projected_force(
+    dimension: int, loads: Any, method: str
+) -> None:
     scene = rotating_scene(
         dimension, loads=[{**load, "direction": load["direction"][:dimension]} for load in loads]
     )
@@ -400,8 +391,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
     mass, stiffness, gyroscopic = (
         dense(m, keep) for m in (spun.mass, spun.stiffness, spun.gyroscopic)
     )
-    squares, shapes, change = diagram.modes_at_speed(spun, 4)
-    assert 0.0 <= change <= diagram.COMPLEX_TOLERANCE
+    squares, shapes, change = rotating_modes.modes_at_speed(spun, 4)
+    assert 0.0 <= change <= rotating_modes.COMPLEX_TOLERANCE
     n = keep.size
     state = np.block(
         [
@@ -423,8 +414,8 @@ def test_complex_modes_match_dense_eigenvalues(spun: Any) -> None:
 
 @pytest.mark.parametrize("complex_shapes", [False, True])
 def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
-    """Two modes of one frequency, returned as any combination of one another, are told apart by
-    what they were before."""
+    """The solver returns any combination of two modes of equal frequency; the modes at the previous
+    speed tell them apart."""
     rng = np.random.default_rng(4)
     shapes = rng.standard_normal((9, 4)) + 1j * complex_shapes * rng.standard_normal((9, 4))
     shapes, _ = np.linalg.qr(shapes if complex_shapes else shapes.real)
@@ -435,7 +426,7 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     body = SimpleNamespace(mass_inner=lambda a, b: a.T @ b)
     # 2 has sunk beneath 0 and meets 1; 3 stays; 0 has risen above both
     vectors = np.column_stack([shapes[:, [1, 2]] @ mix, shapes[:, 0], shapes[:, 3]])
-    squares, kept, mac = diagram.follow(
+    squares, kept, mac = rotating_modes.follow(
         body, np.array([1.0, 4.0, 9.0, 16.0]), shapes, np.array([3.0, 3.0, 5.0, 17.0]), vectors
     )
     np.testing.assert_array_equal(squares, [5.0, 3.0, 3.0, 17.0])
@@ -444,14 +435,16 @@ def test_modes_of_equal_frequency_are_followed(complex_shapes: bool) -> None:
     # and where they part again, as combinations of the two that met
     met, parted = np.array([1.0, 4.0, 4.0, 16.0]), shapes.copy()
     parted[:, 1:3] = shapes[:, 1:3] @ mix
-    squares, _, mac = diagram.follow(body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted)
+    squares, _, mac = rotating_modes.follow(
+        body, met, shapes, np.array([1.0, 3.0, 5.0, 17.0]), parted
+    )
     np.testing.assert_array_equal(np.sort(squares), [1.0, 3.0, 5.0, 17.0])
     np.testing.assert_allclose(mac, 1.0, rtol=1e-12)
 
 
 def test_crossing_modes_are_followed() -> None:
     """Two bending modes of a flat beam, out of and in the plane of rotation, cross as the first
-    stiffens: shapes keep apart."""
+    stiffens; each keeps its shape."""
     sizes = (
         "geometry.parameters.elements_along=10",
         "geometry.parameters.height=0.0254",
@@ -498,7 +491,7 @@ def world() -> Any:
 
 @pytest.mark.parametrize("coriolis", [False, True])
 def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
-    """Turning about an axis beyond its tip: a straight beam stays straight, unstable."""
+    """The axis lies beyond the tip: a straight beam stays straight, but unstable."""
     table = {"speeds_rpm": [0.0, 500.0, 5000.0], "modes": 2}
     scene = rotating_scene(
         2, rotation={"speed_rpm": 0.0, "point": [5.0, 0.0], "coriolis": coriolis}, campbell=table
@@ -517,8 +510,8 @@ def test_beam_inside_its_axis_becomes_unstable(coriolis: bool) -> None:
 
 
 def test_reduced_rotating_model_matches_the_full_model(small: Path, tmp_path: Path) -> None:
-    """At speed the tip swings by more than the beam's height: by the polynomial about the spinning
-    state, and on the mesh."""
+    """At speed the tip swings by more than the height of the beam; the elastic force is the
+    polynomial about the spinning state, or is projected on the mesh."""
     shake = [
         "loads.0.force=5e3",
         "loads.0.frequency=40",
@@ -779,14 +772,7 @@ if comm.rank == 0:
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_give_the_same_rotating_model(tmp_path: Path) -> None:
-    results = []
-    for ranks in (1, 2):
-        target = tmp_path / f"{ranks}.npz"
-        on_ranks(ranks, "-c", CHAIN, str(target))
-        with np.load(target) as file:
-            results.append(dict(file))
-    one, two = results
-    assert (one.pop("ranks"), two.pop("ranks")) == (1, 2)
+    one, two = arrays_of_one_and_two_ranks(CHAIN, tmp_path)
     assert list(one.pop("labels")) == list(two.pop("labels"))
     for name in ("omega", "diagram", "energy", "largest"):
         np.testing.assert_allclose(two.pop(name), one.pop(name), rtol=1e-7, err_msg=name)

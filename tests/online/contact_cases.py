@@ -1,4 +1,4 @@
-"""Contact points before every kind of surface, and one step of the contact law."""
+"""Contact points in front of every kind of surface, and one step of the contact law."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ SCHEMES = [(0.0, False), (0.4, False), (0.5, True)]
 
 
 def rest(contacts: Contacts, x: Array, slider: Array) -> ContactState:
-    """The law at a displacement (d,) with a slider (d - 1,) in the tangent plane."""
+    """The law at a displacement (d,) with a slider (d - 1,) in the tangent plane, at rest."""
     found = zero_contact_state(1, x.size)
     at_rest(contacts, x[None], np.array([[0.0, *slider]]), 0.0, found, contact_scratch(1, x.size))
     return found
 
 
 def apply(contacts: Contacts, x: Array, slider: Array) -> tuple[int, Array, Array]:
-    """State, force [N, T] and new slider before a plane."""
+    """State, force [N, T] and new slider in front of a plane."""
     found = rest(contacts, x, slider)
     return int(found.state[0]), (found.normal + found.friction)[0], found.slider[0, 1:]
 
@@ -60,8 +60,8 @@ def step(
     line: bool,
     time: tuple[float, float] = (0.0, 1.0),
 ) -> Any:
-    """A step of all points to x (P, d): the state at its end, what was found, dissipation and work
-    of the surface."""
+    """A step of all points to x (P, d): the state at its end, the results, the dissipation and the
+    work of the surface."""
     points, d = x.shape
     end, found, interval = (
         zero_contact_state(points, d),
@@ -85,8 +85,8 @@ def casing(
     spin: float = 0.0,
     **values: Any,
 ) -> Contacts:
-    """A point before a round surface of radius about 0.3 m, its axis askew, whose normal there is
-    the first axis."""
+    """A point in front of a round surface of radius about 0.3 m with an oblique axis, whose normal
+    there is the first axis."""
     given = {
         "preload": 3.0,
         "normal_stiffness": 2e4,

@@ -142,7 +142,7 @@ def test_force_derivative_matches_differences(surface: Any, d: int, a: float, li
 
 @pytest.mark.parametrize("blending", [0.0, 0.3, 1.0])
 def test_blended_normal_force_takes_energy(blending: float) -> None:
-    """Whatever the step; and its slope is its derivative."""
+    """For any step; the derivative of the force matches its slope."""
     rng = np.random.default_rng(3)
     for before, after in rng.uniform(-2.0, 2.0, (500, 2)):
         force, slope = blended_normal_force(before, after, blending)
@@ -313,7 +313,7 @@ def test_slip_dissipation_matches_jenkins_loop(a: float, line: bool) -> None:
 
 @pytest.mark.parametrize(("a", "line"), SCHEMES)
 def test_slip_inside_a_step_matches_jenkins_loop(a: float, line: bool) -> None:
-    """The energy lost is exact where slip is located within the step, and of second order at the
+    """The dissipation is exact if slip is located within the step, and of second order at the
     weighted point."""
     preload, amplitude = 30.0, 6e-3
     limit = RUB.friction[0] * preload
@@ -341,7 +341,7 @@ def test_slip_inside_a_step_matches_jenkins_loop(a: float, line: bool) -> None:
 def along(
     contacts: Contacts, start: ContactState, x: Array, parts: int
 ) -> tuple[ContactState, Array, float]:
-    """A straight step in equal parts: its end, the mean force and what is dissipated."""
+    """A straight step in equal parts: its end, the mean force and the dissipation."""
     here, mean, lost = start, np.zeros_like(x), 0.0
     for k in range(parts):
         end, found, dissipated, _ = step(
@@ -353,8 +353,8 @@ def along(
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_one_step_equals_the_mean_of_its_parts(d: int) -> None:
-    """Closing, opening, sticking and slipping are located within the step: exactly for a point that
-    slides to and fro."""
+    """Touch-down, lift-off, stick and slip are located within the step, exactly for a point that
+    moves to and fro."""
     contacts, rng = RUB if d == 2 else RUB3, np.random.default_rng(11)
     way = np.array([6e-3, *([3e-3] * (d - 1))])
     changes, gaps = set(), []

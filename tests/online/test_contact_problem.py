@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 def random_problem(
     rng: np.random.Generator, points: int, d: int, stiffness: float | None
 ) -> dict[str, Any]:
-    """A contact problem of lengths about 1, from a state that the law allows; stiffness relative to
-    the structure."""
+    """A contact problem with lengths of about 1, from a state that the law allows; stiffness
+    relative to the structure."""
     m = points * d
     root = rng.standard_normal((m, m))
     k = stiffness or 10.0 ** rng.uniform(-2, 3)
@@ -68,7 +68,7 @@ def random_problem(
 
 
 def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactState, Any]:
-    """Whether it was solved, the end of the step and what was found."""
+    """Whether it was solved, the end of the step and the results."""
     points, d = problem["free"].shape
     start = problem["start"]
     end, found = zero_contact_state(points, d), contact_scratch(points, d)
@@ -124,8 +124,8 @@ def test_contact_problem_of_any_stiffness_is_solved(
 
 @pytest.mark.parametrize("d", [2, 3])
 def test_contact_problem_of_released_stiff_contact_is_solved(d: int) -> None:
-    """Where the mean force leans to the end, and with it the limit of friction, most of the
-    friction before is let go."""
+    """If the mean force is blended towards the end of the step, most of the earlier friction is
+    released, because the friction limit follows the mean force."""
     rng, unsolved, slid = np.random.default_rng(21), 0, 0
     for _ in range(400):
         k, friction = 10.0 ** rng.uniform(1.0, 5.0), rng.uniform(0.1, 1.0)
@@ -160,7 +160,7 @@ def test_contact_problem_of_released_stiff_contact_is_solved(d: int) -> None:
 
 def brute_force(problem: dict[str, Any]) -> list[Array]:
     """All solutions of a planar problem without start weight: each combination of states is linear;
-    keep what fits."""
+    the consistent ones are kept."""
     contacts, free = problem["contacts"], problem["free"]
     points, d = free.shape
     found = []
@@ -225,8 +225,8 @@ GRAVITY, MASS, FRICTION, SPEED = 9.81, 2.0, 0.3, 1.5
 def slide(
     stiffness: float, scheme: str = "discrete-gradient", steps: int = 4000
 ) -> tuple[float, float]:
-    """Farthest displacement of a block on a rigid floor, and the energy rubbed, until just after it
-    has stopped."""
+    """Largest displacement of a block on a rigid floor, and the friction dissipation, until just
+    after it has stopped."""
     weight = harmonic(np.array([MASS * GRAVITY]), np.zeros(1), np.array([np.pi / 2]))
     block = linear_model(
         MASS * np.eye(2), np.zeros((2, 2)), loads=[1.0, 0.0], load_histories=weight, masters=2
@@ -269,8 +269,8 @@ def test_sliding_block_comes_to_rest_where_coulomb_says(scheme: str) -> None:
 @pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7, 1e9])
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95])
 def test_impact_inside_a_step_has_friction_in_proportion(stiffness: float, share: float) -> None:
-    """A mass that strikes a wall at 45 degrees slides all the while: its impulses are as its
-    forces, mu to one."""
+    """A mass that strikes a wall at 45 degrees slides all the time: the ratio of its impulses is
+    mu, as that of its forces."""
     mass = linear_model(np.eye(2), 1e-9 * np.eye(2), masters=2)
     wall = one_contact(
         gap=0.1 + 0.01 * share,

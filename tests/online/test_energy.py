@@ -1,4 +1,4 @@
-"""The energy verdict: created, lost and given by friction."""
+"""The energy verdict: energy that is created, lost, or given by friction."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_created_and_lost_energy_is_refused() -> None:
         float(np.max(motion.kinetic + motion.elastic)),
     )
     for share, refused in ((0.9e-2, False), (1.1e-2, True)):
-        with pytest.raises(AccuracyError, match="is created") if refused else nullcontext():
+        with pytest.raises(AccuracyError, match="created") if refused else nullcontext():
             check_energy(
                 replace(
                     motion, damping_dissipation=motion.damping_dissipation + share * most * ramp
@@ -36,11 +36,7 @@ def test_created_and_lost_energy_is_refused() -> None:
     # lost energy acts as damping: it is compared with the work of the loads too
     most += float(np.max(motion.work))
     for share, refused in ((0.9e-2, False), (1.1e-2, True)):
-        with (
-            pytest.raises(AccuracyError, match="the work of the loads is lost")
-            if refused
-            else nullcontext()
-        ):
+        with pytest.raises(AccuracyError, match="lost") if refused else nullcontext():
             check_energy(
                 replace(
                     motion, damping_dissipation=motion.damping_dissipation - share * most * ramp
@@ -77,7 +73,7 @@ def test_energy_errors_read_a_known_imbalance() -> None:
 
 @pytest.mark.parametrize("scheme", SCHEME_TOLERANCE)
 def test_scheme_balance_is_refused_beyond_its_tolerance(scheme: str) -> None:
-    """Lost energy counts too, but against generalised-alpha."""
+    """Lost energy counts for every scheme except generalised-alpha."""
     _, _, motion = oscillator()
     found = energy_errors(motion)
     most = SCHEME_TOLERANCE[scheme] * (found.energy + found.work)

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from motions import FRICTION, PERIOD, STIFFNESS, jenkins, motion, side_by_side
+from motions import FRICTION, PERIOD, RESPONSE_KEYS, STIFFNESS, jenkins, motion, side_by_side
 
 from fenicsrom.online import measures
 
@@ -24,8 +24,8 @@ def test_amplitude_is_half_of_peak_to_peak_of_last_period():
 
 
 def test_contact_fractions_with_uneven_steps_weigh_by_time():
-    """Open for 30 % of the period, slip for 50 %, stick for 20 %, with ten times as many steps in
-    the stick."""
+    """Open for 30 % of the period, slip for 50 %, stick for 20 %, with ten times as many steps
+    during stick."""
     parts = np.concatenate(
         [np.linspace(0, 0.8, 800, endpoint=False), np.linspace(0.8, 1, 2000, endpoint=False)]
     )
@@ -47,8 +47,8 @@ def test_contact_fractions_of_two_points_are_averaged():
 
 @pytest.mark.parametrize("uneven", [False, True])
 def test_dissipation_matches_area_of_jenkins_loop(uneven):
-    """4 mu N (X - mu N / k_t) at a constant normal force, and the slip lasts as long as the loop
-    says."""
+    """4 mu N (X - mu N / k_t) at a constant normal force; the fraction of slip follows from the
+    same loop."""
     case = jenkins(normal=0.0, steps=4000, uneven=uneven)
     limit = FRICTION * 30.0
     area = 4 * limit * (8e-3 - limit / STIFFNESS)
@@ -94,18 +94,7 @@ def test_dissipation_without_period_counts_whole_motion():
 
 def test_response_summary_has_documented_keys():
     summary = measures.response_summary(jenkins(3, phase=1.0))
-    assert list(summary) == [
-        "amplitude_m",
-        "fraction",
-        "peak_normal_force_N",
-        "peak_total_normal_force_N",
-        "dissipated_per_period_J",
-        "energy_imbalance",
-        "steady",
-        "periods",
-        "steps",
-        "newton_iterations",
-    ]
+    assert list(summary) == RESPONSE_KEYS
     assert (
         list(summary["amplitude_m"]) == ["normal", "tangential"]
         and len(summary["amplitude_m"]["tangential"]) == 2
@@ -118,7 +107,8 @@ def test_response_summary_has_documented_keys():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_point_summaries_match_single_points(dimension):
-    """A Jenkins loop, one that lifts off, and a point that only sticks: each as it is alone."""
+    """A Jenkins loop, one with lift-off, and a point that only sticks: each summary equals that of
+    the point alone."""
     cases = [
         jenkins(dimension, normal=0.0),
         jenkins(dimension, normal=5e-3),
@@ -143,7 +133,8 @@ def test_point_summaries_match_single_points(dimension):
 
 
 def test_peak_total_force_adds_forces_of_one_instant():
-    """Two points pressed in turn: together never as hard as their two peaks."""
+    """Two points are pressed in turn, so the peak of the total is smaller than the sum of the two
+    peaks."""
     time = np.linspace(0, PERIOD, 401)
     force = np.zeros((401, 2, 2))
     force[:, 0, 0], force[:, 1, 0] = (

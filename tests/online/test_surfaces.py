@@ -105,8 +105,8 @@ def test_gap_discrete_gradient_matches_change_of_penetration(surface: Any, d: in
 
 
 def test_penetration_at_large_radius_keeps_small_displacement() -> None:
-    """Differences of the penetration of a casing of 2.5 m between points some nanometres apart, to
-    1e-7 of them."""
+    """The penetration of a casing of 2.5 m, at points some nanometres apart: its differences are
+    accurate to 1e-7."""
     contacts = casing(2)._replace(
         centre=np.array([[-2.54, 0.0]]),
         radius=np.array([2.54]),

@@ -12,8 +12,8 @@ from fenicsrom.post.centreline import centreline
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_centreline_of_bending_shape_has_no_axial_part(cell):
-    """A bending shape with its rotating sections, and an axial one: both come back, bending without
-    an axial part."""
+    """A bending shape with rotating sections and an axial shape: both are recovered, and bending
+    has no axial part."""
     space = space_on(cell, along=16)
     d = space.mesh.geometry.dim
     corners = space.mesh.geometry.x

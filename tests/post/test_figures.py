@@ -25,8 +25,7 @@ def texts(figure):
 
 
 def illegible(figure):
-    """The titles, labels and legends of a figure that are cut off, and the pairs of them that lie
-    on one another."""
+    """The titles, labels and legends of a figure that are cut off, and the pairs that overlap."""
     from matplotlib.figure import FigureBase
     from matplotlib.legend import Legend
 

@@ -56,7 +56,7 @@ def test_shape_of_zeros_is_drawn(tmp_path):
 
 
 def test_shapes_without_renderer_warn_and_write_nothing(tmp_path, monkeypatch):
-    """A process that dies, as VTK does without a display, is survived."""
+    """VTK ends its process if there is no display; the run survives."""
     monkeypatch.setattr(rendering.shutil, "which", lambda name: None)
     monkeypatch.setattr(rendering.sys, "executable", shutil.which("false") or "/bin/false")
     space = space_on("triangle")
@@ -83,14 +83,15 @@ def test_shapes_without_renderer_warn_and_write_nothing(tmp_path, monkeypatch):
     ],
 )
 def test_magnification_is_round_number(largest, factor):
-    """A body of 2 m: to scale from 0.06 m on, else to at most 0.2 m."""
+    """A body of 2 m: displacements from 0.06 m on are drawn to scale, smaller ones with at most 0.2
+    m."""
     assert drawing.magnification(largest, 2.0) == pytest.approx(factor)
     assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
 
 
 def swing(space, size, frames=4):
-    """Times, a displacement that swings up, to rest, down and to rest, and a contact point at the
-    tip that goes with it."""
+    """Times, a displacement that swings up, to rest, down and to rest, and a contact point that
+    moves with the tip."""
     x = space.tabulate_dof_coordinates()
     up = np.zeros((len(x), space.mesh.geometry.dim))
     up[:, 1] = size * (x[:, 0] / LENGTH) ** 2
@@ -112,8 +113,8 @@ def swing(space, size, frames=4):
     [("quadrilateral", 0.2), pytest.param("tetrahedron", 1e-4, marks=pytest.mark.slow)],
 )
 def test_animation_without_display_shows_motion_and_states(tmp_path, monkeypatch, cell, size):
-    """The tip is where it swings to, in the colour of its state; body and mark move together,
-    magnified or not."""
+    """The tip is drawn at its displaced position in the colour of its state; body and marker move
+    together, magnified or not."""
     from PIL import Image
 
     from fenicsrom.post.style import STATES

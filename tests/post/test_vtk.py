@@ -51,7 +51,7 @@ def test_written_fields_are_read_back_by_label(tmp_path, cell, degree):
 
 @pytest.mark.parametrize("cell", CELLS)
 def test_written_cells_have_vtk_node_order_and_positive_volume(tmp_path, cell):
-    """VTK's own shape functions give the quadratic field between the nodes, and the right
+    """VTK's own shape functions give the quadratic field between the nodes and the correct
     volume."""
     space = space_on(cell)
     d = space.mesh.geometry.dim

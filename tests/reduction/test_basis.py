@@ -1,5 +1,5 @@
-"""The basis: contact displacements first and exact, the rest orthonormal, dependent vectors named,
-nothing lost."""
+"""The basis: contact displacements first and exact, the rest orthonormal, dependent vectors
+named."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def make(vectors: Array, labels: list[str], masters: Array = MASTERS) -> Any:
     return build_basis("rubin", masters, ROWS, vectors, labels, inner, same)
 
 
-def test_identity_block_orthonormality_and_labels() -> None:
+def test_basis_has_identity_block_orthonormal_rest_and_labels() -> None:
     vectors = np.random.default_rng(0).standard_normal((N, 3)) * [1e-6, 1.0, 1e6]
     basis = make(vectors, ["1V", "2V", "1V1V"])
     assert basis.labels == ("1S", "2S", "1V", "2V", "1V1V")
@@ -81,7 +81,7 @@ def test_masters_that_do_not_fit_the_rows_are_refused() -> None:
     assert caught.value.kind is ErrorKind.BASIS
 
 
-def test_no_contact_and_no_enrichment() -> None:
+def test_basis_without_contact_or_enrichment_is_made() -> None:
     none = build_basis(
         "rubin", np.zeros((N, 0)), np.zeros((0, N)), np.eye(N)[:, :2], ["1V", "2V"], inner, same
     )
@@ -94,7 +94,9 @@ def test_no_contact_and_no_enrichment() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SOLIDS)
-def test_basis_of_a_solid(name: str, method: str, request: pytest.FixtureRequest) -> None:
+def test_basis_of_solid_is_exact_at_the_contact(
+    name: str, method: str, request: pytest.FixtureRequest
+) -> None:
     solid = request.getfixturevalue(name)
     modes, theta, basis = enriched(solid, method, 2)
     m, d = basis.masters, solid.dimension
@@ -112,7 +114,7 @@ def test_basis_of_a_solid(name: str, method: str, request: pytest.FixtureRequest
 
 @pytest.mark.parametrize("name", ["beam2d", "bent3d"])
 def test_rubin_spans_modes_and_attachment_modes(name: str, request: pytest.FixtureRequest) -> None:
-    """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact, with any
+    """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact for any
     number of modes."""
     solid = request.getfixturevalue(name)
     attachment = solid.factor.solve(solid.contact_rows.T.copy())

@@ -52,11 +52,9 @@ def frequencies(stiffness: Array, mass: Array) -> Array:
 
 
 def held_inverse(stiffness: Array, masters: Array) -> tuple[Array, Array]:
-    """Constraint modes G (BᵀG)⁻¹ and the inverse of the stiffness with the masters held, K⁻¹ − G
-    (BᵀG)⁻¹ Gᵀ.
-
-    With G = K⁻¹ B. Neither changes when springs are put on the masters, K + s B Bᵀ: that serves a
-    free part."""
+    """Constraint modes G (BᵀG)⁻¹ and the inverse of the stiffness with fixed masters, K⁻¹ − G
+    (BᵀG)⁻¹ Gᵀ, with G = K⁻¹ B. Neither changes when springs are added at the masters, K + s B Bᵀ,
+    which makes the stiffness of a free part regular."""
     scale = np.abs(stiffness).max()
     grounded = solve(
         stiffness + scale * masters @ masters.T, np.eye(len(stiffness)), assume_a="pos"
@@ -67,8 +65,8 @@ def held_inverse(stiffness: Array, masters: Array) -> tuple[Array, Array]:
 
 
 def craig_bampton(stiffness: Array, mass: Array, masters: Array, modes: int) -> Array:
-    """The basis [constraint modes, fixed-interface modes of lowest frequency] of a part, a column
-    of B a master."""
+    """The basis [constraint modes, fixed-interface modes of lowest frequency] of a part; each
+    column of B is a master."""
     constraint, inverse = held_inverse(stiffness, masters)
     root = np.sqrt(np.diag(mass))  # of a diagonal mass
     inverse_squares, shapes = np.linalg.eigh(root[:, None] * inverse * root)
@@ -87,8 +85,8 @@ def parts() -> list[tuple[Array, Array, Array]]:
 
 
 def coupled(clamped_modes: int, free_modes: int) -> tuple[Array, Array]:
-    """Reduced stiffness and mass of the two parts sharing (w, θ) of node 6, with so many modes
-    each."""
+    """Reduced stiffness and mass of the two parts, which share (w, θ) of node 6, with this many
+    modes per part."""
     first, second = 2 + clamped_modes, 2 + clamped_modes + free_modes
     result = np.zeros((2, second, second))
     for part, (stiffness, mass, masters) in enumerate(parts()):
@@ -100,23 +98,23 @@ def coupled(clamped_modes: int, free_modes: int) -> tuple[Array, Array]:
 
 
 def assert_printed(values: Array, printed: list[str]) -> None:
-    """Equal in every digit of seven."""
+    """Equal in all seven printed digits."""
     assert [f"{value:#.7g}" for value in values[: len(printed)]] == printed
 
 
-def test_full_model() -> None:
+def test_frequencies_of_full_model_match_nastran() -> None:
     stiffness, mass = bar(10)
     assert_printed(frequencies(stiffness[2:, 2:], mass[2:, 2:]), FULL)
 
 
 @pytest.mark.parametrize("modes", CRAIG_BAMPTON)
-def test_craig_bampton(modes: int) -> None:
+def test_craig_bampton_frequencies_match_nastran(modes: int) -> None:
     assert_printed(frequencies(*coupled(modes, modes)), CRAIG_BAMPTON[modes])
 
 
-def test_all_modes_are_the_full_model() -> None:
-    """Four translations inside the clamped part, five inside the free part: with all their modes
-    nothing is lost."""
+def test_craig_bampton_with_all_modes_equals_full_model() -> None:
+    """The clamped part has four inner translations and the free part five: with as many modes the
+    reduction is exact."""
     for (stiffness, mass, masters), finite in zip(parts(), (4, 5), strict=True):
         inverse = held_inverse(stiffness, masters)[1]
         assert (
@@ -127,9 +125,9 @@ def test_all_modes_are_the_full_model() -> None:
 
 
 @pytest.mark.parametrize("part", [0, 1])
-def test_constraint_modes_are_the_partitioned_ones(part: int) -> None:
-    """G (BᵀG)⁻¹ = [I; −K_ss⁻¹ K_sm] for the free part too; the held inverse is K_ss⁻¹; fixed modes
-    hold the masters."""
+def test_constraint_modes_match_partitioned_matrices(part: int) -> None:
+    """G (BᵀG)⁻¹ = [I; −K_ss⁻¹ K_sm] for the free part too; the inverse with fixed masters is
+    K_ss⁻¹; fixed-interface modes vanish at the masters."""
     stiffness, mass, masters = parts()[part]
     held = masters.any(axis=1)
     inside = np.linalg.inv(stiffness[np.ix_(~held, ~held)])

@@ -1,5 +1,5 @@
-"""Selection: coordinates by least squares, whatever the scale of a mode, and both weights on an
-example by hand."""
+"""Selection: least-squares coordinates that do not depend on the scale of a mode, and both weights
+against a hand calculation."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ def largest(vectors: Array) -> Array:
 
 @pytest.fixture
 def vectors() -> Array:
-    """Modes as different in size as metres per square-root kilogram and metres per newton."""
+    """Modes of very different size, such as metres per square-root kilogram and metres per
+    newton."""
     return np.random.default_rng(0).standard_normal((N, 4)) * [1.0, 3.0, 1e-5, 1e-8]
 
 
-def test_known_coordinates_are_recovered(vectors: Array) -> None:
+def test_least_squares_recovers_known_coordinates(vectors: Array) -> None:
     known = np.random.default_rng(1).standard_normal((4, 7))
     snapshots = vectors / largest(vectors) @ known
     np.testing.assert_allclose(
@@ -44,14 +45,14 @@ def test_residual_is_orthogonal_in_the_mass_norm(vectors: Array) -> None:
     np.testing.assert_allclose(inner(scaled, snapshots - scaled @ q), 0.0, atol=1e-11)
 
 
-def test_the_choice_does_not_depend_on_how_modes_are_scaled(vectors: Array) -> None:
+def test_selection_does_not_depend_on_scale_of_modes(vectors: Array) -> None:
     snapshots = np.random.default_rng(3).standard_normal((N, 5))
     other = vectors * [1e6, 1e-3, -1.0, 1e4]
     one, two = (modal_coordinates(y, snapshots, inner, largest(y)) for y in (vectors, other))
     np.testing.assert_allclose(np.abs(two), np.abs(one), rtol=1e-9)
 
 
-def test_dependent_modes_share_what_they_have_in_common(vectors: Array) -> None:
+def test_dependent_modes_share_common_coordinate(vectors: Array) -> None:
     twice = np.concatenate([vectors, vectors[:, :1]], axis=1)
     snapshots = vectors[:, :1] / largest(vectors)[0]
     q = modal_coordinates(twice, snapshots, inner, largest(twice))
@@ -63,7 +64,7 @@ LABELS = ["1V", "2V", "1S"]
 ETA = np.array([[4.0, 0.0, 2.0], [0.0, -2.0, 0.0], [1.0, 0.5, -0.5]])  # modes x snapshots
 
 
-def test_mmi_by_hand() -> None:
+def test_mmi_weights_match_hand_calculation() -> None:
     # largest of each row: 4, 2, 1; their products relative to 16
     chosen = select(ETA, LABELS, "mmi", 0.1)
     assert chosen.modal_coordinates == {"1V": 1.0, "2V": 0.5, "1S": 0.25}
@@ -79,7 +80,7 @@ def test_mmi_by_hand() -> None:
     assert chosen.modes == ("1V", "2V", "1S")
 
 
-def test_mmi_nls_by_hand() -> None:
+def test_mmi_nls_weights_match_hand_calculation() -> None:
     # sums over the snapshots: 16 + 4; 0 (1V and 2V never move together); 4 + 1; 4; 1; 1 + 1/4 + 1/4
     chosen = select(ETA, LABELS, "mmi-nls", 0.06)
     assert chosen.weights == {
@@ -93,7 +94,7 @@ def test_mmi_nls_by_hand() -> None:
     assert chosen.derivatives == ("1V1V", "1V1S", "2V2V", "1S1S")
 
 
-def test_weak_normal_modes_are_left_out_with_their_derivatives_but_no_static_mode() -> None:
+def test_weak_normal_modes_are_dropped_and_static_modes_are_kept() -> None:
     eta = ETA * [[1.0], [0.01], [0.01]]
     chosen = select(eta, LABELS, "mmi-nls", 0.01)
     assert chosen.modes == ("1V", "1S")
@@ -102,6 +103,6 @@ def test_weak_normal_modes_are_left_out_with_their_derivatives_but_no_static_mod
     assert set(chosen.weights) == {"1V1V", "1V1S", "1S1S"}
 
 
-def test_the_threshold_is_not_reached_but_exceeded() -> None:
+def test_weight_at_threshold_is_dropped() -> None:
     assert "1V1S" not in select(ETA, LABELS, "mmi-nls", 0.25).derivatives
     assert "1V1S" in select(ETA, LABELS, "mmi-nls", 0.2499).derivatives

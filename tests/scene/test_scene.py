@@ -1,4 +1,4 @@
-"""Scenes: every demo is read, every mistake has its kind and key, no other error occurs."""
+"""Scenes: every demo is read, every mistake has its kind and key, and no other error occurs."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def test_linear_variant_of_demo_changes_one_key(path: Path) -> None:
     assert linear == dataclasses.replace(read_scene(path), geometrically_nonlinear=False)
 
 
-def test_defaults_are_filled_in() -> None:
+def test_missing_keys_get_their_defaults() -> None:
     scene = parse(RUBBING)
     assert (scene.title, scene.geometrically_nonlinear, scene.source) == ("", True, "s.toml")
     assert (scene.geometry.cells, scene.geometry.degree, scene.geometry.plane) == (
@@ -254,7 +254,7 @@ def test_unit_vector_is_unchanged_to_the_bit() -> None:
     assert parse(RUBBING, f"contacts.0.normal={list(once)}").contacts[0].normal == once
 
 
-def test_the_period_is_that_of_the_lowest_frequency() -> None:
+def test_period_is_that_of_the_lowest_frequency() -> None:
     first = '{group="load", direction=[0,1], force=1.0, frequency=9.6}'
     scene = parse(
         RUBBING, f'loads=[{first}, {{group="tip", direction=[1,0], force=1, frequency=3.2}}]'
@@ -270,7 +270,7 @@ def test_the_period_is_that_of_the_lowest_frequency() -> None:
     ("label", "same"),
     [("1V1S", "1V1S"), ("1S1V", "1V1S"), ("2V1V", "1V2V"), ("1S3V", "3V1S"), ("2S1S", "1S2S")],
 )
-def test_derivative_has_one_label(label: str, same: str) -> None:
+def test_label_of_derivative_is_in_canonical_order(label: str, same: str) -> None:
     assert parse(RUBBING, f'basis.derivatives=["{label}"]').basis.derivatives == (same,)
 
 
@@ -350,21 +350,9 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         # unknown keys
         ("materal={}", ErrorKind.UNKNOWN_KEY, "materal"),
         ("material.yung=1.0", ErrorKind.UNKNOWN_KEY, "material.yung"),
-        (
-            "contacts.0.frction=0.3",
-            ErrorKind.UNKNOWN_KEY,
-            "contacts[0].frction",
-        ),
-        (
-            "loads.0.qq=1",
-            ErrorKind.UNKNOWN_KEY,
-            "loads[0].qq",
-        ),
-        (
-            'source="x"',
-            ErrorKind.UNKNOWN_KEY,
-            "source",
-        ),
+        ("contacts.0.frction=0.3", ErrorKind.UNKNOWN_KEY, "contacts[0].frction"),
+        ("loads.0.qq=1", ErrorKind.UNKNOWN_KEY, "loads[0].qq"),
+        ('source="x"', ErrorKind.UNKNOWN_KEY, "source"),
         # types
         ('material.young="207e9"', ErrorKind.TYPE, "material.young"),
         ("material.young=true", ErrorKind.TYPE, "material.young"),
@@ -376,11 +364,7 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         ("geometry.degree=true", ErrorKind.TYPE, "geometry.degree"),
         ("geometry=3", ErrorKind.TYPE, "geometry"),
         ("geometry.parameters=3", ErrorKind.TYPE, "geometry.parameters"),
-        (
-            'loads={group="x"}',
-            ErrorKind.TYPE,
-            "loads",
-        ),
+        ('loads={group="x"}', ErrorKind.TYPE, "loads"),
         ("loads=[1]", ErrorKind.TYPE, "loads[0]"),
         ("supports.0.group=7", ErrorKind.TYPE, "supports[0].group"),
         ('supports.0.group=" "', ErrorKind.RANGE, "supports[0].group"),
@@ -388,162 +372,50 @@ def test_override_of_time_removes_what_it_excludes() -> None:
         ("material.density=nan", ErrorKind.RANGE, "material.density"),
         ("loads.0.force=inf", ErrorKind.RANGE, "loads[0].force"),
         ("loads.0.force=-inf", ErrorKind.RANGE, "loads[0].force"),
-        (
-            "contacts.0.normal=[nan, 1]",
-            ErrorKind.TYPE,
-            "contacts[0].normal",
-        ),
-        (
-            "geometry.parameters.length=nan",
-            ErrorKind.RANGE,
-            "geometry.parameters.length",
-        ),
-        (
-            "loads.0.force=0x" + 300 * "f",
-            ErrorKind.RANGE,
-            "loads[0].force",
-        ),
+        ("contacts.0.normal=[nan, 1]", ErrorKind.TYPE, "contacts[0].normal"),
+        ("geometry.parameters.length=nan", ErrorKind.RANGE, "geometry.parameters.length"),
+        ("loads.0.force=0x" + 300 * "f", ErrorKind.RANGE, "loads[0].force"),
         ("loads.0.force=0x" + 9999 * "f", ErrorKind.RANGE, "loads[0].force"),
         # ranges
         ("material.young=0", ErrorKind.RANGE, "material.young"),
-        (
-            "material.poisson=0.5",
-            ErrorKind.RANGE,
-            "material.poisson",
-        ),
-        (
-            "material.poisson=-0.1",
-            ErrorKind.RANGE,
-            "material.poisson",
-        ),
-        (
-            "material.mass_damping=-1",
-            ErrorKind.RANGE,
-            "material.mass_damping",
-        ),
-        (
-            "contacts.0.normal_stiffness=-1",
-            ErrorKind.RANGE,
-            "contacts[0].normal_stiffness",
-        ),
-        (
-            "contacts.0.tangential_stiffness=0",
-            ErrorKind.RANGE,
-            "contacts[0].tangential_stiffness",
-        ),
-        (
-            "contacts.0.friction=-0.1",
-            ErrorKind.RANGE,
-            "contacts[0].friction",
-        ),
-        (
-            "contacts.0.preload=-1",
-            ErrorKind.RANGE,
-            "contacts[0].preload",
-        ),
+        ("material.poisson=0.5", ErrorKind.RANGE, "material.poisson"),
+        ("material.poisson=-0.1", ErrorKind.RANGE, "material.poisson"),
+        ("material.mass_damping=-1", ErrorKind.RANGE, "material.mass_damping"),
+        ("contacts.0.normal_stiffness=-1", ErrorKind.RANGE, "contacts[0].normal_stiffness"),
+        ("contacts.0.tangential_stiffness=0", ErrorKind.RANGE, "contacts[0].tangential_stiffness"),
+        ("contacts.0.friction=-0.1", ErrorKind.RANGE, "contacts[0].friction"),
+        ("contacts.0.preload=-1", ErrorKind.RANGE, "contacts[0].preload"),
         ("contacts.0.gap=-1", ErrorKind.RANGE, "contacts[0].gap"),
         ("loads.0.frequency=0", ErrorKind.RANGE, "loads[0].frequency"),
         ("basis.modes=-1", ErrorKind.RANGE, "basis.modes"),
-        (
-            "basis.threshold=1.5",
-            ErrorKind.RANGE,
-            "basis.threshold",
-        ),
-        (
-            "time.steps_per_period=3",
-            ErrorKind.RANGE,
-            "time.steps_per_period",
-        ),
+        ("basis.threshold=1.5", ErrorKind.RANGE, "basis.threshold"),
+        ("time.steps_per_period=3", ErrorKind.RANGE, "time.steps_per_period"),
         ("geometry.thickness=0.0", ErrorKind.RANGE, "geometry.thickness"),
         # choices
         ('basis.method="macneal"', ErrorKind.RANGE, "basis.method"),
-        (
-            'time.scheme="euler"',
-            ErrorKind.RANGE,
-            "time.scheme",
-        ),
+        ('time.scheme="euler"', ErrorKind.RANGE, "time.scheme"),
         ('loads.0.at="edge"', ErrorKind.RANGE, "loads[0].at"),
         # vectors
-        (
-            "contacts.0.normal=[0.0, 0]",
-            ErrorKind.RANGE,
-            "contacts[0].normal",
-        ),
-        (
-            "loads.0.direction=[0, 0, 0]",
-            ErrorKind.RANGE,
-            "loads[0].direction",
-        ),
-        (
-            "loads.0.direction=[0, 0, 1]",
-            ErrorKind.CONFLICT,
-            "loads[0].direction",
-        ),
-        (
-            "contacts.0.normal=[0, 1, 0]",
-            ErrorKind.CONFLICT,
-            "contacts[0].normal",
-        ),
-        (
-            "probe.node=[0, 1, 0]",
-            ErrorKind.CONFLICT,
-            "probe.node",
-        ),
-        (
-            "loads.0.direction=[1]",
-            ErrorKind.TYPE,
-            "loads[0].direction",
-        ),
-        (
-            "loads.0.direction=1",
-            ErrorKind.TYPE,
-            "loads[0].direction",
-        ),
+        ("contacts.0.normal=[0.0, 0]", ErrorKind.RANGE, "contacts[0].normal"),
+        ("loads.0.direction=[0, 0, 0]", ErrorKind.RANGE, "loads[0].direction"),
+        ("loads.0.direction=[0, 0, 1]", ErrorKind.CONFLICT, "loads[0].direction"),
+        ("contacts.0.normal=[0, 1, 0]", ErrorKind.CONFLICT, "contacts[0].normal"),
+        ("probe.node=[0, 1, 0]", ErrorKind.CONFLICT, "probe.node"),
+        ("loads.0.direction=[1]", ErrorKind.TYPE, "loads[0].direction"),
+        ("loads.0.direction=1", ErrorKind.TYPE, "loads[0].direction"),
         # places
-        (
-            "loads.0.node=[1, 0]",
-            ErrorKind.CONFLICT,
-            "loads[0].node",
-        ),
+        ("loads.0.node=[1, 0]", ErrorKind.CONFLICT, "loads[0].node"),
         ("probe={}", ErrorKind.MISSING, "probe.group"),
-        (
-            'probe={node=[1, 0], at="centre"}',
-            ErrorKind.CONFLICT,
-            "probe.at",
-        ),
-        (
-            "supports=[]",
-            ErrorKind.TYPE,
-            "supports",
-        ),
+        ('probe={node=[1, 0], at="centre"}', ErrorKind.CONFLICT, "probe.at"),
+        ("supports=[]", ErrorKind.TYPE, "supports"),
         # geometry
         ('geometry.mesh=""', ErrorKind.RANGE, "geometry.mesh"),
-        (
-            "geometry.dimension=3",
-            ErrorKind.CONFLICT,
-            "geometry.thickness",
-        ),
-        (
-            'geometry.mesh="a.msh"',
-            ErrorKind.CONFLICT,
-            "geometry.parameters",
-        ),
-        (
-            "geometry.parameters.structured=1",
-            ErrorKind.CONFLICT,
-            "geometry.parameters.structured",
-        ),
-        (
-            'geometry.parameters={"a;b"=1}',
-            ErrorKind.RANGE,
-            "geometry.parameters.a;b",
-        ),
+        ("geometry.dimension=3", ErrorKind.CONFLICT, "geometry.thickness"),
+        ('geometry.mesh="a.msh"', ErrorKind.CONFLICT, "geometry.parameters"),
+        ("geometry.parameters.structured=1", ErrorKind.CONFLICT, "geometry.parameters.structured"),
+        ('geometry.parameters={"a;b"=1}', ErrorKind.RANGE, "geometry.parameters.a;b"),
         # derivatives
-        (
-            'basis.derivatives="some"',
-            ErrorKind.RANGE,
-            "basis.derivatives",
-        ),
+        ('basis.derivatives="some"', ErrorKind.RANGE, "basis.derivatives"),
         *(
             (
                 f"basis.derivatives=[{json.dumps(label)}]",
@@ -552,58 +424,22 @@ def test_override_of_time_removes_what_it_excludes() -> None:
             )
             for label in ("1V", "1X1V", "V1V1", "0V1V", "1V1V1V", " 1V1V", "1v1v", "1V1V\n", 11)
         ),
-        (
-            'basis.derivatives=["1V4V"]',
-            ErrorKind.CONFLICT,
-            "basis.derivatives[0]",
-        ),
-        (
-            'basis.derivatives=["1V3S"]',
-            ErrorKind.CONFLICT,
-            "basis.derivatives[0]",
-        ),
+        ('basis.derivatives=["1V4V"]', ErrorKind.CONFLICT, "basis.derivatives[0]"),
+        ('basis.derivatives=["1V3S"]', ErrorKind.CONFLICT, "basis.derivatives[0]"),
         (
             'basis={modes=0, derivatives=["1S1S", "1V1S"]}',
             ErrorKind.CONFLICT,
             "basis.derivatives[1]",
         ),
-        (
-            'basis.derivatives=["1V1S", "1S1V"]',
-            ErrorKind.RANGE,
-            "basis.derivatives[1]",
-        ),
+        ('basis.derivatives=["1V1S", "1S1V"]', ErrorKind.RANGE, "basis.derivatives[1]"),
         # time
-        (
-            "time={tolerance=1e-4, steps_per_period=100}",
-            ErrorKind.CONFLICT,
-            "time.tolerance",
-        ),
-        (
-            "time.duration=1.0",
-            ErrorKind.CONFLICT,
-            "time.duration",
-        ),
-        (
-            "time.step=1.0",
-            ErrorKind.CONFLICT,
-            "time.step",
-        ),
-        (
-            "time.spectral_radius=0.5",
-            ErrorKind.CONFLICT,
-            "time.spectral_radius",
-        ),
+        ("time={tolerance=1e-4, steps_per_period=100}", ErrorKind.CONFLICT, "time.tolerance"),
+        ("time.duration=1.0", ErrorKind.CONFLICT, "time.duration"),
+        ("time.step=1.0", ErrorKind.CONFLICT, "time.step"),
+        ("time.spectral_radius=0.5", ErrorKind.CONFLICT, "time.spectral_radius"),
         # reference
-        (
-            "reference.beam=true",
-            ErrorKind.MISSING,
-            "reference.beam_section",
-        ),
-        (
-            "reference.beam_section={}",
-            ErrorKind.MISSING,
-            "reference.beam_section.length",
-        ),
+        ("reference.beam=true", ErrorKind.MISSING, "reference.beam_section"),
+        ("reference.beam_section={}", ErrorKind.MISSING, "reference.beam_section.length"),
     ],
 )
 def test_mistake_in_harmonic_scene_names_kind_and_key(
@@ -615,46 +451,18 @@ def test_mistake_in_harmonic_scene_names_kind_and_key(
 @pytest.mark.parametrize(
     ("override", "kind", "key"),
     [
-        (
-            'geometry.plane="stress"',
-            ErrorKind.CONFLICT,
-            "geometry.plane",
-        ),
-        (
-            'geometry.cells="simplex"',
-            ErrorKind.CONFLICT,
-            "geometry.cells",
-        ),
+        ('geometry.plane="stress"', ErrorKind.CONFLICT, "geometry.plane"),
+        ('geometry.cells="simplex"', ErrorKind.CONFLICT, "geometry.cells"),
         ("loads.0.phase=1.0", ErrorKind.CONFLICT, "loads[0].phase"),
         ("loads=[]", ErrorKind.MISSING, "probe"),
         ("basis.modes=0", ErrorKind.CONFLICT, "basis.modes"),
-        (
-            'basis.derivatives=["1S1V"]',
-            ErrorKind.CONFLICT,
-            "basis.derivatives[0]",
-        ),
-        (
-            "time={step=1.0}",
-            ErrorKind.MISSING,
-            "time.duration",
-        ),
-        (
-            "time={duration=1.0}",
-            ErrorKind.MISSING,
-            "time.step",
-        ),
+        ('basis.derivatives=["1S1V"]', ErrorKind.CONFLICT, "basis.derivatives[0]"),
+        ("time={step=1.0}", ErrorKind.MISSING, "time.duration"),
+        ("time={duration=1.0}", ErrorKind.MISSING, "time.step"),
         ("time.step=2.0", ErrorKind.CONFLICT, "time.step"),
         ("time.periods=10", ErrorKind.CONFLICT, "time.periods"),
-        (
-            "time.steps_per_period=10",
-            ErrorKind.CONFLICT,
-            "time.steps_per_period",
-        ),
-        (
-            "time.steady_tolerance=0",
-            ErrorKind.CONFLICT,
-            "time.steady_tolerance",
-        ),
+        ("time.steps_per_period=10", ErrorKind.CONFLICT, "time.steps_per_period"),
+        ("time.steady_tolerance=0", ErrorKind.CONFLICT, "time.steady_tolerance"),
     ],
 )
 def test_mistake_in_decay_names_kind_and_key(override: str, kind: ErrorKind, key: str) -> None:
@@ -1057,7 +865,7 @@ ALIKE = {
 
 
 def examples(number: int) -> settings:
-    """So many examples, however slow the machine."""
+    """Settings of hypothesis: this many examples, without a time limit."""
     return settings(
         max_examples=number, deadline=None, suppress_health_check=[HealthCheck.too_slow]
     )

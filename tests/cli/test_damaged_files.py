@@ -35,8 +35,8 @@ from fenicsrom.scene.paths import shared_meshes
 def drawn(
     few: int, many: int, **inputs: st.SearchStrategy[Any]
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A test of `few` drawn inputs, the same in each session, and in the slow part of `many`;
-    fixtures are handed on."""
+    """A test of `few` random inputs, equal in each session, and of `many` in the slow part;
+    fixtures are passed on."""
 
     def decorate(test: Callable[..., None]) -> Callable[..., None]:
         @pytest.mark.parametrize("count", [few, pytest.param(many, marks=pytest.mark.slow)])
@@ -76,7 +76,7 @@ def drawn(
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small model, about as the program writes it."""
+    """A small model as the program writes it."""
     path = tmp_path_factory.mktemp("stored") / "reduced_model.npz"
     model = random_model(3, masters=2, force=1.0)
     scene = beam_scene(2, ("time.periods=2", "time.steps_per_period=20"))
@@ -116,7 +116,7 @@ def same(path: Path, other: Path) -> bool:
 
 @dataclasses.dataclass(frozen=True)
 class Damage:
-    """Something done to a file: at a place, which counts from its end if it is negative."""
+    """A change of a file at a position; a negative position counts from the end."""
 
     kind: str
     place: int
@@ -287,8 +287,7 @@ def test_model_saved_again_is_unchanged_and_runs(stored: Path, tmp_path: Path) -
 
 
 def test_model_with_huge_array_header_is_refused(stored: Path, tmp_path: Path) -> None:
-    """An array said to have a thousand million million entries is refused before there is room made
-    for it."""
+    """A header declares an array of 1e15 entries; it is refused before memory is allocated."""
     found = arrays(stored)
     np.savez(tmp_path / "bomb.npz", **found)
     raw = io.BytesIO()
@@ -351,8 +350,8 @@ class Reader:
         )
 
     def read(self, path: Path, dimension: int = 2, seconds: float = 60.0, **geometry: Any) -> str:
-        """What came of a mesh: `mesh CELLS WARNINGS`, `refused SENTENCE`, `raised ..`, `crashed` or
-        `hangs`."""
+        """The outcome of a mesh: `mesh CELLS WARNINGS`, `refused SENTENCE`, `raised ..`, `crashed`
+        or `hangs`."""
         if self.process.poll() is not None:
             self.start()
         assert self.process.stdin is not None and self.process.stdout is not None
@@ -423,7 +422,7 @@ def test_intact_square_is_read(reader: Reader, tmp_path: Path) -> None:
 
 
 def test_mesh_with_node_zero_is_refused(reader: Reader, tmp_path: Path) -> None:
-    """Node number 0 does, in gmsh 4.13."""
+    """gmsh 4.13 crashes on node number 0."""
     sections = square()
     sections[2][10] = "0 1.0 1.0 9"
     assert refused(reader, tmp_path / "crash.msh", text(sections)).startswith("refused ")
@@ -556,7 +555,7 @@ def test_geometry_of_absurd_size_is_refused(
 def test_step_file_of_absurd_size_is_refused(
     reader: Reader, tmp_path: Path, size: str, sentence: str
 ) -> None:
-    """The last of them is no number in a .step file: gmsh never comes to an end of it."""
+    """The last text is not a number in a STEP file, and gmsh does not finish reading it."""
     gmsh = pytest.importorskip("gmsh")
     path = tmp_path / "block.step"
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -602,7 +601,7 @@ def rerun(stored: Path, folder: Path, prelude: str = "", periods: int = 3) -> li
 
 
 def whole_files(folder: Path) -> dict[str, bytes]:
-    """The files of a run, each of which must open; nothing else may lie there."""
+    """The files of a run: each can be opened, and there is no other file."""
     found = {path.name: path.read_bytes() for path in folder.iterdir()}
     assert not [name for name in found if name.startswith(".")], "a half-written file was left"
     json.loads(found["summary.json"])
@@ -615,7 +614,7 @@ def whole_files(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def finished(stored: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The files of a run that nothing disturbed."""
+    """The files of an undisturbed run."""
     folder = tmp_path_factory.mktemp("finished")
     subprocess.run(rerun(stored, folder), check=True, capture_output=True)
     return whole_files(folder)
@@ -632,7 +631,8 @@ def put(files: dict[str, bytes], folder: Path) -> None:
 def test_full_disk_leaves_only_complete_files(
     stored: Path, finished: dict[str, bytes], tmp_path: Path, room: int
 ) -> None:
-    """No file may grow beyond so many bytes: the second run fails at the first that would."""
+    """A limit on the file size stands for a full disk: the second run fails at the first larger
+    file."""
     put(finished, tmp_path / "out")
     assert max(map(len, finished.values())) > room
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))"

@@ -30,7 +30,7 @@ FREE = no_contacts()
 
 
 def end(motion: Motion) -> Array:
-    """Displacement at the end."""
+    """Displacement at the end of a run."""
     return motion.displacement[-1, 0]
 
 
@@ -85,8 +85,8 @@ def oscillate(scheme: str, steps: int, duration: float = 4.0) -> Motion:
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
 def test_period_error_of_oscillator_is_the_known_one(scheme: str) -> None:
-    """Both are the trapezoidal rule here: it turns by 2 atan(omega h / 2) a step, at constant
-    amplitude."""
+    """Both schemes are the trapezoidal rule here, which turns by 2 atan(omega h / 2) per step at
+    constant amplitude."""
     for steps in (15, 400):
         motion = oscillate(scheme, steps)
         angle = np.arange(steps + 1) * 2 * np.arctan(OMEGA * 4.0 / steps / 2)
@@ -108,8 +108,8 @@ def test_error_of_oscillator_is_of_second_order(scheme: str) -> None:
 
 @pytest.mark.parametrize("radius", [0.0, 0.5, 0.8, 1.0])
 def test_generalised_alpha_decays_with_its_spectral_radius(radius: float) -> None:
-    """In the limit of large steps the motion shrinks by the spectral radius a step; its overshoot
-    creates energy: refused."""
+    """In the limit of large steps the motion shrinks by the spectral radius per step; the overshoot
+    creates energy and is refused."""
     model = linear_model(np.eye(2), 1e12 * np.eye(2))
     settings = fixed_steps("generalised-alpha", 60, 60.0, radius)
     start = np.array([1.0, 0.0]), np.zeros(2)
@@ -128,7 +128,7 @@ def test_generalised_alpha_decays_with_its_spectral_radius(radius: float) -> Non
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_momentum_equals_impulse_of_the_loads(scheme: str) -> None:
-    """A free mass under two loads with their own frequency and phase, one of them constant."""
+    """A free mass under two loads, one harmonic with a phase and one constant."""
     amplitude, omega, phase = (
         np.array([3.0, -2.0]),
         np.array([5.0, 0.0]),
@@ -151,8 +151,8 @@ def test_momentum_equals_impulse_of_the_loads(scheme: str) -> None:
 
 
 def forced(scheme: str = "discrete-gradient", **settings: Any) -> tuple[Motion, complex]:
-    """A damped linear model driven at its second frequency to a steady state; and its complex
-    amplitude by hand."""
+    """A damped linear model driven at its second frequency to a steady state, and its exact complex
+    amplitude."""
     mass, stiffness = np.diag([1.0, 0.5]), np.array([[40.0, -15.0], [-15.0, 30.0]])
     omega, phase, damping = 6.0, 0.4, 1.2
     loads = np.array([[2.0], [-1.0]])
@@ -186,14 +186,18 @@ def amplitude(motion: Motion, omega: float = 6.0) -> complex:
 
 @pytest.mark.parametrize("scheme", ["average-acceleration", "discrete-gradient"])
 def test_steady_state_matches_the_known_amplitude(scheme: str) -> None:
-    motion, exact = forced(scheme, steps_per_period=40, periods=200, steady_tolerance=1e-9)
+    march = {"steps_per_period": 40, "periods": 200, "steady": "march"}
+    motion, exact = forced(scheme, **march, steady_tolerance=1e-9)
     assert motion.steady and 10 < motion.periods < 60
     assert motion.steps == 40 * motion.periods == motion.time.size - 1
     assert abs(amplitude(motion) - exact) < 1e-8 * abs(exact)
     span = motion.last_period()
     assert span.stop - span.start == 41
-    loose, _ = forced(scheme, steps_per_period=40, periods=200, steady_tolerance=1e-3)
+    loose, _ = forced(scheme, **march, steady_tolerance=1e-3)
     assert loose.steady and loose.periods < motion.periods
+    found, _ = forced(scheme, **march | {"steady": "newton"}, steady_tolerance=1e-9)
+    assert found.steady and found.periods == 7 and found.steps == 280 == found.time.size - 1
+    assert abs(amplitude(found) - exact) < 1e-8 * abs(exact)
 
 
 def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
@@ -204,7 +208,7 @@ def test_tolerance_of_zero_or_not_met_runs_all_periods() -> None:
 
 @pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
 def test_steady_state_with_adaptive_step_is_detected(tolerance: float) -> None:
-    """Though its steps are not the same in every period."""
+    """The steps differ from period to period."""
     _, limit = forced(steps_per_period=100_000, periods=1, steady_tolerance=0.5)
     motion, _ = forced(tolerance=tolerance, periods=60, steady_tolerance=1e-6)
     assert motion.steady
@@ -234,7 +238,8 @@ def test_energy_over_ten_thousand_steps_is_constant() -> None:
 
 @pytest.mark.slow
 def test_energy_over_a_hundred_thousand_steps_is_constant() -> None:
-    """To 1e-10, at steps of a tenth and of a third of a radian of the fastest mode; compiled."""
+    """To 1e-10, for steps of a tenth and of a third of a radian of the fastest mode, in the
+    compiled loop."""
     model = random_model(3, seed=3)
     for step in (0.05, 0.2):
         settings = fixed_steps("discrete-gradient", 100_000, 1e5 * step)
@@ -268,7 +273,7 @@ def test_energy_of_the_papers_beam_is_constant(method: str, beam2d: Any) -> None
 
 
 def off(solid: Any) -> Contacts:
-    """The contact of the scene, out of reach."""
+    """The contact of the scene, too far away to touch."""
     count = len(scene_of(solid).contacts)
     return one_contact(preload=[0.0] * count, gap=1e3)
 
@@ -322,14 +327,14 @@ def test_error_of_nonlinear_problem_is_of_second_order(scheme: str) -> None:
 
 
 def knocking() -> tuple[ReducedModel, Contacts]:
-    """A nonlinear model that knocks against a spring without friction and draws back."""
+    """A nonlinear model that hits a spring without friction and retreats."""
     model = random_model(3, seed=3, masters=2, damping=0.1, force=0.5, omega=1.3)
     return model, one_contact(gap=0.1, normal_stiffness=20.0)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
-    """A contact that opens within a step leaves the order: the force has a kink, not a jump."""
+    """A contact that opens within a step keeps the order: the force has a kink, not a jump."""
     model, contacts = knocking()
     exact = reference(model, contacts, START, 6.0)
     steps = np.array([300, 420, 600, 850, 1200, 1700, 2400])
@@ -344,8 +349,7 @@ def test_error_with_lift_off_is_of_second_order(scheme: str) -> None:
 
 
 def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
-    """A mass that a constant load presses on a stiff spring, onto which it drops; a second one
-    rides on it."""
+    """A mass that a constant load drops on a stiff spring; a second mass is attached to it."""
     load_histories = harmonic(np.array([1.0]), np.array([0.0]), np.array([np.pi / 2]))
     chain = np.array([[4.0, -4.0], [-4.0, 5.0]])
     model = linear_model(
@@ -357,7 +361,7 @@ def dropped(steps: int, stiffness: float, duration: float = 4.0) -> Motion:
 
 
 def test_contact_too_stiff_for_the_step_does_not_ring() -> None:
-    """Its force is that of a body that rests on it, not of a spring that bounces from step to
+    """The force is that of a body at rest on the spring, and does not alternate from step to
     step."""
     motion = dropped(200, 1e8)
     closed = motion.force[:, 0, 0] > 0.0
@@ -373,7 +377,7 @@ def test_contact_too_stiff_for_the_step_does_not_ring() -> None:
 
 
 def test_contact_resolved_by_the_step_loses_no_energy() -> None:
-    """What the lean takes falls with a high power of the step."""
+    """The dissipation of the blended normal force falls with a high power of the step."""
     lost = [dropped(steps, 50.0).damping_dissipation[-1] for steps in (400, 800, 1600)]
     assert lost[0] < 1e-3 * dropped(400, 50.0).kinetic.max()
     assert slope([1.0, 0.5, 0.25], lost) > 3.0
@@ -395,7 +399,7 @@ PERIOD = 2 * np.pi / 1.1
 @pytest.mark.parametrize("settings", [{"steps_per_period": 50}, {"tolerance": 1e-3}])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_compiled_loop_equals_plain_python(scheme: str, settings: dict[str, Any]) -> None:
-    """Compiled, in plain Python, and in plain Python on a model in numpy."""
+    """Compiled, in plain Python, and in plain Python on a dense model."""
     model, contacts = rubbing()
     time = Time.of(scheme=scheme, periods=3, steady_tolerance=0.0, spectral_radius=0.8, **settings)
     fast = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
@@ -465,7 +469,7 @@ def test_ledger_of_other_schemes_closes_with_the_step(scheme: str) -> None:
     assert slope(1 / np.array(steps), errors) == pytest.approx(2.0, abs=0.4)
 
 
-def test_kept_coordinates_are_those_of_the_last_period() -> None:
+def test_kept_coordinates_cover_the_last_period() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, keep_coordinates=True)
@@ -477,7 +481,7 @@ def test_kept_coordinates_are_those_of_the_last_period() -> None:
 
 
 def test_two_uncoupled_contacts_move_as_two_runs() -> None:
-    """Two unconnected oscillators, each with its own contact, move as each alone does."""
+    """Two uncoupled oscillators with one contact each move as in two separate runs."""
     load_histories = harmonic(np.array([1.0]), np.array([2.0]), np.array([0.0]))
     stiffness = [np.array([[9.0, 2.0], [2.0, 6.0]]), np.array([[5.0, -1.0], [-1.0, 8.0]])]
     touch = [{"preload": 0.2, "friction": 0.3}, {"preload": 0.1, "friction": 0.8}]
@@ -536,7 +540,7 @@ def test_adaptive_step_meets_its_tolerance() -> None:
 
 
 def brittle(broken: float) -> DenseModel:
-    """A model whose force is not a number beyond a displacement."""
+    """A model whose force is not a number beyond a certain displacement."""
     model = random_model(3, seed=5, masters=2, force=2.0, omega=1.1)
     twin = dense_twin(model)
     sound = twin._elastic
@@ -576,8 +580,7 @@ def test_failed_step_reports_time_and_state_and_keeps_the_motion(settings: dict[
 
 
 def test_rejected_step_leaves_no_trace() -> None:
-    """A force that fails now and then: what follows is what smaller steps from the start would have
-    given."""
+    """The force fails in some steps; the motion equals that of smaller steps from the start."""
     _, contacts = rubbing()
     calls = 0
     twin = brittle(np.inf)
@@ -651,7 +654,7 @@ def test_stop_ends_a_run_of_a_duration_when_its_record_is_full() -> None:
     assert stopped.value.partial.steps == 4096
 
 
-def test_stop_is_not_asked_at_the_end_of_a_run() -> None:
+def test_stop_at_the_end_of_a_run_is_ignored() -> None:
     model, contacts = rubbing()
     time = Time.of(periods=1, steady_tolerance=0.0, steps_per_period=40)
     motion = integrate(model, contacts, time, PERIOD, dimension=2, stop=lambda: True)

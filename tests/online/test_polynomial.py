@@ -36,21 +36,21 @@ SOLIDS = ["beam2d", "beam3d", "bent2d", "bent3d"]
 
 
 def evaluate(elastic: ElasticPolynomial, q: Array) -> tuple[Array, Array, float]:
-    """Force, tangent, energy."""
+    """Force, tangent and energy at q."""
     force, tangent = np.full(q.size, np.nan), np.full((q.size, q.size), np.nan)
     energy = elastic_force(elastic, q, force, tangent)
     return force, tangent, energy
 
 
-def test_pairs() -> None:
+def test_pair_numbering_lists_every_pair_once() -> None:
     first, second = pairs(3)
     assert list(zip(first, second, strict=True)) == [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_polynomial_is_the_energy_of_the_strain_point_by_point(dimension: int) -> None:
-    """Against the strain of each point, written out: E = sym(G) + G^T G / 2, with the gradient G =
-    G0 + sum q_i G_i."""
+def test_polynomial_energy_matches_strain_at_points(dimension: int) -> None:
+    """Against the strain at each point: E = sym(G) + G^T G / 2 with the gradient G = G0 + sum q_i
+    G_i."""
     rng = np.random.default_rng(0)
     points, n, lame, mu = 6, 3, 1.3, 0.7
     weights, gradients = (
@@ -84,7 +84,7 @@ def test_polynomial_is_the_energy_of_the_strain_point_by_point(dimension: int) -
     np.testing.assert_allclose(evaluate(elastic, np.zeros(n))[0], elastic.force, rtol=1e-14)
 
 
-def test_compiled_and_plain_python_agree() -> None:
+def test_compiled_polynomial_equals_plain_python() -> None:
     elastic, q = random_polynomial(4), np.random.default_rng(1).standard_normal(4)
     plain_force, plain_tangent = np.empty(4), np.empty((4, 4))
     plain = elastic_force.py_func(elastic, q, plain_force, plain_tangent)
@@ -96,7 +96,7 @@ def test_compiled_and_plain_python_agree() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SOLIDS)
-def test_polynomial_against_the_projected_force(
+def test_polynomial_matches_projected_force(
     name: str, method: str, request: pytest.FixtureRequest
 ) -> None:
     from fenicsrom.reduction.projection import project, project_intrusively
@@ -129,7 +129,7 @@ def test_polynomial_against_the_projected_force(
         np.testing.assert_allclose(at_rest, solid.contact_rows @ solid.equilibrium)
 
 
-def test_parts_of_the_model(bent3d: Any) -> None:
+def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
     from fenicsrom.reduction.projection import project
 
     _, _, basis = enriched(bent3d, "rubin", 1)
@@ -151,8 +151,8 @@ def test_parts_of_the_model(bent3d: Any) -> None:
 
 
 @pytest.mark.parametrize("nonlinear", [True, False])
-def test_all_unknowns_as_a_basis_give_the_full_model(nonlinear: bool) -> None:
-    """R = I, the contact node first: the reduced model moves as the full one does, with friction
+def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
+    """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""
     from fenicsrom.fem.full import FullModel
     from fenicsrom.reduction.projection import project

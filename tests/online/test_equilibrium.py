@@ -45,15 +45,16 @@ def models() -> dict[str, Any]:
 
 
 def press(model: Any, preload: float, *changes: str) -> tuple[Array, int, Array]:
-    """Equilibrium, unstable directions of the straight one, and displacement of the tip."""
+    """The equilibrium, the number of unstable directions of the straight state, and the
+    displacement of the tip."""
     wanted = scene(preload, *changes)
     q, buckled = statics.equilibrium(model, contacts_of(wanted, model.points), 2)
     return q, buckled, model.contact_displacement(q).copy()
 
 
 def elastica(preload: float) -> tuple[float, Array]:
-    """Force and displacement of the tip of a buckled cantilever pressed on by the spring of the
-    contact."""
+    """Force and displacement of the tip of a buckled cantilever that the spring of the contact
+    presses."""
 
     def at(slope: float) -> tuple[float, Array]:
         k = np.sin(slope / 2)
@@ -64,9 +65,33 @@ def elastica(preload: float) -> tuple[float, Array]:
     return at(brentq(lambda slope: preload + CONTACT * at(slope)[1][0] - at(slope)[0], 1e-6, 3.0))
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_unstable_directions_are_those_of_the_stiffness_with_the_springs(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((6, 6))
+    stiffness, rows = root + root.T, rng.standard_normal((4, 6))
+    springs = 10.0 ** rng.uniform(-1.0, 3.0, 2)
+    model = linear_model(np.eye(6), stiffness, masters=4)._replace(contact_rows=rows)
+    contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
+    normals = rows[::2]
+    whole = np.linalg.eigvalsh(stiffness + normals.T @ np.diag(springs) @ normals)
+    problem = statics._Statics(model, contacts, 2)
+    assert problem.unstable(np.zeros(6)) == np.sum(whole < 0.0)
+
+
+def test_unstable_structure_held_by_contact_springs_is_stable() -> None:
+    model = linear_model(np.eye(4), np.diag([-1.0, 2.0, 3.0, 4.0]), masters=4)
+    rows = np.eye(4)
+    rows[2] = -rows[0]  # the second spring is opposite to the first one
+    contacts = one_contact(preload=[0.4, 0.4], normal_stiffness=[6.0, 6.0])
+    q, unstable = statics.equilibrium(model._replace(contact_rows=rows), contacts, 2)
+    assert unstable == 0
+    np.testing.assert_allclose(q, 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("ratio", [0.5, 0.9, 0.99])
-def test_below_the_buckling_load_the_beam_stays_straight(
+def test_beam_below_buckling_load_stays_straight(
     models: dict[str, Any], name: str, ratio: float
 ) -> None:
     _, buckled, x = press(models[name], ratio * CRITICAL)
@@ -77,11 +102,11 @@ def test_below_the_buckling_load_the_beam_stays_straight(
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize(("ratio", "tolerance"), [(1.01, 0.08), (1.1, 0.01), (2.0, 0.003)])
-def test_beyond_it_the_beam_is_the_elastica(
+def test_beam_beyond_buckling_load_matches_elastica(
     models: dict[str, Any], name: str, ratio: float, tolerance: float
 ) -> None:
-    """Its deflection grows with the root of the excess: just above the load an error of it by 0.2 %
-    is one of 7 %."""
+    """The deflection grows with the square root of the excess: just above the buckling load, an
+    error of 0.2 % of this load changes it by 7 %."""
     model, preload = models[name], ratio * CRITICAL
     q, buckled, x = press(model, preload)
     force, exact = elastica(preload)
@@ -108,8 +133,8 @@ def energy(model: Any, q: Array, preload: float) -> float:
 
 
 @pytest.mark.parametrize("name", ["beam", "full"])
-def test_the_buckling_load_is_euler_s(models: dict[str, Any], name: str) -> None:
-    """Found by bisection: that of the finite elements, to 0.3 % from above."""
+def test_buckling_load_matches_euler(models: dict[str, Any], name: str) -> None:
+    """Found by bisection; the finite elements are at most 0.3 % above it."""
     found = brentq(
         lambda preload: press(models[name], preload)[1] - 0.5,
         0.98 * CRITICAL,
@@ -119,16 +144,16 @@ def test_the_buckling_load_is_euler_s(models: dict[str, Any], name: str) -> None
     assert found / CRITICAL == pytest.approx(1.0, abs=3e-3)
 
 
-def test_the_basis_about_the_straight_state_holds_the_buckled_one(models: dict[str, Any]) -> None:
+def test_basis_about_straight_state_spans_buckled_state(models: dict[str, Any]) -> None:
     for ratio in (1.01, 1.1, 2.0):
         x, exact = (press(models[name], ratio * CRITICAL)[2] for name in ("reduced", "full"))
         assert np.linalg.norm(x - exact) < (1e-3 if ratio < 1.05 else 2e-4) * np.linalg.norm(exact)
 
 
 @pytest.mark.slow
-def test_a_basis_that_does_not_hold_it_is_refused() -> None:
-    """A soft beam, pressed far beyond its buckling load: no derivative is left out, but more modes
-    give another shape."""
+def test_basis_that_misses_buckled_state_is_refused() -> None:
+    """A soft beam far beyond its buckling load: no derivative is left out, but more modes give
+    another shape."""
     pytest.importorskip("dolfinx")
     table, plain = stability.load(SCENE)
     case = stability.Case("buckled", "", ("material.young=1e3",))
@@ -140,7 +165,7 @@ def test_a_basis_that_does_not_hold_it_is_refused() -> None:
     )
 
 
-def test_a_motion_starts_buckled_and_becomes_steady(models: dict[str, Any]) -> None:
+def test_motion_of_buckled_beam_becomes_steady(models: dict[str, Any]) -> None:
     preload = 1.1 * CRITICAL
     wanted = scene(preload, "contacts.0.friction=0.1")
     motion = online.simulate(models["reduced"], wanted)
@@ -156,7 +181,7 @@ def test_a_motion_starts_buckled_and_becomes_steady(models: dict[str, Any]) -> N
     assert np.ptp(still.displacement[:, 0], axis=0).max() < 1e-9 * motion.displacement[0, 0, 1]
 
 
-def test_nothing_presses_nothing_moves() -> None:
+def test_contact_without_preload_keeps_beam_at_rest() -> None:
     """A contact with a gap, and one whose preload a linear spring carries."""
     model = linear_model(np.eye(2), np.diag([3.0, 2.0]), masters=2)
     for preload, gap, moved in ((0.0, 0.1, 0.0), (6.0, 0.0, -6.0 / (3.0 + 1.0))):

@@ -1,5 +1,5 @@
-"""Time factors of the loads: each against its formula, and the motions they cause against what is
-known of them."""
+"""Time factors of the loads against their formulas, and the motions that they cause against known
+solutions."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ LOADS = [
 
 
 def at(found: LoadHistories, times: Any) -> Array:
-    """Factors (times, loads)."""
+    """Factors (times, loads) at these times."""
     return np.array([factors(found, float(time)) for time in times])
 
 
-def test_each_factor_is_its_formula() -> None:
+def test_factor_of_each_history_matches_its_formula() -> None:
     t = np.linspace(-0.5, 4.0, 451)
     w = 2 * np.pi
     inside = (t >= 0.4) & (t <= 0.6)
@@ -86,9 +86,9 @@ def test_each_factor_is_its_formula() -> None:
 
 
 @pytest.mark.parametrize(("index", "low", "high"), [(5, 2.0, 5.0), (6, 8.0, 1.0)])
-def test_the_frequency_of_a_sweep(index: int, low: float, high: float) -> None:
-    """The angle is the integral of the frequency, linear or logarithmic in time, and then of the
-    last one."""
+def test_sweep_has_its_start_and_end_frequency(index: int, low: float, high: float) -> None:
+    """The angle is the integral of the frequency, which is linear or logarithmic in time and
+    constant after the sweep."""
 
     def frequency(time: float) -> float:
         share = min(time / 1.5, 1.0)
@@ -102,7 +102,7 @@ def test_the_frequency_of_a_sweep(index: int, low: float, high: float) -> None:
         assert factors(of_loads(LOADS), time)[index] == pytest.approx(3 * np.sin(angle), abs=1e-9)
 
 
-def test_compiled_and_plain_python_agree() -> None:
+def test_compiled_factors_equal_plain_python() -> None:
     found = of_loads(LOADS)
     for time in (0.0, 0.45, 0.5, 0.6, 1.2, 5.0):
         plain = np.full(len(LOADS), np.nan)
@@ -110,7 +110,7 @@ def test_compiled_and_plain_python_agree() -> None:
         np.testing.assert_allclose(factors(found, time), plain, rtol=1e-14, atol=1e-14)
 
 
-def test_the_largest_factor() -> None:
+def test_largest_factor_of_each_history_is_known() -> None:
     found = of_loads(LOADS)
     bound = largest(found)
     np.testing.assert_allclose(bound, [3.0, 5.0, 3 * 1.75, 3.0, 6.0, 3.0, 3.0])
@@ -119,7 +119,7 @@ def test_the_largest_factor() -> None:
     np.testing.assert_allclose(np.delete(seen, 2), np.delete(bound, 2), rtol=1e-4)
 
 
-def test_where_steps_land_and_how_long_they_are() -> None:
+def test_steps_end_at_corners_and_respect_the_longest_step() -> None:
     found = of_loads(LOADS)
     np.testing.assert_allclose(instants(found, 2.0), [0.4, 0.45, 0.5, 0.55, 0.6, 1.0, 1.5, 2.0])
     assert quarter_period(found) == pytest.approx(1 / 40)  # of the fifth harmonic
@@ -166,7 +166,7 @@ def run(found: LoadHistories, **time: Any) -> Motion:
 
 
 @pytest.mark.parametrize("settings", [{"step": 1e-3}, {"tolerance": 1e-5}])
-def test_the_response_to_an_impact_is_duhamel_s_integral(settings: dict[str, float]) -> None:
+def test_response_to_impact_matches_duhamels_integral(settings: dict[str, float]) -> None:
     found = of_loads([load(pulse=PulseTable(start=0.3, duration=0.25))])
     motion = run(found, duration=2.0, **settings)
     part = np.arange(5, motion.time.size, max(1, motion.time.size // 25))
@@ -179,10 +179,9 @@ def test_the_response_to_an_impact_is_duhamel_s_integral(settings: dict[str, flo
 @pytest.mark.parametrize("kind", ["pulse", "table"])
 @pytest.mark.parametrize("start", [0.0, 7.77])
 def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> None:
-    """An impact of a thousandth of the run: what it leaves is the free vibration of its impulse.
-
-    The tolerance is relative to the static response to the crest, which is forty times what the
-    impact leaves."""
+    """The impact lasts a thousandth of the run; after it, the free vibration of its impulse
+    remains. The tolerance is relative to the static response to the peak load, which is forty times
+    the free vibration."""
     short = 0.01
     given = {"pulse": PulseTable(start=start, duration=short)}
     if kind == "table":
@@ -199,9 +198,9 @@ def test_adaptive_steps_do_not_miss_a_short_impact(start: float, kind: str) -> N
     assert np.abs(exact).max() > 50 * 4e-4 * 3.0 / STIFFNESS and motion.steps < 600
 
 
-def test_adaptive_steps_do_not_meet_a_fast_load_at_its_zeros() -> None:
-    """A sine of 100 Hz over 100 s, a period of which is the first step of a run of no other
-    measure."""
+def test_adaptive_steps_do_not_alias_a_fast_load() -> None:
+    """A sine of 100 Hz over 100 s: without the load history, the first step would be a whole period
+    of it."""
     found = of_loads([load(frequency=100.0, sweep=SweepTable(to=100.0, duration=1.0))])
     motion = run(found, duration=100.0, tolerance=1e-4)
     w, wd = 200 * np.pi, np.sqrt(STIFFNESS / 2.0 - DAMPING**2 / 4)
@@ -219,7 +218,7 @@ def test_adaptive_steps_do_not_meet_a_fast_load_at_its_zeros() -> None:
     )
 
 
-def test_the_response_to_harmonics_is_the_sum_of_theirs() -> None:
+def test_response_to_harmonics_is_the_sum_of_single_responses() -> None:
     orders = ((1, 1.0, 0.2), (2, -0.5, 0.0), (5, 0.25, 1.0))
     time = {"steps_per_period": 200, "periods": 3, "steady_tolerance": 0.0}
     whole = integrate(
@@ -246,7 +245,7 @@ def test_the_response_to_harmonics_is_the_sum_of_theirs() -> None:
     )
 
 
-def test_a_dense_table_is_the_harmonic_it_was_made_from() -> None:
+def test_response_to_dense_table_matches_its_harmonic() -> None:
     times = np.linspace(0.0, 2.0, 2001)
     table = tuple(zip(times.tolist(), np.sin(2 * np.pi * 1.3 * times).tolist(), strict=True))
     one = run(of_loads([load(table=table)]), duration=2.0, step=2e-3)
@@ -287,7 +286,7 @@ def refused(*overrides: str, folder: Path | None = None) -> tuple[ErrorKind, str
     return caught.value.kind, caught.value.key
 
 
-def test_a_table_is_read_into_the_scene(tmp_path: Path) -> None:
+def test_table_file_is_read_into_the_scene(tmp_path: Path) -> None:
     time = "time={duration=1.0, step=1e-3}"
     for name, text in {
         "a.csv": "time,factor\n0,0\n0.5,1\n1,-1\n",
@@ -409,7 +408,7 @@ TIME = "time={duration=1.0, step=1e-3}"
         (["loads.0.traction=1"], ErrorKind.CONFLICT, "loads[0].traction"),
     ],
 )
-def test_mistake_in_a_load_names_kind_and_key(
+def test_mistake_in_history_is_refused_with_kind_and_key(
     overrides: list[str], kind: ErrorKind, key: str
 ) -> None:
     assert refused(*overrides, TIME) == (kind, key)
@@ -449,13 +448,13 @@ SWEEP = [HARMONIC, "loads.0.sweep={to=8.0, duration=1}"]
         ),
     ],
 )
-def test_mistake_in_the_times_names_kind_and_key(
+def test_mistake_in_time_table_is_refused_with_kind_and_key(
     overrides: list[str], kind: ErrorKind, key: str
 ) -> None:
     assert refused(*overrides) == (kind, key)
 
 
-def test_what_a_stored_model_may_change_of_a_load() -> None:
+def test_stored_model_changes_history_and_refuses_new_direction() -> None:
     made = parse(HARMONIC)
     for change in (
         "loads.0.frequency=5.0",
@@ -475,7 +474,7 @@ def test_what_a_stored_model_may_change_of_a_load() -> None:
     assert changed_key(made, parse(HARMONIC, "loads.0.direction=[1, 0]")) == "loads[0].direction"
 
 
-def test_what_repeats_and_what_is_still() -> None:
+def test_period_and_static_flag_of_each_history_are_known() -> None:
     assert parse().static_only and parse().period is None
     assert not parse(TIME).static_only
     harmonics = parse(HARMONIC, "loads.0.harmonics=[[2, 1, 0], [3, 1, 0]]")

@@ -1,11 +1,8 @@
-"""The backbone of a clamped-clamped beam from one mode and its own modal derivative.
+"""Hardening of a clamped-clamped beam from one mode and its own modal derivative.
 
-From the reference data modal_derivative_backbone.json, the coefficient c of
-
-    omega^2 / omega_1^2 = 1 + c (w_mid / h)^2
-
-is 0.5396 for an Euler-Bernoulli beam that is clamped at both ends, exactly; 0.5398 was recomputed
-with a solid of 1000 x 10 x 24 um; without the derivative the mode alone is far too stiff, 2.317.
+The coefficient c of omega^2 / omega_1^2 = 1 + c (w_mid / h)^2 is exactly 0.5396 for an Euler-
+Bernoulli beam that is clamped at both ends. For a solid of 1000 x 10 x 24 um, 0.5398 was
+recomputed. The mode without its derivative is far too stiff: 2.317.
 """
 
 from __future__ import annotations
@@ -53,14 +50,15 @@ def clamped(request: pytest.FixtureRequest) -> Any:
 
 
 def coefficient(model: ReducedModel) -> float:
-    """C of the model's first coordinate, the others following without inertia.
+    """The coefficient c of the first coordinate; the other coordinates follow statically.
 
     With f(q) = omega_1^2 (q + g q^3) the backbone is omega^2 = omega_1^2 (1 + 3/4 g a^2) for an
-    amplitude a."""
+    amplitude a.
+    """
     n = model.size
 
     def force(q: float) -> float:
-        """Force on the first coordinate, the others in balance."""
+        """Force on the first coordinate; the others are in static balance."""
         full, tangent = np.empty(n), np.empty((n, n))
 
         def others(rest: Array) -> tuple[Array, Array]:
@@ -81,12 +79,12 @@ def coefficient(model: ReducedModel) -> float:
     return 0.75 * (4 * one - two) / 3 * (THICKNESS / middle) ** 2
 
 
-def test_first_frequency(clamped: Any) -> None:
+def test_first_frequency_of_clamped_beam_matches_theory(clamped: Any) -> None:
     modes, _, _ = enriched(clamped, "rubin", 1)
     assert modes.omega[0] == pytest.approx(OMEGA, rel=1e-3)
 
 
-def test_mode_with_its_derivative(clamped: Any) -> None:
+def test_hardening_of_mode_with_derivative_matches_theory(clamped: Any) -> None:
     _, theta, basis = enriched(clamped, "rubin", 1)
     assert basis.labels == ("1V", "1V1V")
     model = project(clamped, basis)
@@ -98,7 +96,7 @@ def test_mode_with_its_derivative(clamped: Any) -> None:
     assert found == pytest.approx(SOLID, rel=3e-3)
 
 
-def test_mode_alone_is_too_stiff(clamped: Any) -> None:
+def test_hardening_of_mode_alone_is_four_times_too_large(clamped: Any) -> None:
     _, _, basis = enriched(clamped, "rubin", 1, [])
     found = coefficient(project(clamped, basis))
     if clamped.dimension == 3:

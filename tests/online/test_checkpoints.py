@@ -1,5 +1,5 @@
-"""Restarts: a run that is stopped and goes on is the run that was not, bit for bit; files that do
-not fit are refused."""
+"""Checkpoints: a resumed run equals the uninterrupted run bit for bit, and files of another run are
+refused."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ FIELDS = (
 
 def rubbing(surface: str) -> tuple[ReducedModel, Contacts]:
     """A nonlinear model that sticks, slips and lifts off: at a plane, or in a casing that closes in
-    on it and turns."""
+    and turns."""
     model = random_model(3, seed=5, masters=2, damping=0.2, force=2.0, omega=1.1)
     if surface == "plane":
         return model, one_contact(
@@ -75,18 +75,18 @@ def rubbing(surface: str) -> tuple[ReducedModel, Contacts]:
 
 
 def scene_of(settings: Time) -> Scene:
-    """A scene with these settings, for the file to hold: the model is another."""
+    """A scene with these settings for the file; the model does not belong to it."""
     return replace(beam_scene(2), time=settings)
 
 
 class Stop(Exception):
-    """The run is stopped."""
+    """Stops the run."""
 
 
 def stopped(
     model: Any, contacts: Contacts, settings: Time, period: float | None, after: int, keep: Any
 ) -> None:
-    """Run until the checkpoint of this number, counted from one, and hand that on."""
+    """Run until the checkpoint of this number, counted from one, and return this checkpoint."""
     count = 0
 
     def checkpoint(here: Checkpoint) -> None:
@@ -101,7 +101,7 @@ def stopped(
 
 
 def assert_continued(motion: Motion, whole: Motion) -> None:
-    """A resumed motion is the end of the whole one, in every bit."""
+    """A resumed motion equals the end of the uninterrupted motion, bit for bit."""
     rows = motion.time.size
     assert 10 < rows < whole.time.size
     for name in FIELDS:
@@ -206,7 +206,7 @@ def test_resumed_run_of_the_full_model_equals_the_whole_run_bit_for_bit() -> Non
 
 @pytest.fixture
 def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
-    """A checkpoint after two periods of three."""
+    """A checkpoint after two of three periods."""
     model, contacts = rubbing("plane")
     settings = Time.of(periods=3, steady_tolerance=0.0, steps_per_period=20)
     scene, path = scene_of(settings), tmp_path / "checkpoint.npz"
@@ -330,7 +330,7 @@ def history(folder: Path) -> dict[str, Any]:
 def test_command_resumes_from_stored_model_and_from_scene(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With the stored model, and with the scene, whose model is made anew."""
+    """From the stored model, and from the scene, whose model is built again."""
     pytest.importorskip("dolfinx")
     short, long = (["--set", f"time.periods={count}"] for count in (3, 7))
     for folder, periods in (("three", short), ("seven", long)):
@@ -364,7 +364,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
 
 @pytest.mark.slow
 def test_terminated_run_leaves_a_checkpoint_to_continue(tmp_path: Path) -> None:
-    """A long run that is stopped from outside goes on, to the same end."""
+    """A long run that is stopped by SIGTERM continues to the same end."""
     pytest.importorskip("dolfinx")
     program = """
 import sys

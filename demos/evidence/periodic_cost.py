@@ -1,0 +1,178 @@
+"""The cost of periodic motions and their curves in marched periods.
+
+    python3 demos/evidence/periodic_cost.py [--without-marching]
+
+All times are CPU times of one process, side by side in one run, on `slip_liftoff_2d` with 200
+steps per period. The unit is the march of one period by `fenicsrom run`. The last row marches
+the four curves of figure 4 of the paper up and down, as `demos/paper/reproduce.py` does; it takes a
+minute or two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time as clock
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.response import family_of, response, start_motion
+from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.continuation import follow
+from fenicsrom.online.curve import Curve
+from fenicsrom.online.motion import Motion
+from fenicsrom.online.periodic import Shooting, least_squares_step
+from fenicsrom.post.tables import text_table
+from fenicsrom.scene import Time, read_scene
+from fenicsrom.study import build_model
+
+SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
+MODELS = {
+    10: ("basis.modes=3", 'basis.derivatives=["1V1V", "1V2V", "1V3V", "1V1S", "1V2S"]'),
+    24: (
+        "basis.modes=5",
+        "basis.derivatives=["
+        '"1V1V", "1V2V", "1V3V", "1V4V", "1V5V", "2V2V", "2V3V", "2V4V", "2V5V", "3V3V", "3V4V", '
+        '"3V5V", "4V4V", "4V5V", "5V5V", "1V1S", "1V2S"]',
+    ),
+}
+FIGURE_4 = {0: (2.6, 3.8, 0.02), 40: (2.6, 3.8, 0.02), 60: (2.6, 3.8, 0.02), 250: (7.0, 9.0, 0.05)}
+PERIODS = 50  # of one measured march
+ROUNDS = 5  # measurements, of which the shortest counts
+POINTS = 500  # of the long curve
+NEWTON, CURVE, FASTER = 4.0, 1500.0, 20.0  # what is asked for
+
+CONTACT = "contacts.0."
+MARCHED = ('time.steady="march"',) if hasattr(Time, "steady") else ()
+
+
+class Case:
+    """A model with its periodic motion at one frequency."""
+
+    def __init__(self, stored: StoredModel, frequency: float):
+        """Find the periodic motion."""
+        self.stored = stored
+        self.family = family_of(stored)
+        self.problem = problem = self.family(frequency)
+        self.motion = start_motion(stored, self.family, frequency, lambda line: None)
+        self.shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+        self.s = self.shooting.scaled(self.motion.z)
+        overrides = (f"time.periods={PERIODS}", "time.steady_tolerance=0.0", *MARCHED)
+        self.marched = stored.with_overrides(overrides)
+
+    def march(self) -> None:
+        """March `PERIODS` periods as `fenicsrom run` does."""
+        self.marched.simulate()
+
+    def iterate(self) -> None:
+        """Find the residual and its derivative, and solve for one step of Newton's method."""
+        found = self.shooting.march(self.s)
+        assert found is not None
+        least_squares_step(found[1] - np.eye(self.s.size), -found[0])
+
+
+def seconds(work: Callable[[], Any]) -> float:
+    """CPU time of some work, s."""
+    begin = clock.process_time()
+    work()
+    return clock.process_time() - begin
+
+
+def stored_model(size: int) -> StoredModel:
+    """A reduced model of the scene with so many coordinates."""
+    of = "response={first=2.9, last=3.6, points=1000}"
+    return build_model(read_scene(SCENE, (*MODELS[size], of)))
+
+
+def newton_row(size: int) -> list[str]:
+    """The cost of one iteration in marched periods."""
+    case = Case(stored_model(size), 3.2)
+    case.march()  # compiles
+    marches, iterations = [], []
+    for _ in range(ROUNDS):
+        marches.append(seconds(case.march) / PERIODS)
+        iterations.append(seconds(case.iterate))
+    unit, cost = min(marches), min(iterations) / min(marches)
+    name = f"Newton iteration, n = {case.stored.size}"
+    return [name, f"{1e3 * unit:.2f}", f"{cost:.2f}", f"at most {NEWTON:g}"]
+
+
+def curve_row() -> list[str]:
+    """The cost of a curve of 500 points in marched periods."""
+    case = Case(stored_model(10), 2.9)
+    table = case.stored.scene.response
+    assert table is not None
+
+    def curve(**options: Any) -> Curve:
+        return follow(
+            case.problem.model,
+            case.problem.contacts,
+            case.stored.scene.time,
+            case.family,
+            case.motion,
+            table.first,
+            (table.first, table.last),
+            **options,
+        )
+
+    coarse = curve(largest_step=0.01)
+    size, width = float(np.linalg.norm(coarse.points[0].s)), table.last - table.first
+    places = [np.append(point.s / size, point.parameter / width) for point in coarse.points]
+    length = sum(float(np.linalg.norm(b - a)) for a, b in pairwise(places))
+    step = length / (POINTS - 2)
+    found: list[Curve] = []
+    costs, units = [], []
+    for _ in range(2):
+        units.append(seconds(case.march) / PERIODS)
+        costs.append(seconds(lambda: found.append(curve(step=step, largest_step=step))))
+    last, unit = found[-1], min(units)
+    marches = np.sum([point.marches for point in last.points], axis=0)
+    name = f"curve of {len(last.points)} points ({last.reason}), marches {marches[0]}, {marches[1]}"
+    cost = min(costs) / unit * POINTS / len(last.points)
+    return [name + " with derivatives", f"{1e3 * unit:.2f}", f"{cost:.0f}", f"at most {CURVE:g}"]
+
+
+def figure_4_row() -> list[str]:
+    """How much faster the four curves of figure 4 are than marching them up and down."""
+    stored = stored_model(10)
+    curves = marching = 0.0
+    for preload, (low, high, step) in FIGURE_4.items():
+        gap = f"{CONTACT}gap={0.0 if preload else 1.0}"
+        table = f"response={{first={low}, last={high}, points=1000}}"
+        at = stored.with_overrides([table, f"{CONTACT}preload={preload}", gap])
+        curves += seconds(lambda at=at: response(at, lambda line: None))
+        frequencies = np.arange(low, high + 0.5 * step, step)
+        for order in (frequencies, frequencies[::-1]):
+            marching += seconds(lambda at=at, order=order: march_up(at, order))
+    numbers = [f"{curves:.1f} s against {marching:.1f} s", f"{marching / curves:.0f} times faster"]
+    return ["four curves of figure 4", *numbers, f"at least {FASTER:g} times faster"]
+
+
+def march_up(stored: StoredModel, frequencies: Any) -> None:
+    """March at each frequency until the motion settles, from the end of the one before."""
+    last: Motion | None = None
+    for frequency in frequencies:
+        overrides = [f"loads.0.frequency={float(frequency)!r}", "time.steady_tolerance=1e-4"]
+        last = stored.with_overrides([*overrides, *MARCHED]).simulate(
+            start=last, keep_coordinates=True
+        )
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(description="The cost of periodic motions.")
+    parser.add_argument("--without-marching", action="store_true", help="leave figure 4 out")
+    options = parser.parse_args()
+    rows = [["", "marched period, ms", "cost, marched periods", "asked for"]]
+    rows += [newton_row(size) for size in MODELS]
+    rows.append(curve_row())
+    if not options.without_marching:
+        rows.append(figure_4_row())
+    print(text_table(rows))
+
+
+if __name__ == "__main__":
+    main()

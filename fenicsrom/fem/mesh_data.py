@@ -1,0 +1,224 @@
+"""The mesh of a scene, whose facets and nodes are found by name or by coordinates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import dolfinx.mesh
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import Region
+
+Ints = npt.NDArray[Any]
+Floats = npt.NDArray[np.float64]
+
+ON_PLANE = 1e-6
+"""Default tolerance of a picking plane, relative to the extent of the mesh."""
+
+ROUNDING = 1e-9
+"""Smaller distances, relative to the extent of the mesh, count as zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A distributed mesh with named groups of cells, facets and nodes.
+
+    Attributes:
+        domain: the dolfinx mesh, in metres.
+        cell_tags: tags of the cells.
+        facet_tags: tags of the facets in a group.
+        groups: dimension and tags of each group by name; facets (or cells) with any of the tags
+        belong to it.
+        source: path of the file of the mesh.
+        warnings: sentences for the user.
+        node_groups: local vertices and, in 3D, local edges of each node group by name: of a point
+            or a curve of a gmsh file, or a node set. A node set on the boundary has its facets in a
+            facet group of the same name.
+    """
+
+    domain: dolfinx.mesh.Mesh
+    cell_tags: dolfinx.mesh.MeshTags
+    facet_tags: dolfinx.mesh.MeshTags
+    groups: dict[str, tuple[int, tuple[int, ...]]]
+    source: str
+    warnings: tuple[str, ...] = ()
+    node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
+
+    def has_facets(self, where: str | Region) -> bool:
+        """Whether a region has facets, as facet groups and picks by coordinates do."""
+        name = where.group if isinstance(where, Region) else where
+        return name is None or self.groups.get(name, (None,))[0] == self.domain.topology.dim - 1
+
+    def facets(self, where: str | Region) -> npt.NDArray[np.int32]:
+        """Give the facets of a group or a pick on this rank. Collective.
+
+        Args:
+            where: a facet group, or a region of the scene.
+
+        Returns:
+            Sorted local facet indices, shape (k,). A facet between two ranks may be on both; k may
+            be 0.
+
+        Raises:
+            SceneError: the mesh has no such facet group, or no facet of the boundary is picked (on
+                every rank).
+        """
+        if isinstance(where, Region) and where.group is None:
+            return self._picked(where)
+        name = where.group if isinstance(where, Region) else where
+        below = self.domain.topology.dim - 1
+        dimension, tags = self.groups.get(str(name), (None, ()))
+        if dimension != below:
+            known = ", ".join(
+                sorted(group for group, (dim, _) in self.groups.items() if dim == below)
+            )
+            raise SceneError(
+                f"{self.source}: there is no facet group {name!r}; the mesh has "
+                f"{f'the facet groups {known}' if known else 'none'}",
+                kind=ErrorKind.PLACE,
+                source=self.source,
+            )
+        return np.sort(self.facet_tags.indices[np.isin(self.facet_tags.values, tags)])
+
+    def _picked(self, region: Region) -> npt.NDArray[np.int32]:
+        """Facets of the boundary in a box or on a plane. Collective."""
+        d = self.domain.geometry.dim
+        low, high = self.bounds()
+        extent = float(np.max(high - low))
+        if region.box is not None:
+            corners = np.array(region.box)
+            what = f"box = {corners.tolist()}"
+
+            def inside(x: Floats) -> npt.NDArray[np.bool_]:
+                margin = ROUNDING * extent
+                above, below = (
+                    x[:d] >= corners[0, :, None] - margin,
+                    x[:d] <= corners[1, :, None] + margin,
+                )
+                return np.all(above & below, axis=0)
+        else:
+            assert region.plane is not None
+            point, normal = np.array(region.plane.point), np.array(region.plane.normal)
+            tolerance = region.plane.tolerance or ON_PLANE * extent
+            what = (
+                f"plane = {{ point = {point.tolist()}, normal = {normal.tolist()}, "
+                f"tolerance = {tolerance:.3g} }}"
+            )
+
+            def inside(x: Floats) -> npt.NDArray[np.bool_]:
+                return np.abs(normal @ (x[:d] - point[:, None])) <= tolerance
+
+        facets = dolfinx.mesh.locate_entities_boundary(
+            self.domain, self.domain.topology.dim - 1, inside
+        )
+        if not self.domain.comm.allreduce(len(facets)):
+            reach = " to ".join(
+                f"({', '.join(f'{v:.6g}' for v in corner[:d])})" for corner in (low, high)
+            )
+            raise SceneError(
+                f"{self.source}: {what}: no facet of the boundary lies there; "
+                f"the mesh extends from {reach}",
+                kind=ErrorKind.PLACE,
+                source=self.source,
+            )
+        return np.sort(facets)
+
+    def entities(self, where: str | Region) -> dict[int, Ints]:
+        """Give the entities of a region on this rank. Collective.
+
+        They are facets, and the vertices and edges of a node group.
+
+        Args:
+            where: a facet or node group, or a region of the scene.
+
+        Returns:
+            Local entities by their dimension.
+
+        Raises:
+            SceneError: the mesh has no such group, or nothing is picked.
+        """
+        name = where.group if isinstance(where, Region) else where
+        below = self.domain.topology.dim - 1
+        if name not in self.node_groups:
+            if self.node_groups and not self.has_facets(where):
+                known = {
+                    group for group, (dim, _) in self.groups.items() if dim == below
+                } | self.node_groups.keys()
+                raise SceneError(
+                    f"{self.source}: there is no facet group or node group {name!r}; the mesh has "
+                    f"the groups {', '.join(sorted(known))}",
+                    kind=ErrorKind.PLACE,
+                    source=self.source,
+                )
+            return {below: self.facets(where)}
+        vertices, edges = self.node_groups[name]
+        found: dict[int, Ints] = {0: vertices} | ({1: edges} if below == 2 else {})
+        return found | ({below: self.facets(where)} if self.has_facets(where) else {})
+
+    def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+        """Give the nodes of a Lagrange space on a region. Collective.
+
+        They lie on its facets, edges and vertices.
+
+        Args:
+            where: a facet or node group, or a region of the scene.
+            space: a Lagrange space, blocked or not.
+
+        Returns:
+            Sorted local node (block) numbers of this rank, ghosts included.
+
+        Raises:
+            SceneError: the mesh has no such group, or nothing is picked.
+        """
+        topology = self.domain.topology
+        found = [np.empty(0, dtype=np.int32)]
+        for dimension, entities in sorted(self.entities(where).items()):
+            topology.create_connectivity(dimension, topology.dim)
+            found.append(fem.locate_dofs_topological(space, dimension, entities.astype(np.int32)))
+        return np.unique(np.concatenate(found))
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Give the lowest and the highest coordinates in m, shape (3,), over all ranks."""
+        x, comm = self.domain.geometry.x, self.domain.comm
+        low = np.min(comm.allgather(x.min(axis=0, initial=np.inf)), axis=0)
+        return low, np.max(comm.allgather(x.max(axis=0, initial=-np.inf)), axis=0)
+
+    def extent(self) -> float:
+        """The largest extent along an axis in m, over all ranks."""
+        low, high = self.bounds()
+        return float(np.max(high - low))
+
+    def surface(self, where: str | Region) -> ufl.Measure:
+        """Give the measure of a facet group or a pick. Collective.
+
+        The facets may lie on the boundary or inside the body. Each facet counts once, seen from one
+        of its cells, which is correct for continuous fields. A UFL form may contain only one such
+        measure.
+
+        Args:
+            where: a facet group, or a region of the scene.
+
+        Returns:
+            A measure for `form`: in m (2D) or m² (3D).
+
+        Raises:
+            SceneError: the mesh has no such facet group, or no facet of the boundary is picked.
+        """
+        facets = self.facets(where)
+        topology = self.domain.topology
+        d = topology.dim
+        topology.create_connectivity(d - 1, d)
+        topology.create_connectivity(d, d - 1)
+        facets = facets[facets < topology.index_map(d - 1).size_local]
+        to_cells, to_facets = topology.connectivity(d - 1, d), topology.connectivity(d, d - 1)
+        cells = to_cells.array[to_cells.offsets[facets]]
+        local = [
+            np.flatnonzero(to_facets.links(c) == f)[0] for c, f in zip(cells, facets, strict=True)
+        ]
+        sides = np.column_stack([cells, local]).astype(np.int32).ravel()
+        return ufl.Measure("ds", domain=self.domain, subdomain_data=[(1, sides)], subdomain_id=1)

@@ -1,0 +1,366 @@
+"""Runs that end with Newton's method: they give the steady state of the march, and say when not."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene, first, linear_model, one_contact, oscillator
+
+from fenicsrom.assess.estimates import check_motion, start_in, step_errors
+from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.energy import check_energy
+from fenicsrom.online.history import read_history
+from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.march import integrate
+from fenicsrom.online.measures import amplitude, dissipated_per_period, response_summary
+from fenicsrom.online.model import ReducedModel, reduced_model
+from fenicsrom.online.motion import Interrupted, Motion
+from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.simulate import simulate
+from fenicsrom.online.steady import _Problem, fractions_of
+from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.post.figures import plot_energy
+from fenicsrom.post.report import write_rerun_report
+from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
+from fenicsrom.post.summary import write_history
+from fenicsrom.scene import Time
+from fenicsrom.scene.step_size import coarser, with_time
+
+Array = NDArray[np.float64]
+
+
+def duffing(
+    damping: float, linear: float, cubic: float, force: float, omega: float
+) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + linear x + cubic x^3 = force cos(omega t), and the period of the load."""
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.full((1, 1), linear), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
+    )
+    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
+    mass, probe = np.ones((1, 1)), (np.eye(2, 1), np.zeros(2))
+    model = reduced_model(mass, damping, elastic, np.ones((1, 1)), load, *first(0, 1), *probe)
+    return model, 2.0 * np.pi / omega
+
+
+def run(model: ReducedModel, period: float, contacts: Any = None, **options: Any) -> Motion:
+    """A run of at most 400 periods of 100 steps; options of `Time` and of `integrate`."""
+    names = {"start", "resume", "stop", "checkpoint", "keep_coordinates"}
+    given = {name: options.pop(name) for name in names & options.keys()}
+    time = Time.of(
+        **({"periods": 400, "steps_per_period": 100, "steady_tolerance": 1e-5} | options)
+    )
+    if time.scheme == "generalised-alpha":
+        time = time.changed(spectral_radius=0.8)
+    contacts = no_contacts() if contacts is None else contacts
+    return integrate(model, contacts, time, period, dimension=2, **given)
+
+
+def last(motion: Motion) -> Array:
+    """The displacements of the last period."""
+    return np.asarray(motion.displacement[motion.last_period()])
+
+
+def at(x: float, v: float) -> tuple[Array, Array]:
+    return np.array([x]), np.array([v])
+
+
+def rubbing(preload: float = 0.4, friction: float = 0.4) -> tuple[ReducedModel, Any, float]:
+    """Coupled masses, the first before a wall with friction."""
+    load = harmonic(np.array([3.0]), np.array([1.3]), np.array([0.3]))
+    model = linear_model(
+        np.eye(4),
+        np.diag([1.0, 2.0, 3.0, 4.0]) + 0.3 * np.ones((4, 4)),
+        damping=0.1,
+        loads=np.array([[0.8], [1.2], [-0.5], [0.7]]),
+        load_histories=load,
+        masters=2,
+    )
+    contacts = one_contact(
+        preload=preload, normal_stiffness=6.0, tangential_stiffness=5.0, friction=friction
+    )
+    return model, contacts, 2.0 * np.pi / 1.3
+
+
+@pytest.mark.parametrize(
+    "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
+)
+def test_rubbing_motion_equals_that_of_a_long_march(scheme: str) -> None:
+    model, contacts, period = rubbing()
+    long = run(
+        model, period, contacts, scheme=scheme, steady="march", steady_tolerance=1e-13, periods=600
+    )
+    motion = run(model, period, contacts, scheme=scheme)
+    assert long.search is None and motion.search is not None and motion.search.accepted
+    assert motion.steady and motion.periods == motion.search.marched + 2
+    assert motion.search.residual <= 1e-10 and abs(motion.search.multipliers[0]) < 1.0
+    size = float(np.abs(last(long)).max())
+    np.testing.assert_allclose(last(motion), last(long), atol=1e-6 * size)
+    assert dissipated_per_period(motion) == pytest.approx(dissipated_per_period(long), rel=1e-6)
+    part = motion.last_period()
+    now, before = motion.mean_force[part][1:], long.mean_force[long.last_period()][1:]
+    np.testing.assert_allclose(now, before, atol=1e-5 * float(np.abs(before).max()))
+
+
+def test_march_is_kept_where_it_is_asked_for() -> None:
+    model, contacts, period = rubbing()
+    marched = run(model, period, contacts, steady="march", periods=30)
+    all_periods = run(model, period, contacts, steady_tolerance=0.0, periods=marched.periods)
+    assert marched.search is None and all_periods.search is None
+    np.testing.assert_array_equal(marched.displacement, all_periods.displacement)
+    np.testing.assert_array_equal(marched.imbalance, all_periods.imbalance)
+
+
+@pytest.mark.parametrize(
+    "start", [(0.0, 0.0), (1.3, 0.9), (-0.3, 0.1), (2.0, -1.0), (-1.0, 1.5), (0.5, -2.0)]
+)
+def test_branch_is_that_of_the_march(start: tuple[float, float]) -> None:
+    """A Duffing oscillator with two stable orbits, of amplitudes 1.41 and 0.249."""
+    model, period = duffing(0.05, 1.0, 1.0, 0.3, 1.5)
+    options = {"start": at(*start), "steps_per_period": 200}
+    marched = run(model, period, steady="march", steady_tolerance=1e-9, **options)
+    motion = run(model, period, **options)
+    assert marched.steady and motion.steady and motion.periods < marched.periods
+    np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
+
+
+def test_two_branches_are_reached_from_different_starts() -> None:
+    model, period = duffing(0.05, 1.0, 1.0, 0.3, 1.5)
+    high, low = (run(model, period, start=at(*x)) for x in ((1.3, 0.9), (-0.25, 0.02)))
+    assert high.steady and low.steady
+    assert amplitude(high)[0] > 5.0 * amplitude(low)[0]
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 0.3])
+def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
+    """At resonance the march repeats to 1e-3 while a quarter of the amplitude is still missing; to
+    0.3 it repeats before the first attempt."""
+    model, period = duffing(1e-3, 1.0, 0.0, 1e-3, 1.0)
+    marched = run(model, period, steady="march", steady_tolerance=tolerance, periods=9000)
+    long = run(model, period, steady="march", steady_tolerance=1e-10, periods=9000)
+    motion = run(model, period, steady_tolerance=tolerance, periods=9000)
+    assert marched.steady and long.steady and motion.steady and motion.periods < 10
+    assert tolerance < 0.1 or marched.periods < 5
+    assert amplitude(marched)[0] < 0.9 * amplitude(long)[0]
+    np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("force", "multiple"), [(0.20, 1), (0.28, 2), (0.29, 4), (0.37, 5)])
+def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
+    """The oscillator with two wells, whose motions at these forces are known to repeat so."""
+    model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
+    motion = run(model, period, start=at(1.0, 0.0), periods=900)
+    assert motion.steady and motion.search is not None and motion.search.accepted
+    assert motion.search.periods == multiple
+    assert motion.period == pytest.approx(multiple * period)
+    assert motion.load_period == pytest.approx(period)
+    rows = last(motion)
+    assert rows.shape[0] == 100 * multiple + 1
+    np.testing.assert_allclose(rows[-1], rows[0], atol=1e-8)
+    if multiple > 1:
+        assert np.abs(rows[100] - rows[0]).max() > 1e-3
+    marched = run(model, period, start=at(1.0, 0.0), steady_tolerance=0.0, periods=900)
+    marched = replace(marched, period=motion.period)
+    np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-4)
+
+
+def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
+    model, contacts, period = rubbing()
+    marched = run(model, period, contacts, steady="march", periods=8, steady_tolerance=1e-9)
+    settings = Time.of(periods=9, steps_per_period=100)
+    problem = _Problem(model, contacts, settings, period, marched.end, None)
+    one, two = problem.attempt(1, 8, 0).search, problem.attempt(2, 8, 0).search
+    assert one.verdict == two.verdict == "stable"
+    assert one.accepted and not two.accepted
+
+
+def test_steps_of_the_last_period_become_those_of_the_map() -> None:
+    model, contacts, period = rubbing()
+    time = {"steps_per_period": None, "tolerance": 1e-4, "steady": "march", "periods": 4}
+    motion = run(model, period, contacts, **time)
+    assert motion.end is not None
+    rows = motion.end.last
+    found = fractions_of(rows, period)
+    assert found is not None and found[0] == 0.0 and found[-1] == 1.0 and np.ptp(np.diff(found)) > 0
+    np.testing.assert_allclose(found[1:-1] * period + 3.0 * period, rows.time[:-1], rtol=1e-12)
+    grid = _Problem(model, contacts, Time.of(**time), period, motion.end, found).shooting(2)[0].map
+    np.testing.assert_allclose(grid.fractions, [*found, *(1.0 + found[1:])])
+
+
+def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
+    model, period = duffing(0.3, -1.0, 1.0, 0.5, 1.2)
+    motion = run(model, period, start=at(1.0, 0.0), periods=90)
+    assert not motion.steady and motion.periods == 90 and motion.newton_from is None
+    assert motion.search is not None and not motion.search.accepted
+    told = response_summary(motion)["periodic_motion"]["verdict"]
+    assert told == "not found" or told == "not reached" or told.startswith("unstable")
+    assert "the march went on" in str(periodic_sentence(motion))
+
+
+def test_sliders_that_are_not_unique_are_told() -> None:
+    model, contacts, period = rubbing(preload=60.0, friction=9.0)
+    motion = run(model, period, contacts)
+    assert motion.steady and np.all(motion.state[motion.last_period()] == 1)
+    assert motion.search is not None and motion.search.free_sliders == 1
+    assert free_slider_sentence("reduced", motion) is not None
+    marched = run(model, period, contacts, steady="march", steady_tolerance=1e-12)
+    np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-6)
+    slides = run(*[rubbing()[k] for k in (0, 2, 1)])
+    assert free_slider_sentence("reduced", slides) is None
+
+
+def test_energy_balances_on_both_sides_of_the_jump() -> None:
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts, keep_coordinates=True)
+    assert motion.newton_from == pytest.approx(5 * period)
+    assert np.all(np.diff(motion.time) > 0.0)
+    transient, periodic = motion.parts
+    assert motion.time[periodic.start] == motion.newton_from
+    assert transient == slice(0, 500) and periodic == slice(500, motion.time.size)
+    stored = motion.kinetic + motion.elastic + motion.contact_energy
+    assert motion.relative_imbalance < 1e-10
+    check_energy(motion)
+    jump = stored[500] - stored[499] - (motion.work - motion.damping_dissipation)[500]
+    jump += (motion.work - motion.damping_dissipation)[499]
+    assert abs(jump) > 1e-4  # the state does jump
+    for sums in (motion.damping_dissipation, motion.friction_dissipation):
+        assert np.all(np.diff(sums) >= -1e-12)
+    np.testing.assert_allclose(
+        motion.point_friction_dissipation.sum(axis=1), motion.friction_dissipation, rtol=1e-12
+    )
+    assert motion.coordinates is not None and motion.coordinate_time is not None
+    np.testing.assert_array_equal(motion.coordinate_time, motion.time[motion.last_period()])
+    x = motion.coordinates @ model.contact_rows.T
+    np.testing.assert_allclose(x, last(motion)[:, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_adaptive_steps_end_in_the_motion_of_a_long_march(tolerance: float) -> None:
+    model, contacts, period = rubbing()
+    time = {"steps_per_period": None, "tolerance": tolerance, "steady_tolerance": tolerance}
+    motion = run(model, period, contacts, **time)
+    long = run(model, period, contacts, **time | {"steady_tolerance": 0.0, "periods": 200})
+    assert motion.steady and motion.newton_from is not None
+    np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=3.0 * tolerance)
+
+
+class Stop(Exception):
+    """The run is stopped."""
+
+
+@pytest.mark.parametrize("after", [3, 5, 6])
+@pytest.mark.parametrize("case", ["rubbing", "subharmonic"])
+def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path) -> None:
+    if case == "rubbing":
+        model, contacts, period = rubbing()
+        options: dict[str, Any] = {}
+    else:
+        model, period = duffing(0.3, -1.0, 1.0, 0.28, 1.2)
+        contacts = no_contacts()
+        options = {"start": at(1.0, 0.0)}
+    whole = run(model, period, contacts, **options)
+    assert whole.search is not None and whole.newton_from is not None
+    after += 0 if case == "rubbing" else whole.search.marched - 5
+    kept: list[Any] = []
+    scene = beam_scene(2)
+    path = tmp_path / "checkpoint.npz"
+
+    def keep(here: Any) -> None:
+        kept.append(here)
+        if len(kept) == after:
+            save_checkpoint(path, model, scene, here)
+
+    with pytest.raises(Interrupted):
+        run(
+            model,
+            period,
+            contacts,
+            checkpoint=keep,
+            stop=lambda: len(kept) == after,
+            **options,
+        )
+    options.pop("start", None)
+    motion = run(model, period, contacts, resume=load_checkpoint(path, model, scene), **options)
+    assert motion.steady and motion.periods == whole.periods and motion.period == whole.period
+    rows = motion.time.size
+    for name in ("time", "displacement", "kinetic", "work", "friction_dissipation"):
+        np.testing.assert_array_equal(getattr(motion, name), getattr(whole, name)[-rows:])
+    assert motion.search is not None
+    for name, value in whole.search._asdict().items():
+        np.testing.assert_array_equal(getattr(motion.search, name), value, err_msg=name)
+
+
+def test_run_without_room_for_an_attempt_is_marched() -> None:
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts, periods=5, steady_tolerance=1e-9)
+    assert motion.search is None and not motion.steady and motion.periods == 5
+
+
+def test_summary_gives_residual_multipliers_and_verdict() -> None:
+    model, contacts, period = rubbing()
+    told = response_summary(run(model, period, contacts))["periodic_motion"]
+    assert told["verdict"] == "stable" and told["relative_residual"] <= 1e-10
+    assert told["marched_periods"] == 5 and told["load_periods"] == 1
+    assert told["from_s"] == pytest.approx(5 * period) and told["free_sliders"] == 0
+    largest = max(np.hypot(*pair) for pair in told["floquet_multipliers"])
+    assert told["largest_multiplier"] == pytest.approx(largest) and largest < 1.0
+
+
+def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts)
+    path = write_history(tmp_path / "history.npz", {"reduced": motion})
+    found = read_history(path, period)["reduced"]
+    assert found.newton_from == motion.newton_from
+    marched = run(model, period, contacts, steady="march")
+    path = write_history(tmp_path / "history.npz", {"reduced": marched})
+    assert read_history(path)["reduced"].newton_from is None
+    stored: Any = SimpleNamespace(size=4)
+    page = write_rerun_report(stored, beam_scene(2), motion, [], [], tmp_path).read_text()
+    assert str(periodic_sentence(motion)) in html.unescape(page)
+    drawn = plot_energy(motion).axes[0]
+    stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
+    assert [line.get_xdata().size for line in stored_energy] == [500, motion.time.size - 500]
+
+
+def test_check_starts_from_the_periodic_motion() -> None:
+    model, scene, _ = oscillator()
+    found, marched = (with_time(scene, steady=way) for way in ("newton", "march"))
+    motion = simulate(model, found)
+    other = check_motion(model, coarser(found), motion)
+    assert other.steady and other.periods == 1 and other.newton_from == 0.0
+    long = simulate(model, coarser(with_time(marched, steady_tolerance=1e-11)))
+    np.testing.assert_allclose(amplitude(other), amplitude(long), rtol=1e-8)
+    whole = check_motion(model, coarser(marched), simulate(model, marched))
+    assert whole.search is None and whole.periods > 3
+    fine = with_time(marched, steady_tolerance=1e-9)
+    errors, others = (
+        step_errors(model, found, motion),
+        step_errors(model, fine, simulate(model, fine)),
+    )
+    assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
+
+
+def test_start_in_a_richer_basis_is_the_same_displacement() -> None:
+    rng = np.random.default_rng(3)
+    mass = np.diag(rng.uniform(1.0, 2.0, 9))
+    body: Any = SimpleNamespace(mass_inner=lambda a, b: a.T @ mass @ b)
+    small = rng.standard_normal((9, 4))
+    mixed = np.concatenate([small, rng.standard_normal((9, 2))], axis=1)
+    basis: Any = SimpleNamespace(vectors=small)
+    richer: Any = SimpleNamespace(vectors=mixed @ rng.standard_normal((6, 6)))
+    model, contacts, period = rubbing()
+    motion = run(model, period, contacts)
+    start = start_in(body, basis, richer, motion)
+    assert start is not None and motion.end is not None
+    state = motion.end.state
+    np.testing.assert_allclose(richer.vectors @ start[0], small @ state.q, atol=1e-10)
+    np.testing.assert_allclose(richer.vectors @ start[1], small @ state.v, atol=1e-10)
+    np.testing.assert_array_equal(start[2], state.contact.slider)
+    assert start_in(body, basis, richer, replace(motion, search=None)) is None
