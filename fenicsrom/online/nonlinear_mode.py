@@ -33,8 +33,8 @@ from fenicsrom.online.equilibrium import equilibrium
 from fenicsrom.online.families import Problem
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import no_drift
 from fenicsrom.online.periodic import Shooting
+from fenicsrom.online.sensitivity import no_drift
 from fenicsrom.online.sticking_continuation import StickingContinuation
 from fenicsrom.online.surfaces import Contacts
 
@@ -167,7 +167,7 @@ class ModeContinuation(StickingContinuation):
         """
         period = 2.0 * np.pi / mode.omega
         still = without_dynamic_loads(model)
-        problem = Problem(still, contacts, period, no_drift(still, contacts))
+        problem = Problem(still, contacts, period, no_drift(contacts, still.load_histories))
         shooting = Shooting(still, contacts, settings, period)
         super().__init__(
             shooting, lambda _: problem, np.log(first), np.log(last), 1.0, tolerance=tolerance

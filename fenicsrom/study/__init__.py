@@ -2,8 +2,8 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
-`stored` integrates a stored model again, `curves` computes response curves, and `backbones` computes
-nonlinear modes.
+`stored` integrates a stored model again, `curves` computes response curves, and `backbones`
+computes nonlinear modes.
 """
 
 from fenicsrom.study.backbones import backbone, backbone_of_model
