@@ -43,7 +43,13 @@ GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new de
 
 
 class Continuation:
-    """One curve: `run` follows it from a periodic motion to the end of a range."""
+    """One curve: `run` follows it from a periodic motion to the end of a range.
+
+    Attributes:
+        may_grow: relative residual below which a correction may increase it.
+    """
+
+    may_grow = 0.0
 
     def __init__(
         self,
@@ -79,6 +85,10 @@ class Continuation:
             derive=derive,
         )
 
+    def unscaled(self, s: Array, parameter: float) -> Array:
+        """Variables z (N,) at the start of the period."""
+        return self.shooting.unscaled(s)
+
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
 
@@ -103,7 +113,7 @@ class Continuation:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
-            if relative > 10.0 * last:
+            if relative > max(10.0 * last, self.may_grow):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
@@ -184,7 +194,7 @@ class Continuation:
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         return CurvePoint(
             parameter=float(y[-1] * self.range),
-            z=self.shooting.unscaled(s),
+            z=self.unscaled(s, float(y[-1] * self.range)),
             s=s,
             tangent=tangent,
             amplitude=np.ptp(displacement, axis=0) / 2.0,

@@ -144,6 +144,11 @@ class Shooting:
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
         self.guess: tuple[Array | None, float] = (None, 0.0)
 
+    @property
+    def sliders(self) -> NDArray[np.int64]:
+        """The variables that are sliders."""
+        return np.arange(self.map.blocks * self.map.n, self.map.size)
+
     def scaled(self, z: Array) -> Array:
         """Scaled variables s."""
         return np.asarray(self._scale @ z)
