@@ -222,10 +222,16 @@ def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
     return found, "fold" if worst.real > 0.0 else "period doubling"
 
 
+def judged_multipliers(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
+    """The multipliers, the largest first, without the `free` ones nearest to 1."""
+    judged = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
+    return judged[np.argsort(-np.abs(judged))]
+
+
 def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> complex:
     """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
-    judged = np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
-    return complex(judged[np.argmax(np.abs(judged))]) if judged.size else 0j
+    judged = judged_multipliers(multipliers, free)
+    return complex(judged[0]) if judged.size else 0j
 
 
 def stuck_points(record: Record) -> tuple[int, ...]:
@@ -322,7 +328,11 @@ def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
     sigma = np.linalg.svd(matrix - np.eye(s.size), compute_uv=False)
-    free = int(np.sum(sigma <= RANK * sigma[0]))
+    stuck = stuck_points(end.record)
+    # only the sliders of points that stick all the time can be free; other small singular values
+    # belong to motions that are nearly unstable
+    components = len(stuck) * (shooting.map.dimension - 1)
+    free = min(int(np.sum(sigma <= RANK * sigma[0])), components)
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),
@@ -331,7 +341,7 @@ def _motion(
         multipliers,
         verdict,
         free,
-        stuck_points(end.record),
+        stuck,
         end.record,
         end,
     )
