@@ -290,9 +290,9 @@ def response_picture(folder: Path) -> Figure:
     with open(folder / "response.csv") as file:
         rows = list(csv.DictReader(file))
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
-    for number, force in enumerate(dict.fromkeys(row["loads.0.force"] for row in rows)):
-        mine = [row for row in rows if row["loads.0.force"] == force]
-        hertz = np.array([float(row["frequency"]) for row in mine])
+    for number, force in enumerate(dict.fromkeys(row["loads.0.force_N"] for row in rows)):
+        mine = [row for row in rows if row["loads.0.force_N"] == force]
+        hertz = np.array([float(row["frequency_Hz"]) for row in mine])
         size = 1e3 * np.array([float(row["amplitude_y_m"]) for row in mine])
         fold = np.array([row["bifurcation"] == "fold" for row in mine])
         stable = np.array([row["stability"] == "stable" for row in mine])

@@ -263,6 +263,25 @@ def linear_model(
     )
 
 
+def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
+    )
+    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
+    model = reduced_model(
+        np.ones((1, 1)),
+        damping,
+        elastic,
+        np.ones((1, 1)),
+        load,
+        *first(0, 1),
+        np.eye(2, 1),
+        np.zeros(2),
+    )
+    return model, 2.0 * np.pi / omega
+
+
 def oscillator(
     steps: int = 40, force: float = 1.0, damping: float = 0.5
 ) -> tuple[ReducedModel, Scene, Motion]:
@@ -346,6 +365,11 @@ def fixed_steps(scheme: str, steps: int, duration: float = 1.0, radius: float = 
     return Time.of(
         scheme=scheme, duration=float(duration), step=duration / steps, spectral_radius=radius
     )
+
+
+def period_steps(steps: int, scheme: str = "discrete-gradient") -> Time:
+    """Settings of a periodic motion with a number of equal steps per period."""
+    return Time.of(scheme=scheme, periods=1, steps_per_period=steps)
 
 
 # ------------------------------------------------------------------ ranks

@@ -11,10 +11,14 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.processes import run_jobs
+from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
@@ -50,7 +54,6 @@ from fenicsrom.scene import (
 START_PERIODS = 320  # largest number to march before a curve starts
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 GROWTH = 2.0  # of the motion after which its steps are measured by its new size
-REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
 
 
 @dataclass(eq=False)
@@ -62,11 +65,45 @@ class Piece:
         special: the located folds, period doublings and torus bifurcations.
         reason: why it ends: "end of the range", "number of points", "no convergence" or
             "interrupted".
+        direction: 1.0 of a piece from the first value of the range, -1.0 of one from the last.
     """
 
     points: list[CurvePoint] = field(default_factory=list)
     special: list[CurvePoint] = field(default_factory=list)
     reason: str = ""
+    direction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class FullPoint:
+    """The periodic motion of the full model at one value of the parameter.
+
+    Attributes:
+        parameter: its value.
+        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) of the reduced model there, m.
+        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        periods: number of periods of the full model that were marched.
+        derived: number of them that carried derivatives.
+        residual: relative.
+        seconds: run time.
+    """
+
+    parameter: float
+    amplitude: Array
+    reduced_amplitude: Array
+    verdict: str
+    periods: int
+    derived: int
+    residual: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """Error of the reduced amplitudes, relative to the largest amplitude: that of the basis."""
+        size = float(self.amplitude.max())
+        change = float(np.max(np.abs(self.reduced_amplitude - self.amplitude)))
+        return change / size if size else 0.0
 
 
 @dataclass(eq=False)
@@ -79,7 +116,8 @@ class ResponseCurve:
         step_error: relative change of the largest amplitude with half the time step; None if that
             motion was not found.
         marches: marched periods: all, and those with their derivatives.
-        seconds: run time.
+        seconds: run time, without that of the full model.
+        full: the motions of the full model at some values of the parameter.
     """
 
     value: float | None
@@ -87,6 +125,7 @@ class ResponseCurve:
     step_error: float | None = None
     marches: tuple[int, int] = (0, 0)
     seconds: float = 0.0
+    full: list[FullPoint] = field(default_factory=list)
 
     @property
     def points(self) -> list[CurvePoint]:
@@ -114,6 +153,7 @@ class Response:
         warnings: sentences for the user.
         unfinished: the error of the first curve that was not found, or None.
         interrupted: whether the run was asked to stop; the last curve is then incomplete.
+        files: the written files.
     """
 
     scene: Scene
@@ -126,6 +166,7 @@ class Response:
     warnings: list[str] = field(default_factory=list)
     unfinished: ConvergenceError | AccuracyError | None = None
     interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
 
     @property
     def table(self) -> ResponseTable:
@@ -181,19 +222,54 @@ def check_response(scene: Scene) -> None:
             )
 
 
-def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
+CLASSES = {kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Stand)}
+"""The dataclasses of which a kept curve consists."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One curve to compute, in this process or in another.
+
+    Attributes:
+        stored: the model under the scene of all curves.
+        value: of the second number; None without families.
+        state: the file that keeps the curve; None keeps nothing.
+        kept: what an earlier run kept of it, or None.
+    """
+
+    stored: StoredModel
+    value: float | None
+    state: CurveFile | None
+    kept: KeptCurve | None
+
+
+def response(
+    stored: StoredModel,
+    say: Callable[[str], None],
+    *,
+    state: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = lambda: False,
+) -> Response:
     """Compute the response curves of a reduced model under its scene.
 
     Args:
         stored: the model; its scene has a table [response].
         say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+        state: folder of the files that keep what is done of each curve; None keeps nothing.
+        resume: such a folder of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time. With several,
+            the calling script must be importable: put its code under `if __name__ == "__main__"`.
+        stop: asked at each point; the run ends when it returns True.
 
     Returns:
         The curves. After an interrupt they end where they were, and `interrupted` is set; if a
         curve was not found, the others are there and `unfinished` holds the error.
 
     Raises:
-        SceneError: see `check_response`.
+        SceneError: see `check_response`, or `resume` does not belong to this model and scene.
+        OSError: a file of `state` cannot be written.
     """
     begin = clock.perf_counter()
     scene = stored.scene
@@ -211,31 +287,76 @@ def response(stored: StoredModel, say: Callable[[str], None]) -> Response:
             f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
             "step, and the scene asks for an adaptive one."
         )
-    families = table.families
-    values: Sequence[float | None] = families.values if families else (None,)
-    for value in values:
-        curve = ResponseCurve(value)
-        found.curves.append(curve)
-        key = "" if families is None else f"{families.key} = {value:g}: "
-        current = (
-            stored if families is None else stored.with_overrides([f"{families.key}={value!r}"])
+    values: Sequence[float | None] = table.families.values if table.families else (None,)
+    jobs = [
+        _Job(
+            stored,
+            value,
+            curve_file(state, stored, number) if state is not None else None,
+            curve_file(resume, stored, number).load(CLASSES) if resume is not None else None,
         )
-        try:
-            _follow(current, curve, _prefixed(say, key))
-        except (ConvergenceError, AccuracyError) as error:
-            found.warnings.append(f"{key}{error}")
-            found.unfinished = found.unfinished or error
-        except KeyboardInterrupt:
-            found.interrupted = True
-            break
+        for number, value in enumerate(values, 1)
+    ]
+    if state is not None and (resume is None or resume.resolve() != state.resolve()):
+        forget(state)
+    progress = CurveProgress([_name(table, value) for value in values], say)
+    try:
+        for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
+            if isinstance(outcome, ConvergenceError):
+                outcome = _Outcome(ResponseCurve(values[number]), outcome)
+            found.curves.append(outcome.curve)
+            progress.finished(number)
+            if outcome.error is not None:
+                found.warnings.append(f"{_name(table, values[number])}{outcome.error}")
+                found.unfinished = found.unfinished or outcome.error
+            if outcome.interrupted:
+                found.interrupted = True
+                if workers <= 1:
+                    break
+    except KeyboardInterrupt:
+        found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     found.seconds = clock.perf_counter() - begin
     return found
 
 
-def _prefixed(say: Callable[[str], None], prefix: str) -> Callable[[str], None]:
-    """Make a callback that says each line with a prefix."""
-    return lambda line: say(f"{prefix}{line}")
+def _name(table: ResponseTable, value: float | None) -> str:
+    """The beginning of a sentence about a curve."""
+    return "" if table.families is None else f"{table.families.key} = {value:g}: "
+
+
+@dataclass
+class _Outcome:
+    """A curve as far as it was computed, and why it ended before."""
+
+    curve: ResponseCurve
+    error: ConvergenceError | AccuracyError | None = None
+    interrupted: bool = False
+
+
+def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
+    """Compute the curve of a job; `report` may raise KeyboardInterrupt."""
+    stored, families = job.stored, response_table(job.stored.scene).families
+    if families is not None:
+        stored = stored.with_overrides([f"{families.key}={job.value!r}"])
+    curve = job.kept.curve if job.kept is not None else ResponseCurve(job.value)
+    outcome = _Outcome(curve)
+    if job.kept is not None and job.kept.done:
+        if job.state is not None:
+            job.state.save(curve, None, done=True)
+        return outcome
+    walk = CurveWalk(curve, response_table(stored.scene), report, job.state)
+    walk.stand = job.kept.stand if job.kept is not None else None
+    try:
+        _follow(stored, curve, walk)
+        walk.save(done=True)
+    except (ConvergenceError, AccuracyError) as error:
+        outcome.error = error
+        walk.save()
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+        walk.save()
+    return outcome
 
 
 class _Kept(Continuation):
@@ -250,8 +371,8 @@ class _Kept(Continuation):
         return found
 
 
-def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None]) -> None:
-    """Compute the pieces of one curve.
+def _follow(stored: StoredModel, curve: ResponseCurve, walk: CurveWalk) -> None:
+    """Compute the pieces of one curve, from where it stands.
 
     Raises:
         ConvergenceError, AccuracyError: no motion was found at either end of the range.
@@ -261,14 +382,18 @@ def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None
     error: ConvergenceError | AccuracyError | None = None
     try:
         for value, direction in ((table.first, 1.0), (table.last, -1.0)):
-            try:
-                start = start_motion(stored, family, value, say)
-            except (ConvergenceError, AccuracyError) as problem:
-                error = problem
-                continue
-            piece = Piece()
-            curve.pieces.append(piece)
-            _follow_piece(stored, family, start, value, direction, piece, say)
+            earlier = [piece for piece in curve.pieces if piece.direction == direction]
+            start: PeriodicMotion | None = None
+            if not earlier:
+                try:
+                    start = start_motion(stored, family, value, walk)
+                except (ConvergenceError, AccuracyError) as problem:
+                    error = problem
+                    continue
+                curve.pieces.append(Piece(direction=direction))
+            piece = earlier[0] if earlier else curve.pieces[-1]
+            if start is not None or walk.stand is not None:
+                _follow_piece(stored, family, start, value, piece, walk)
             reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.last
             if reached or piece.reason == "number of points":
                 break
@@ -279,7 +404,7 @@ def _follow(stored: StoredModel, curve: ResponseCurve, say: Callable[[str], None
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
-        curve.seconds = clock.perf_counter() - begin
+        curve.seconds += clock.perf_counter() - begin
 
 
 class _Grown(Exception):
@@ -289,51 +414,80 @@ class _Grown(Exception):
 def _follow_piece(
     stored: StoredModel,
     family: Family,
-    start: PeriodicMotion,
+    start: PeriodicMotion | None,
     value: float,
-    direction: float,
     piece: Piece,
-    say: Callable[[str], None],
+    walk: CurveWalk,
 ) -> None:
-    """Follow one piece from a motion; arguments as `fenicsrom.online.continuation.follow`.
+    """Follow one piece from a motion, or on from where it stands.
 
     The step along the curve is relative to the size of the motion at the start of the piece. When
     the motion has grown by the factor `GROWTH`, a new piece begins with the present size.
+
+    Args:
+        stored: the model.
+        family: problems by the parameter.
+        start: the first motion; None continues from `walk.stand`.
+        value: parameter at the first motion.
+        piece: the piece.
+        walk: reports and keeps what is done.
 
     Raises:
         ConvergenceError: the first point was not found.
     """
     table, problem = response_table(stored.scene), family(value)
     shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
-    report = _reporter(table, piece, say)
     piece.reason = "interrupted"
-    s = shooting.scaled(start.z)
-    path = _Kept(shooting, family, table.first, table.last, float(np.linalg.norm(s)))
+    path = _Kept(shooting, family, table.first, table.last, 1.0)
     path.piece = piece
-    begin = path.at_parameter(s, value)
-    if begin is None:
-        raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
-    piece.points.append(begin)
+    if start is not None:
+        _begin_piece(path, start, value, piece, walk)
 
     def keep(point: CurvePoint) -> None:
         piece.points.append(point)
-        report()
         if float(np.linalg.norm(point.s)) > GROWTH * path.size:
+            begin, direction = _rescaled(path, point)
+            walk.passed(path, begin, len(piece.points) - 1, direction)
             raise _Grown
+        assert walk.stand is not None
+        walk.passed(path, walk.stand.begin, walk.stand.since, walk.stand.direction)
 
     while True:
+        stand = walk.stand
+        assert stand is not None
+        path.size, shooting.guess = stand.size, stand.guess
+        *earlier, last = stand.trail(piece)
         try:
-            left = table.points - len(piece.points) + 1
             found = path.run(
-                begin, direction, largest_step=LARGEST_STEP, points=left, progress=keep
+                last,
+                stand.direction,
+                step=stand.step,
+                largest_step=LARGEST_STEP,
+                points=table.points - len(piece.points) + len(earlier) + 1,
+                progress=keep,
+                earlier=earlier,
             )
             break
         except _Grown:
-            begin, direction = _rescaled(path, piece.points[-1])
-    piece.reason = found.reason
-    if found.points[-1] is not piece.points[-1]:  # `run` reports no point at the end of the range
-        piece.points.append(found.points[-1])
-    say(f"{len(piece.points)} points, {piece.reason}")
+            continue
+    end = found.points[-1]
+    if end is not last and end is not piece.points[-1]:  # at the end of the range: not reported
+        piece.points.append(end)
+    piece.reason, walk.stand = found.reason, None
+    walk(f"{len(piece.points)} points, {piece.reason}")
+
+
+def _begin_piece(
+    path: Continuation, start: PeriodicMotion, value: float, piece: Piece, walk: CurveWalk
+) -> None:
+    """Find the first point of a piece; arguments and errors as `_follow_piece`."""
+    s = path.shooting.scaled(start.z)
+    path.size = float(np.linalg.norm(s))
+    begin = path.at_parameter(s, value)
+    if begin is None:
+        raise ConvergenceError(f"the motion at {walk.table.parameter} = {value:g} was lost")
+    piece.points.append(begin)
+    walk.passed(path, begin, 0, piece.direction)
 
 
 def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
@@ -344,22 +498,6 @@ def _rescaled(path: Continuation, last: CurvePoint) -> tuple[CurvePoint, float]:
     path.size = size
     tangent /= np.linalg.norm(tangent)
     return replace(last, tangent=tangent), float(np.sign(tangent[-1]) or 1.0)
-
-
-def _reporter(table: ResponseTable, piece: Piece, say: Callable[[str], None]) -> Callable[[], None]:
-    """Make a function that says where a piece stands, at most every `REPORT_INTERVAL`."""
-    last = clock.perf_counter()
-
-    def report() -> None:
-        nonlocal last
-        if clock.perf_counter() - last > REPORT_INTERVAL:
-            last, point = clock.perf_counter(), piece.points[-1]
-            say(
-                f"{len(piece.points)} points, {table.parameter} = {point.parameter:.5g}, amplitude "
-                f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
-            )
-
-    return report
 
 
 def family_of(stored: StoredModel) -> Family:

@@ -105,31 +105,35 @@ def campbell(options: argparse.Namespace) -> int:
 
 
 def response(options: argparse.Namespace) -> int:
-    """Compute the response curves of a scene or of a stored model."""
-    if options.stored:
-        from fenicsrom.online import archive
-
-        current = _changed_model(options, archive.load_model(Path(options.stored)))
-        folder = _make_folder(options, options.scene or options.stored)
-        return _end_response(study.response_of_model(current, progress), folder, None)
-    _require_scene(options)
-    comm, say, scene, folder = _start(options)
-    found = study.response(scene, comm, say, folder=folder, stop=is_terminated)
-    return _end_response(found, folder, comm)
-
-
-def _end_response(found: Any, folder: Path, comm: Any) -> int:
-    """Write and print response curves as far as they were found, and end the command as `_end`.
+    """Compute the response curves of a scene or of a stored model.
 
     Raises:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError, AccuracyError: a curve was not found.
     """
-    from fenicsrom.post import response_report
+    from fenicsrom.assess.processes import available_cores
 
+    settings: dict[str, Any] = {
+        "resume": Path(options.resume) if options.resume else None,
+        "workers": available_cores(),
+        "stop": is_terminated,
+    }
+    comm: Any = None
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        found = study.response_of_model(current, progress, folder=folder, **settings)
+    else:
+        _require_scene(options)
+        comm, say, scene, folder = _start(options)
+        found = study.response(scene, comm, say, folder=folder, **settings)
     if found.curves and (comm is None or comm.rank == 0):
-        files = response_report.write(found, folder)
-        print_results(found.scene, response_report.terminal(found), found.warnings, files=files)
+        from fenicsrom.post import response_report
+
+        table = response_report.terminal(found)
+        print_results(found.scene, table, found.warnings, files=found.files)
     if found.interrupted:
         raise KeyboardInterrupt
     return _end(comm, found.unfinished)

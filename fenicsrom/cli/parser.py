@@ -62,6 +62,11 @@ RESUME = Argument(
     metavar="CHECKPOINT",
     help="continue the reduced model from the checkpoint.npz of an earlier run",
 )
+RESUME_CURVES = Argument(
+    "--resume",
+    metavar="STATE",
+    help="continue the curves from the folder response_state of an earlier run",
+)
 AXIS = Argument(
     "--axis",
     action="append",
@@ -116,7 +121,7 @@ COMMANDS = (
         "response",
         "follow periodic motions over a parameter: response curves and stability",
         commands.response,
-        (RESPONDING_SCENE, FROM, SET, OUTPUT),
+        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT),
     ),
     Command(
         "schema",

@@ -12,6 +12,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.load_histories import factors
+from fenicsrom.online.scheme import Scheme
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
 
@@ -114,6 +115,50 @@ class FullModel:
         block = self._factor.solve(np.concatenate([-residual[:, None], self._columns], axis=1))
         y, unit = block[:, 0].copy(), block[:, 1:].copy()
         return y, unit, np.asarray(self._solid.comm.allreduce(self._rows @ unit))
+
+    @property
+    def local(self) -> int:
+        """Number of unknowns that this rank owns."""
+        return int(self._solid.local)
+
+    def contact_change(self, block: Array) -> Array:
+        """Changes of the contact displacement (m, k) by changes (local, k) of q."""
+        return np.asarray(self._solid.comm.allreduce(self._rows @ block))
+
+    def mass_block(self, block: Array) -> Array:
+        """M times a block (local, k)."""
+        return multiply(self._solid.mass, block)
+
+    def elastic_by_start(self, q0: Array, dq: Array, scheme: Scheme, block: Array) -> Array:
+        """Derivative of the mean elastic force of a step by its start q0, times a block."""
+        points = [(scheme.start_weight, 0.0), *zip(scheme.weights, scheme.points, strict=True)]
+        found = np.zeros_like(block)
+        for weight, point in points:
+            if weight == 0.0:
+                continue
+            if self.linear:
+                found += weight * multiply(self._solid.stiffness, block)
+            else:
+                u = self._solid.equilibrium + q0 + point * dq
+                found += weight * self._solid.tangent_times(u, block)
+        return found
+
+    def solve_with_contact(self, block: Array, force: Array, by_end: Array) -> Array:
+        """Solve (S + B F' B^T) X = -(block + B force) with S of the last `solve_effective`.
+
+        Args:
+            block: (local, k).
+            force: (m, k) changes of the contact forces.
+            by_end: (m, m) F', derivative of the contact forces by the end of the step, N/m.
+        """
+        assert self._factor is not None
+        m, k = force.shape
+        right = np.concatenate([-(block + self._columns @ force), self._columns], axis=1)
+        found = self._factor.solve(right)
+        free, unit = found[:, :k], found[:, k:]
+        seen = self.contact_change(found)
+        small = np.eye(m) + by_end @ seen[:, k:]
+        return np.asarray(free - unit @ np.linalg.solve(small, by_end @ seen[:, :k]))
 
     def negative_directions(self, slope: Slope) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""

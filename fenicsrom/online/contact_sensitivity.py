@@ -17,7 +17,6 @@ from fenicsrom.online.complex_step import STEP, as_complex
 from fenicsrom.online.contact_state import (
     ContactScratch,
     ContactState,
-    Interval,
     contact_scratch,
     zero_contact_state,
 )
@@ -41,6 +40,21 @@ PARAMETERS = (
     "height",
     "phase",
 )
+
+BLENDING_RESOLVED = 1e-5
+"""Weight of the implicit blending below which its changes are neglected.
+
+They change a contact force by less than this part of it.
+"""
+
+
+class ComplexInterval(NamedTuple):
+    """An `Interval`; the imaginary parts of its times are `STEP` times their derivatives."""
+
+    begin: complex
+    end: complex
+    start_weight: float
+    discrete_gradient: bool
 
 
 class LawDerivative(NamedTuple):
@@ -66,12 +80,15 @@ class LawDerivative(NamedTuple):
 
 
 def law_derivative(contacts: Contacts, points: int, d: int) -> LawDerivative:
-    """Arrays for P points in d dimensions."""
+    """Arrays for P points in d dimensions.
+
+    `scratch.space` is an array, so that one compilation serves all dimensions.
+    """
     return LawDerivative(
         as_complex(contacts, PARAMETERS),
         as_complex(zero_contact_state(points, d)),
         as_complex(zero_contact_state(points, d)),
-        as_complex(contact_scratch(points, d)),
+        as_complex(contact_scratch(points, d))._replace(space=np.zeros(d, dtype=np.int64)),
         np.zeros((points, d, 3 * d + 2)),
         np.zeros((points, d, 3 * d + 2)),
     )
@@ -139,10 +156,7 @@ def differentiate_law(
     law: LawDerivative,
     contacts: Contacts,
     drift: Contacts,
-    begin: complex,
-    end: complex,
-    start_weight: float,
-    discrete_gradient: bool,
+    step: ComplexInterval,
     p: int,
     x0: Array,
     x1: Array,
@@ -153,17 +167,17 @@ def differentiate_law(
     """Write the derivatives of the law of point p over a step into law.force and law.slider.
 
     A slider that follows the point has no derivative of its own: the law has a kink at w0 = x0.
-    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero.
+    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero. Before a plane, the
+    normal component of the slider has no effect.
+
+    A step of zero length, begin = end = 0 with a = 0, is the state that `at_rest` accepts: its
+    derivative by x is the sum of those by x0 and x1.
 
     Args:
-        law: the arrays.
+        law: the arrays; the real part of `law.end.slider` is the slider at the end.
         contacts: the parameters.
         drift: their derivative by the parameter of the motion.
-        begin: start of the step in s; its imaginary part is `STEP` times the derivative by the
-            parameter.
-        end: end of the step, likewise.
-        start_weight: a of the scheme.
-        discrete_gradient: see `fenicsrom.online.contact_state.Interval`.
+        step: the step.
         p: the point.
         x0: (d,) displacement at the start, m.
         x1: (d,) displacement at the end, m.
@@ -174,18 +188,23 @@ def differentiate_law(
     d = x0.size
     start, finish, scratch = law.start, law.end, law.scratch
     perturb(law.contacts, p, contacts, drift, 0.0)
-    interval = Interval(
-        complex(begin.real, 0.0), complex(end.real, 0.0), start_weight, discrete_gradient
+    interval = ComplexInterval(
+        complex(step.begin.real, 0.0),
+        complex(step.end.real, 0.0),
+        step.start_weight,
+        step.discrete_gradient,
     )
     for c in range(3 * d + 2):
-        if follows and 2 * d <= c < 3 * d:
+        plane = c == 2 * d and contacts.kind[p] == PLANE
+        without_effect = 2 * d <= c < 3 * d and (follows or plane)
+        if without_effect or (c == 3 * d and not blending > BLENDING_RESOLVED):
             for k in range(d):
                 law.force[p, k, c] = 0.0
                 law.slider[p, k, c] = 0.0
             continue
         if c == 3 * d + 1:
             perturb(law.contacts, p, contacts, drift, STEP)
-            interval = Interval(begin, end, start_weight, discrete_gradient)
+            interval = step
         for k in range(d):
             start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
             finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
@@ -198,33 +217,3 @@ def differentiate_law(
         for k in range(d):
             law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
             law.slider[p, k, c] = finish.slider[p, k].imag / STEP
-
-
-@kernel
-def differentiate_rest(
-    law: LawDerivative,
-    contacts: Contacts,
-    drift: Contacts,
-    p: int,
-    x: Array,
-    w: Array,
-) -> None:
-    """Write the derivative of the slider that `at_rest` accepts at x into law.slider.
-
-    Its columns are [x (d), w (d), 0 .., parameter].
-    """
-    d = x.size
-    here, scratch = law.end, law.scratch
-    for c in range(2 * d + 1):
-        perturb(law.contacts, p, contacts, drift, STEP if c == 2 * d else 0.0)
-        for k in range(d):
-            here.x[p, k] = complex(x[k], STEP if c == k else 0.0)
-            here.slider[p, k] = complex(w[k], STEP if c == d + k else 0.0)
-            here.friction[p, k] = 0.0
-        scratch.blending[p] = 0.0
-        interval = Interval(0j, 0j, 0.0, False)
-        contact_force(law.contacts, interval, p, here, here, scratch)
-        commit_contact_state(law.contacts, interval, p, here, here, scratch)
-        column = 3 * d + 1 if c == 2 * d else c
-        for k in range(d):
-            law.slider[p, k, column] = here.slider[p, k].imag / STEP

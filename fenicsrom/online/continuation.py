@@ -9,7 +9,8 @@ first correction at a point takes the derivative there, the next ones keep it wh
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import locate
 from fenicsrom.online.curve import Curve, CurvePoint, predict, replaced
+from fenicsrom.online.curve_measures import harmonics, states_over_period
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import (
@@ -26,6 +28,7 @@ from fenicsrom.online.periodic import (
     floquet,
     least_squares_step,
 )
+from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
@@ -57,7 +60,7 @@ class Continuation:
         """
         self.shooting, self.family, self.tolerance = shooting, family, tolerance
         self.low, self.high, self.range = low, high, high - low
-        self.size = size
+        self.size, self.step = size, 0.0
 
     def _evaluate(self, y: Array, *, derive: bool) -> Any:
         problem = self.family(y[-1] * self.range)
@@ -144,6 +147,7 @@ class Continuation:
         for bit, state in enumerate((-1, 0, 1)):
             bits |= np.any(record.state == state, axis=0).astype(np.int64) << bit
         s = y[:-1] * self.size
+        problem = self.family(float(y[-1] * self.range))
         return CurvePoint(
             parameter=float(y[-1] * self.range),
             z=self.shooting.unscaled(s),
@@ -158,6 +162,9 @@ class Continuation:
             states=bits,
             residual=residual,
             marches=marches,
+            harmonics=harmonics(record, problem.model.load_histories, problem.period),
+            period_states=states_over_period(record),
+            damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
         )
 
     def place(self, point: CurvePoint) -> Array:
@@ -181,11 +188,15 @@ class Continuation:
         points: int = 500,
         locate: bool = True,
         progress: Callable[[CurvePoint], None] | None = None,
+        earlier: Sequence[CurvePoint] = (),
     ) -> Curve:
         """Follow the curve.
 
+        The size of the next step is in `step` when `progress` is called. An interrupted run
+        continues bit for bit with it, with the points so far and with the `guess` of `shooting`.
+
         Args:
-            start: its first point.
+            start: its first point, or the last one of an interrupted run.
             direction: sign of the change of the parameter at the start.
             step: first step along the curve.
             largest_step: largest step.
@@ -193,10 +204,15 @@ class Continuation:
             points: largest number of points.
             locate: whether to locate bifurcations.
             progress: called with each point.
+            earlier: the points of an interrupted run before `start`.
         """
-        curve = Curve([start])
-        tangent = start.tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
-        ys, arcs = [self.place(start)], [0.0]
+        tangent = start.tangent
+        if not earlier:
+            tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
+        curve = Curve([*earlier, start])
+        ys, arcs = [self.place(point) for point in curve.points], [0.0]
+        for behind, ahead in pairwise(ys):
+            arcs.append(arcs[-1] + float(np.linalg.norm(ahead - behind)))
         tangents = [tangent]
         while len(curve.points) < points:
             guess = predict(ys, arcs, tangents[-1], step)
@@ -216,8 +232,6 @@ class Continuation:
             if locate:
                 curve.special.extend(self._locate(before, found, tangents[-1]))
             curve.points.append(found)
-            if progress is not None:
-                progress(found)
             arcs.append(arcs[-1] + float(np.linalg.norm(self.place(found) - ys[-1])))
             ys.append(self.place(found))
             tangents.append(found.tangent)
@@ -226,6 +240,9 @@ class Continuation:
             step = min(largest_step, step * (1.5 if effort <= 3 else 1.0 if effort <= 6 else 0.6))
             if not inside:
                 step = max(0.5 * step, smallest_step)
+            self.step = step
+            if progress is not None:
+                progress(found)
         curve.reason = "number of points"
         return curve
 

@@ -33,6 +33,10 @@ class CurvePoint:
         residual: relative.
         marches: number of marched periods it took, and of those with derivatives.
         kind: "" of an ordinary point, else the bifurcation located there.
+        harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
+            `fenicsrom.online.curve_measures.harmonics`.
+        period_states: (phases, P) contact states over the period.
+        damping_dissipation: energy dissipated by damping in the period, J.
     """
 
     parameter: float
@@ -49,6 +53,9 @@ class CurvePoint:
     residual: float
     marches: tuple[int, int]
     kind: str = ""
+    harmonics: NDArray[np.complex128] = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
+    period_states: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), np.int8))
+    damping_dissipation: float = 0.0
 
     @property
     def stable(self) -> bool:

@@ -10,8 +10,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import no_drift
-from fenicsrom.online.step_sensitivity import Drift
+from fenicsrom.online.sensitivity import Drift, no_drift
 from fenicsrom.online.surfaces import Contacts
 
 
@@ -50,7 +49,7 @@ def frequency_family(
         factor = frequency * period
         sines = model.load_histories.sines.copy()
         sines[:, OMEGA] *= factor
-        nothing = no_drift(model, contacts)
+        nothing = no_drift(contacts, model.load_histories)
         by_sines = nothing.sines.copy()
         by_sines[:, OMEGA] = sines[:, OMEGA] / frequency
         moved, by_contacts = contacts, nothing.contacts
@@ -79,7 +78,7 @@ def force_family(
 
     def at(factor: float) -> Problem:
         sines = model.load_histories.sines.copy()
-        nothing = no_drift(model, contacts)
+        nothing = no_drift(contacts, model.load_histories)
         by_sines = nothing.sines.copy()
         by_sines[chosen, AMPLITUDE] = sines[chosen, AMPLITUDE]
         sines[chosen, AMPLITUDE] *= factor
@@ -114,7 +113,7 @@ def contact_family(
     weights = np.ones(contacts.preload.size) if weights is None else np.asarray(weights, float)
 
     def at(value: float) -> Problem:
-        nothing = no_drift(model, contacts)
+        nothing = no_drift(contacts, model.load_histories)
         if name == "gap":
             change = weights * contacts.side
             moved = contacts._replace(radius=contacts.radius + value * change)
@@ -134,7 +133,7 @@ def damping_family(model: ReducedModel, contacts: Contacts, period: float) -> Fa
     """Problems by the mass-proportional damping alpha in 1/s."""
 
     def at(value: float) -> Problem:
-        nothing = no_drift(model, contacts)
+        nothing = no_drift(contacts, model.load_histories)
         return Problem(
             model._replace(damping=float(value)), contacts, period, nothing._replace(damping=1.0)
         )

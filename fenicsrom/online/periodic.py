@@ -21,18 +21,19 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.contact_state import STICK
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import DONE, PeriodEnd, PeriodMap
+from fenicsrom.online.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.scheme import scheme
+from fenicsrom.online.sensitivity import Drift
 from fenicsrom.online.state import Checkpoint, Record
-from fenicsrom.online.step_sensitivity import Drift
 from fenicsrom.online.surfaces import Contacts
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
 SMALLEST_DAMPING = 1.0 / 16.0
 DECREASE = 1e-4  # smallest decrease of the residual, as a part of the damping (Armijo's rule)
-RANK = 1e-8  # singular values of dP/dz - I below this part of the largest count as zero
+RANK = 1e-8  # singular values below this part of the largest count as zero
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
 
@@ -96,6 +97,10 @@ class Shooting:
     uses them: scaled by omega, the fast modes would make dP/dz - I seem singular. A slider
     component is scaled by the square root of the mass that its direction feels,
     1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+
+    Attributes:
+        guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
+            size of that step, s: the first guess of the first step is extrapolated from them.
     """
 
     def __init__(
@@ -137,7 +142,7 @@ class Shooting:
         rest = np.arange(self.map.blocks * n, self.map.size)
         self._scale[rest, rest] = slider[self.map.memory]
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
-        self._guess: tuple[Array | None, float] = (None, 0.0)
+        self.guess: tuple[Array | None, float] = (None, 0.0)
 
     def scaled(self, z: Array) -> Array:
         """Scaled variables s."""
@@ -162,7 +167,7 @@ class Shooting:
         derive: bool = True,
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
         """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed."""
-        guess, last_step = self._guess
+        guess, last_step = self.guess
         status, end = self.map(
             self.model if model is None else model,
             self.contacts if contacts is None else contacts,
@@ -175,7 +180,7 @@ class Shooting:
         )
         if status != DONE or not np.all(np.isfinite(end.z)) or not np.all(np.isfinite(end.matrix)):
             return None
-        self._guess = end.guess, end.last_step
+        self.guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
         if not derive:
             return residual, end.matrix, end.by_parameter, end
@@ -192,7 +197,7 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
     pmap = shooting.map
     if isinstance(start, Checkpoint):
         state = start.state
-        shooting._guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
+        shooting.guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
         return pmap.pack(state.q, state.v, state.a, state.contact.slider)
     if isinstance(start, tuple):
         q, v, sliders = start
@@ -201,10 +206,15 @@ def start_variables(shooting: Shooting, start: Any) -> Array:
 
 
 def least_squares_step(matrix: Array, right: Array) -> tuple[Array, int]:
-    """The shortest solution of a square system, and how many of its directions are free."""
-    u, sigma, vt = np.linalg.svd(matrix)
+    """The shortest solution of a square system, and how many of its directions are free.
+
+    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
+    decide which singular values count as zero.
+    """
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    u, sigma, vt = np.linalg.svd(matrix / size[:, None])
     keep = sigma > RANK * sigma[0]
-    return vt[keep].T @ ((u[:, keep].T @ right) / sigma[keep]), int(np.sum(~keep))
+    return vt[keep].T @ ((u[:, keep].T @ (right / size)) / sigma[keep]), int(np.sum(~keep))
 
 
 def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
@@ -327,12 +337,11 @@ def solve(
 def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
-    sigma = np.linalg.svd(matrix - np.eye(s.size), compute_uv=False)
-    stuck = stuck_points(end.record)
+    _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
     # only the sliders of points that stick all the time can be free; other small singular values
     # belong to motions that are nearly unstable
-    components = len(stuck) * (shooting.map.dimension - 1)
-    free = min(int(np.sum(sigma <= RANK * sigma[0])), components)
+    stuck = stuck_points(end.record)
+    free = min(free, len(stuck) * (shooting.map.dimension - 1))
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),

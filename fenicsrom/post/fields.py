@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.surfaces import unit_normals
+from fenicsrom.online.surfaces import Contacts, unit_normals
 from fenicsrom.post.vtk import write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
@@ -43,9 +43,15 @@ def contact_places(points: ContactPoints) -> Array:
 
 
 def contact_vectors(
-    scene: Scene, points: ContactPoints, motion: Motion
+    scene: Scene, points: ContactPoints, motion: Motion, contacts: Contacts | None = None
 ) -> tuple[Array, Array, Array]:
     """Positions of the contact points and contact forces on the body, in global axes.
+
+    Args:
+        scene: the scene.
+        points: the contact points.
+        motion: the motion.
+        contacts: parameters of the contact points in the motion; those of the scene if not given.
 
     Returns:
         Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N,
@@ -54,7 +60,8 @@ def contact_vectors(
     d = scene.geometry.dimension
     frames = np.zeros((points.frame.shape[0], d, 3))
     frames[:, :, :d] = points.frame
-    normals = unit_normals(contacts_of(scene, points), motion.displacement, motion.time)
+    contacts = contacts_of(scene, points) if contacts is None else contacts
+    normals = unit_normals(contacts, motion.displacement, motion.time)
     normal = -motion.force[:, :, :1] * normals
     # the forces are given in the frames of the current normals: rotate them back
     friction = motion.force.copy()
@@ -68,15 +75,16 @@ def contact_vectors(
     return contact_places(points) + moved, normal, friction
 
 
-def contact_points(study: Study, motion: Motion) -> tuple[Array, dict[str, NDArray[Any]]]:
+def contact_points(
+    study: Study, motion: Motion, contacts: Contacts | None = None
+) -> tuple[Array, dict[str, NDArray[Any]]]:
     """Positions (P, 3) of the contact points in the undeformed body, m, and their values.
 
-    The values are given at the rows of `frame_rows`.
+    The values are given at the rows of `frame_rows`; `contacts` as for `contact_vectors`.
     """
     rows = frame_rows(motion)
-    position, normal, friction = (
-        values[rows] for values in contact_vectors(study.scene, study.solid.points, motion)
-    )
+    vectors = contact_vectors(study.scene, study.solid.points, motion, contacts)
+    position, normal, friction = (values[rows] for values in vectors)
     places = contact_places(study.solid.points)
     return places, {
         "displacement": position - places,
@@ -127,18 +135,26 @@ def moving_field(study: Study) -> Callable[[int], Array]:
     return lambda number: rest + q[number] @ vectors
 
 
-def write_last_period(study: Study, folder: Path) -> list[Path]:
-    """Write the ParaView files of the last period of the reduced model. Collective."""
+def write_last_period(study: Study, folder: Path, contacts: Contacts | None = None) -> list[Path]:
+    """Write the ParaView files of the last period of the reduced model. Collective.
+
+    Argument `contacts` as for `contact_vectors`.
+    """
     motion, solid = study.motions["reduced"], study.solid
     times = motion.time[frame_rows(motion)]
     files = [write_motion(folder, "motion", solid.space, times, moving_field(study))]
     if study.scene.contacts and solid.comm.rank == 0:
-        files += write_contact_points(study, folder)
+        files += write_contact_points(study, folder, contacts)
     return files
 
 
-def write_contact_points(study: Study, folder: Path) -> list[Path]:
-    """Write the ParaView files of the contact points of the reduced model. On one rank."""
+def write_contact_points(
+    study: Study, folder: Path, contacts: Contacts | None = None
+) -> list[Path]:
+    """Write the ParaView files of the contact points of the reduced model. On one rank.
+
+    Argument `contacts` as for `contact_vectors`.
+    """
     motion = study.motions["reduced"]
-    points, arrays = contact_points(study, motion)
+    points, arrays = contact_points(study, motion, contacts)
     return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]

@@ -1,15 +1,15 @@
-"""The figure of response curves: amplitude, largest Floquet multiplier and peak normal force."""
+"""The figure of response curves: amplitude, phase, peak normal force and dissipated energy."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.response import Piece, Response, judged_multiplier
+from fenicsrom.assess.response import Piece, Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARKERS = {"fold": "o", "period doubling": "s", "torus": "D"}
+FULL_MARKER = "x"
+OTHER_MARKERS = "^v<>Ph"  # of further kinds of special points, in their order of appearance
 UNITS = {
     "frequency": "Hz",
     "force": "N",
@@ -32,8 +34,8 @@ UNITS = {
     "normal_stiffness": "N/m",
     "tangential_stiffness": "N/m",
 }
-FLAT = 3.0  # a multiplier above this needs a logarithmic axis
 INK = "#555B61"
+STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
 
 
 def directions(found: Response) -> list[str]:
@@ -47,16 +49,31 @@ def directions(found: Response) -> list[str]:
 
 def largest_direction(found: Response) -> int:
     """The direction with the largest amplitude on any curve."""
+    return largest_component(found)[1]
+
+
+def largest_component(found: Response) -> tuple[int, int]:
+    """The contact point and the direction with the largest amplitude on any curve."""
     points = [point for curve in found.curves for point in curve.points]
-    return int(np.argmax(np.max([point.amplitude.max(axis=0) for point in points], axis=0)))
+    sizes = np.max([point.amplitude for point in points], axis=0)
+    place, direction = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    return int(place), int(direction)
+
+
+def unit_of(found: Response, key: str) -> str:
+    """The unit of a number of the scene; "" for a region of nodes, whose unit depends on it."""
+    *path, name = key.split(".")
+    per_node = False
+    if path[:1] == ["contacts"]:
+        per_node = found.scene.contacts[int(path[1])].place.at == "nodes"
+    return "" if per_node and name not in ("gap", "friction") else UNITS.get(name, "")
 
 
 def parameter_label(found: Response) -> str:
-    """The parameter with its unit; without for a region of nodes, whose unit depends on it."""
+    """The parameter with its unit."""
     key = found.table.parameter
-    table, index, name = parameter_of(key)
-    per_node = table == "contacts" and found.scene.contacts[index].place.at == "nodes"
-    unit = "" if per_node and name not in ("gap", "friction") else UNITS[name]
+    assert parameter_of(key)
+    unit = unit_of(found, key)
     return f"{key}, {unit}" if unit else key
 
 
@@ -79,104 +96,193 @@ def in_order(piece: Piece) -> list[CurvePoint]:
     return points
 
 
+def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
+    """Phase of the first harmonic of the displacement against the load along a piece, degrees.
+
+    The phase is continuous along the piece, and its median is between -270 and 90 degrees.
+    """
+    angles = [np.angle(point.harmonics[0, place, direction]) for point in points]
+    unwrapped = np.degrees(np.unwrap(angles))
+    return np.asarray(unwrapped - 360.0 * np.ceil((np.median(unwrapped) - 90.0) / 360.0))
+
+
+def marker_of(found: Response, kind: str) -> str:
+    """The mark of a kind of special points."""
+    others = sorted(
+        {point.kind for curve in found.curves for point in curve.special} - MARKERS.keys()
+    )
+    return MARKERS.get(kind) or OTHER_MARKERS[others.index(kind) % len(OTHER_MARKERS)]
+
+
 @styled
 def figure(found: Response) -> Figure:
-    """Draw the curves: stable parts solid, unstable parts dashed, bifurcations marked."""
-    direction = largest_direction(found)
-    quantities: list[tuple[str, Callable[[CurvePoint], float]]] = [
-        (
-            f"{directions(found)[direction]} amplitude, mm",
-            lambda point: 1e3 * float(point.amplitude[:, direction].max()),
-        ),
-        ("largest multiplier", lambda point: abs(judged_multiplier(point))),
+    """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
+    place, direction = largest_component(found)
+    name = directions(found)[direction]
+
+    def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
+        return lambda points: np.array([value(point) for point in points])
+
+    panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
+        (f"{name} amplitude, mm", each(lambda p: 1e3 * float(p.amplitude[:, direction].max()))),
+        ("phase,\ndegrees", lambda points: phases(points, place, direction)),
     ]
     if found.contacts:
-        quantities.append(("peak normal force, N", lambda point: float(point.peak_force.max())))
-    heights = [2.4, *(1.0 for _ in quantities[1:])]
-    drawn = new_figure(8.4, 2.2 * sum(heights))
-    axes = drawn.subplots(len(quantities), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
-    for axis, (label, value) in zip(axes, quantities, strict=True):
-        _draw(axis, found, value)
+        panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
+    panels.append(
+        (
+            "dissipated in\na period, J",
+            each(lambda p: p.friction_dissipation + p.damping_dissipation),
+        )
+    )
+    heights = [2.4, *(1.0 for _ in panels[1:])]
+    drawn = new_figure(8.4, 2.0 * sum(heights))
+    axes = drawn.subplots(len(panels), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    for axis, (label, values) in zip(axes, panels, strict=True):
+        draw_curves(axis, found, found.curves, values)
         axis.set_ylabel(label)
-    axes[0].set_ylim(bottom=0.0)
-    axes[1].axhline(1.0, color=INK, linewidth=0.8, zorder=1)
-    multipliers = [
-        abs(judged_multiplier(point)) for curve in found.curves for point in curve.points
-    ]
-    if max(multipliers) > FLAT:
-        axes[1].set_yscale("log")
+    for curve in found.curves:
+        axes[0].plot(
+            [point.parameter for point in curve.full],
+            [1e3 * float(point.amplitude[:, direction].max()) for point in curve.full],
+            FULL_MARKER,
+            color=colour_of(found, curve),
+            zorder=5,
+        )
+    for axis in (axes[0], *axes[2:]):
+        axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # a curve at zero stays visible
+    axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
     handles = _legend(found)
     if handles:
-        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 5))
+        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 4))
     return drawn
 
 
-def _draw(axis: Axes, found: Response, value: Callable[[CurvePoint], float]) -> None:
-    """Draw one quantity of all curves."""
-    for k, curve in enumerate(found.curves):
-        colour = COLOURS[k % len(COLOURS)]
+def draw_curves(
+    axis: Axes,
+    found: Response,
+    curves: Sequence[ResponseCurve],
+    values: Callable[[list[CurvePoint]], Array],
+    colour: str = "",
+    marked: bool = True,
+) -> None:
+    """Draw one quantity of some curves.
+
+    Args:
+        axis: the axes.
+        found: all curves.
+        curves: the curves to draw.
+        values: gives the quantity at the points of a piece in their order.
+        colour: of the lines; that of each curve if empty.
+        marked: whether to mark the special points.
+    """
+    for curve in curves:
+        shade = colour or colour_of(found, curve)
         for piece in curve.pieces:
-            for stable, part in stretches(in_order(piece)):
+            points = in_order(piece)
+            if not points:
+                continue
+            heights = values(points)
+            for stable, part in stretches(points):
                 axis.plot(
-                    [point.parameter for point in part],
-                    [value(point) for point in part],
-                    linestyle="-" if stable else (0, (4, 2)),
-                    color=colour,
+                    [points[k].parameter for k in part],
+                    heights[part],
+                    linestyle=STABLE if stable else UNSTABLE,
+                    color=shade,
                     zorder=3 if stable else 2,
                 )
-            for point in piece.special:
-                axis.plot(
-                    point.parameter,
-                    value(point),
-                    MARKERS[point.kind],
-                    color=colour,
-                    markerfacecolor="white",
-                    markersize=5,
-                    zorder=4,
-                )
+            for point, height in zip(points, heights, strict=True):
+                if point.kind and marked:
+                    axis.plot(
+                        point.parameter,
+                        height,
+                        marker_of(found, point.kind),
+                        color=shade,
+                        markerfacecolor="white",
+                        markersize=5,
+                        zorder=4,
+                    )
 
 
-def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[CurvePoint]]]:
-    """Split a curve into stable and unstable stretches, which share a bifurcation between them."""
-    found: list[tuple[bool, list[CurvePoint]]] = []
-    for before, after in pairwise(points):
-        stable = all(point.stable for point in (before, after) if not point.kind)
+def colour_of(found: Response, curve: ResponseCurve) -> str:
+    """The colour of a curve."""
+    return COLOURS[found.curves.index(curve) % len(COLOURS)]
+
+
+def curve_name(found: Response, curve: ResponseCurve) -> str:
+    """The second number of a curve with its value and unit; "" without families."""
+    families = found.table.families
+    if families is None:
+        return ""
+    unit = unit_of(found, families.key)
+    return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
+
+
+def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[int]]]:
+    """Split a curve into stable and unstable stretches of point numbers, which share their ends.
+
+    A stretch between two ordinary points is stable if both are; a special point takes part in the
+    stretches on both of its sides.
+    """
+    found: list[tuple[bool, list[int]]] = []
+    for k, pair in enumerate(pairwise(points)):
+        stable = all(point.stable for point in pair if not point.kind)
         if found and found[-1][0] == stable:
-            found[-1][1].append(after)
+            found[-1][1].append(k + 1)
         else:
-            found.append((stable, [before, after]))
+            found.append((stable, [k, k + 1]))
     return found
+
+
+def shown_curves(found: Response, most: int = 4) -> list[ResponseCurve]:
+    """At most so many curves, evenly chosen, with the first and the last."""
+    count = len(found.curves)
+    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+    return [found.curves[k] for k in chosen]
+
+
+def style_handles(found: Response) -> list[Any]:
+    """The entries of a legend: solid and dashed lines if both occur."""
+    from matplotlib.lines import Line2D
+
+    parts = {
+        stable
+        for curve in found.curves
+        for piece in curve.pieces
+        for stable, _ in stretches(in_order(piece))
+    }
+    if False not in parts:
+        return []
+    return [
+        Line2D([], [], color=INK, linestyle=style, label=word)
+        for stable, word, style in ((True, "stable", STABLE), (False, "unstable", UNSTABLE))
+        if stable in parts
+    ]
 
 
 def _legend(found: Response) -> list[Any]:
     """The entries of the legend: a line for each curve, the styles and the marks that occur."""
     from matplotlib.lines import Line2D
 
-    handles = []
-    families = found.table.families
-    if families is not None:
-        for k, curve in enumerate(found.curves):
-            label = f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}"
-            handles.append(Line2D([], [], color=COLOURS[k % len(COLOURS)], label=label))
-    parts = [
-        stable
-        for curve in found.curves
-        for piece in curve.pieces
-        for stable, _ in stretches(in_order(piece))
-    ]
-    for stable, word, style in ((True, "stable", "-"), (False, "unstable", (0, (4, 2)))):
-        if stable in parts and False in parts:
-            handles.append(Line2D([], [], color=INK, linestyle=style, label=word))
-    kinds = {point.kind for curve in found.curves for point in curve.special}
-    for kind, marker in MARKERS.items():
-        if kind in kinds:
-            look: dict[str, Any] = {
-                "linestyle": "",
-                "color": INK,
-                "markerfacecolor": "white",
-                "markersize": 5,
-            }
-            handles.append(Line2D([], [], marker=marker, label=kind, **look))
+    handles: list[Any] = []
+    if found.table.families is not None:
+        handles += [
+            Line2D([], [], color=colour_of(found, curve), label=curve_name(found, curve))
+            for curve in found.curves
+        ]
+    handles += style_handles(found)
+    kinds = dict.fromkeys(point.kind for curve in found.curves for point in curve.special)
+    for kind in kinds:
+        look: dict[str, Any] = {
+            "linestyle": "",
+            "color": INK,
+            "markerfacecolor": "white",
+            "markersize": 5,
+        }
+        handles.append(Line2D([], [], marker=marker_of(found, kind), label=kind, **look))
+    if any(curve.full for curve in found.curves):
+        look = {"linestyle": "", "color": INK}
+        handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
     return handles

@@ -332,6 +332,11 @@ def _response_problems(scene: Scene) -> Problems:
     if not response.last > response.first:
         allowed = f"must be above first, {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    for k, value in enumerate(response.full_values):
+        if not response.first <= value <= response.last:
+            allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
+            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
+            return
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
         allowed = f"the scene has {len(getattr(scene, table))} {table}, numbered from 0"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.rules import Rule, Where, integer, list_of, name, number
+from fenicsrom.scene.rules import Rule, Where, integer, is_sequence, list_of, name, number
 from fenicsrom.scene.tables import table_of
 
 LOAD_SIZES = ("force", "traction", "pressure", "acceleration")
@@ -53,6 +53,30 @@ def _read_parameter(value: Any, where: Where) -> str:
 PARAMETER = Rule(_read_parameter, {"type": "string", "pattern": PATTERN}, ALLOWED)
 
 
+MOST_FULL = 1000  # motions of the full model on a curve
+
+
+def _read_full(value: Any, where: Where) -> int | tuple[float, ...]:
+    if is_sequence(value):
+        return tuple(list_of(number())(value, where))
+    if isinstance(value, int) and not isinstance(value, bool):
+        return int(integer(1, MOST_FULL)(value, where))
+    allowed = f"must be a list of numbers, or an integer from 1 to {MOST_FULL}"
+    raise where.refuse(value, allowed, ErrorKind.TYPE)
+
+
+FULL = Rule(
+    _read_full,
+    {
+        "oneOf": [
+            list_of(number()).schema,
+            {"type": "integer", "minimum": 1, "maximum": MOST_FULL},
+        ]
+    },
+    f"list of number, or integer from 1 to {MOST_FULL}",
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Families:
     """One curve for each value of a second number of the scene.
@@ -78,6 +102,8 @@ class Response:
         last: value of the parameter at which a curve ends, above `first`.
         points: largest number of points of a curve.
         families: a second number of the scene; a curve for each of its values.
+        full: values of the parameter at which the periodic motion of the full model is computed
+            too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
     """
 
     parameter: Annotated[str, PARAMETER] = "frequency"
@@ -85,3 +111,12 @@ class Response:
     last: Annotated[float, number(above=0.0)]
     points: Annotated[int, integer(2, 100_000)] = 500
     families: Annotated[Families | None, table_of(Families)] = None
+    full: Annotated[int | tuple[float, ...] | None, FULL] = None
+
+    @property
+    def full_values(self) -> tuple[float, ...]:
+        """The values of the parameter at which the full model is asked for."""
+        if isinstance(self.full, int):
+            part = (self.last - self.first) / self.full
+            return tuple(self.first + (k + 0.5) * part for k in range(self.full))
+        return self.full or ()

@@ -131,13 +131,13 @@ def test_force_curve_with_families_passes_the_same_motions(found: Response) -> N
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:
-    from fenicsrom.assess import response as module
+    from fenicsrom.assess import curve_progress as module
 
     lines: list[str] = []
 
     def stop(line: str) -> None:
         lines.append(line)
-        if "points" in line:
+        if "2 points" in line:
             raise KeyboardInterrupt
 
     patch = pytest.MonkeyPatch()
@@ -209,10 +209,14 @@ def test_command_writes_the_files_of_a_stored_model(
     assert run(model, tmp_path / "out") == 0
     folder = tmp_path / "out"
     assert {path.name for path in folder.iterdir()} == {
+        "harmonics.png",
+        "motions.npz",
+        "multipliers.png",
         "report.html",
         "response.csv",
         "response.json",
         "response.png",
+        "response_state",
     }
     summary = json.loads((folder / "response.json").read_text())
     (curve,) = summary["curves"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -18,9 +19,11 @@ from fenicsrom.online.families import (
     frequency_family,
 )
 from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.loop import DONE
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import DONE, PeriodMap
+from fenicsrom.online.period_map import PeriodMap
 from fenicsrom.online.scheme import scheme
+from fenicsrom.online.sensitivity import no_drift
 from fenicsrom.online.surfaces import CYLINDER, PLANE, SPHERE, Contacts
 
 Array = NDArray[np.float64]
@@ -117,6 +120,26 @@ def assert_matrix(
     size = np.abs(differences).max()
     assert np.abs(found.matrix - differences).max() <= tolerance * size
     return found
+
+
+def test_derivatives_are_compiled_once_for_two_and_three_dimensions() -> None:
+    signatures = []
+    for dimension in (2, 3):
+        model, contacts = shaken(dimension), one_contact(dimension, **RUB)
+        pmap = period_map(model, contacts, "discrete-gradient")
+        drift = no_drift(contacts, model.load_histories)
+        arguments = model, contacts, pmap.plan, drift, pmap._record, pmap._sensitivity
+        signatures.append([numba.typeof(value) for value in arguments])
+    assert signatures[0] == signatures[1]
+
+
+def test_unequal_intervals_are_marched_in_turn() -> None:
+    model, contacts = shaken(), one_contact(**RUB)
+    plan = scheme("discrete-gradient", model, 0.8)
+    fractions = np.concatenate([np.linspace(0.0, 0.5, 41), 0.5 + np.linspace(0.0, 0.5, 21)[1:]])
+    pmap = PeriodMap(model, contacts, plan, 2, fractions)
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    np.testing.assert_allclose(found.record.time, PERIOD * fractions[1:], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", SCHEMES)

@@ -1,0 +1,169 @@
+"""Independent computations in several processes, with one progress and one interrupt.
+
+The processes start from nothing (the "spawn" context), because a copy of a process that has started
+MPI or threads may hang. Each imports the program and loads the stored machine code once.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from multiprocessing import get_context, parent_process
+from typing import Any
+
+from fenicsrom.errors import ConvergenceError
+
+POLL = 0.1  # s between two looks at the messages of the processes
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+Tell = Callable[[int, float, str], None]
+"""Receives the number of a job, its fraction that is done, and a line on its progress."""
+Job = Callable[[Any, Callable[[float, str], None]], Any]
+"""Computes a job; it receives the job and a function that takes its fraction and a line."""
+
+
+def available_cores() -> int:
+    """Number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def run_jobs(
+    function: Job, jobs: Sequence[Any], tell: Tell, workers: int, stop: Callable[[], bool]
+) -> Iterator[Any]:
+    """Compute jobs and yield their results in order; in processes if there are several workers.
+
+    `function` returns what it has when its progress callback raises KeyboardInterrupt. After an
+    interrupt of this process (by `tell`, `stop` or the terminal) the callbacks of all jobs raise
+    it, jobs that have not started are dropped, and the results of the others are yielded.
+
+    Args:
+        function: computes one job. With several workers it and the jobs must be picklable.
+        jobs: its arguments.
+        tell: receives the progress of all jobs; it may raise KeyboardInterrupt.
+        workers: largest number of processes; 1 computes in this process.
+        stop: asked often; the jobs are interrupted when it returns True.
+
+    Yields:
+        The result of each job, or the ConvergenceError of a job whose process was ended.
+
+    Raises:
+        KeyboardInterrupt: after the results, if the computation was interrupted in processes.
+    """
+    workers = min(workers, len(jobs))
+    if workers > 1:
+        yield from _in_processes(function, jobs, tell, workers, stop)
+        return
+    for number, job in enumerate(jobs):
+
+        def report(fraction: float, line: str, number: int = number) -> None:
+            if stop():
+                raise KeyboardInterrupt
+            if line:
+                tell(number, fraction, line)
+
+        yield function(job, report)
+
+
+def _in_processes(
+    function: Job, jobs: Sequence[Any], tell: Tell, workers: int, stop: Callable[[], bool]
+) -> Iterator[Any]:
+    """`run_jobs` with several processes."""
+    context = get_context("spawn")
+    messages, stopped = context.Queue(), context.Event()
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(workers, context, _start_worker, (messages, stopped)) as pool,
+    ):
+        futures = [pool.submit(_work, function, job, k) for k, job in enumerate(jobs)]
+        for future in futures:
+            while not future.done():
+                try:
+                    _pass_on(messages, tell, stop, stopped)
+                except KeyboardInterrupt:
+                    stopped.set()
+                    for other in futures:
+                        other.cancel()
+            if not future.cancelled():
+                yield _result(future)
+    if stopped.is_set():
+        raise KeyboardInterrupt
+
+
+def _pass_on(messages: Any, tell: Tell, stop: Callable[[], bool], stopped: Any) -> None:
+    """Pass on the next message of the processes, if one arrives within `POLL`.
+
+    Raises:
+        KeyboardInterrupt: `tell` raised it, or `stop` returned True for the first time.
+    """
+    if stop() and not stopped.is_set():
+        raise KeyboardInterrupt
+    try:
+        message = messages.get(timeout=POLL)
+    except queue.Empty:
+        return
+    if not stopped.is_set():
+        tell(*message)
+
+
+def _result(future: Future[Any]) -> Any:
+    """The result of a job, or the error if its process was ended."""
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        return ConvergenceError(
+            "a process of the computation was ended from outside; it may have lacked memory"
+        )
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let the processes that start in the body use one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+_shared: dict[str, Any] = {}
+
+
+def _start_worker(messages: Any, stopped: Any) -> None:
+    """Keep the channels of a process; leave interrupts to the parent; end with the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    messages.cancel_join_thread()  # the last messages may be lost, and nobody waits for them
+    _shared.update(messages=messages, stopped=stopped)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when its parent has ended."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _work(function: Job, job: Any, number: int) -> Any:
+    """Compute a job in a process of the pool."""
+
+    def report(fraction: float, line: str) -> None:
+        if _shared["stopped"].is_set():
+            raise KeyboardInterrupt
+        if line:
+            _shared["messages"].put((number, fraction, line))
+
+    return function(job, report)

@@ -1,0 +1,207 @@
+"""Derivative of the weight of the implicit blending (`contact_step.implicit_blending`).
+
+The weight b = r^2/(1 + r^2), r = k_n n^T G n, uses the G = B^T S^-1 B of the first guess of a step.
+Where the G of the converged step gives weights below `BLENDING_RESOLVED`, these serve, which saves
+another evaluation of the tangent: both differ by a part of the weight of the size of the error of
+the guess.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenicsrom.online.compiled import kernel
+from fenicsrom.online.complex_step import STEP
+from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
+from fenicsrom.online.model import ReducedModel, Tangent, write_effective_solution
+from fenicsrom.online.polynomial import elastic_force_with, elastic_mean
+from fenicsrom.online.scheme import Scheme
+from fenicsrom.online.sensitivity import Drift, Sensitivity
+from fenicsrom.online.step import step_coefficients
+from fenicsrom.online.surfaces import Contacts, gap_discrete_gradient
+
+
+@kernel
+def solve_at_guess(model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float) -> None:
+    """Write S^-1 B and G of the first guess of a step of size h to the workspace of the model."""
+    coefficients = step_coefficients(scheme, h)
+    q0, work = s.before[0], model.work
+    moved = elastic_mean(
+        model.elastic,
+        work,
+        q0,
+        q0,
+        s.before[5],
+        scheme.start_weight,
+        scheme.points,
+        scheme.weights,
+    )
+    write_effective_solution(
+        model.mass,
+        model.gyroscopic_matrix,
+        model.contact_rows,
+        scheme.linear,
+        work,
+        coefficients.mass,
+        coefficients.gyroscopic,
+        Tangent(work.tangent, moved),
+        q0,
+    )
+
+
+@kernel
+def solve_at_end(model: ReducedModel, linear: bool, s: Sensitivity, mass: float) -> None:
+    """Write S^-1 B and G of the converged step to the workspace; s.by_step holds S.
+
+    `mass` is the coefficient of M in S, by which a linear model keeps its factor.
+    """
+    tangent = Tangent(s.by_step, mass)
+    write_effective_solution(
+        model.mass,
+        model.gyroscopic_matrix,
+        model.contact_rows,
+        linear,
+        model.work,
+        0.0,
+        0.0,
+        tangent,
+        s.before[0],
+    )
+
+
+@kernel
+def write_weights(
+    model: ReducedModel, contacts: Contacts, drift: Drift, s: Sensitivity, behind: complex
+) -> bool:
+    """Write the weights of the points that touch to s.weight; True if one is resolved."""
+    d, law, resolved = s.x0.shape[1], s.law, False
+    point, delassus = law.scratch.point, model.work.delassus
+    n, bend = point.gradient, point.gradient_derivative
+    for p in range(s.is_open.size):
+        if s.is_open[p]:
+            continue
+        perturb(law.contacts, p, contacts, drift.contacts, 0.0)
+        for i in range(d):
+            law.start.x[p, i] = s.x0[p, i]
+        x0 = law.start.x[p]
+        gap_discrete_gradient(law.contacts, p, x0, x0, behind, n, bend, point.work)
+        flexibility = 0.0
+        for i in range(d):
+            for j in range(d):
+                flexibility += n[i].real * delassus[p * d + i, p * d + j] * n[j].real
+        ratio = contacts.normal_stiffness[p] * flexibility
+        s.weight[p] = ratio**2 / (1.0 + ratio**2)
+        resolved = resolved or s.weight[p] > BLENDING_RESOLVED
+    return resolved
+
+
+@kernel
+def differentiate_blending(
+    model: ReducedModel,
+    contacts: Contacts,
+    scheme: Scheme,
+    drift: Drift,
+    s: Sensitivity,
+    p: int,
+    behind: complex,
+    h: float,
+    last_step: float,
+    by_mass: complex,
+) -> None:
+    """Write the derivatives of the weight of point p to s.blending.
+
+    With u = S^-1 B n the flexibility changes by
+
+        d(n^T G n) = 2 dn^T G n - u^T dS u
+
+    (G is taken as symmetric, which it is without gyroscopic forces). The elastic part of u^T dS u
+    needs the second derivative of the force along u. As the force is cubic, A u = (T(u) - T(-u))/2
+    and B u u = T(u) + T(-u) - 2 K give it exactly.
+    """
+    n, k = s.q.shape
+    d = s.x0.shape[1]
+    last, row, law = k - 1, p * d, s.law
+    for c in range(k):
+        s.blending[p, c] = 0.0
+    weight = s.weight[p]
+    if not weight > BLENDING_RESOLVED:
+        return
+    ratio = np.sqrt(weight / (1.0 - weight))
+    by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
+    perturb(law.contacts, p, contacts, drift.contacts, STEP)
+    for i in range(d):
+        law.start.x[p, i] = s.x0[p, i]
+    point = law.scratch.point
+    x0, bend = law.start.x[p], point.gradient_derivative
+    gap_discrete_gradient(law.contacts, p, x0, x0, behind, point.gradient, bend, point.work)
+    u = s.blending_vectors[0]
+    for a in range(n):
+        u[a] = 0.0
+        for i in range(d):
+            u[a] += point.gradient[i].real * model.work.block[a, 1 + row + i]
+    for i in range(d):
+        along = 0.0
+        for a in range(n):
+            along += model.contact_rows[row + i, a] * u[a]
+        s.blending[p, last] += 2.0 * along * point.gradient[i].imag / STEP
+        for j in range(d):
+            for c in range(k):
+                s.blending[p, c] += 4.0 * along * bend[i, j].real * s.x[row + j, c]
+    quadratic = 0.0
+    for a in range(n):
+        for b in range(n):
+            quadratic += by_mass.imag * u[a] * model.mass[a, b] * u[b]
+    s.blending[p, last] -= quadratic / STEP
+    if not scheme.linear:
+        add_elastic_blending(model, drift, s, p, h, last_step)
+    for c in range(k):
+        s.blending[p, c] *= by_flexibility
+    stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
+    s.blending[p, last] += 2.0 * ratio**2 / (1.0 + ratio**2) ** 2 * stiffness
+
+
+@kernel
+def add_elastic_blending(
+    model: ReducedModel, drift: Drift, s: Sensitivity, p: int, h: float, last_step: float
+) -> None:
+    """Subtract the elastic part of u^T dS u from s.blending; S at the discrete gradient's guess."""
+    n, k = s.q.shape
+    last, work = k - 1, model.work
+    u, scaled, force = s.blending_vectors[0], s.vectors[0], s.vectors[1]
+    by_start, by_step = s.blending_vectors[1], s.blending_vectors[2]
+    q0, guess = s.before[0], s.before[5]
+    size, length = 0.0, 0.0
+    for i in range(n):
+        size += q0[i] ** 2
+        length += u[i] ** 2
+    scale = np.sqrt(max(size, 1e-12) / length)
+    ahead, behind = s.by_start, s.tangent
+    for sign in range(2):
+        for i in range(n):
+            scaled[i] = scale * u[i] if sign == 0 else -scale * u[i]
+        elastic_force_with(
+            model.elastic,
+            work.columns,
+            work.points,
+            work.products,
+            scaled,
+            force,
+            ahead if sign == 0 else behind,
+        )
+    # the mean over the step of s T'(q0 + s dq), and of s^2 T' for the part by dq
+    for i in range(n):
+        quadratic, at_start, at_step = 0.0, 0.0, 0.0
+        for j in range(n):
+            both = (ahead[i, j] + behind[i, j] - 2.0 * model.elastic.stiffness[i, j]) / scale**2
+            quadratic += 0.5 * (ahead[i, j] - behind[i, j]) / scale * u[j]
+            at_start += both * (0.5 * q0[j] + guess[j] / 3.0)
+            at_step += both * (q0[j] / 3.0 + 0.25 * guess[j])
+        by_start[i] = 0.5 * quadratic + at_start
+        by_step[i] = quadratic / 3.0 + at_step
+    growth = 0.5 * h * (h + last_step)
+    for i in range(n):
+        for c in range(k):
+            moved = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
+            s.blending[p, c] -= by_start[i] * s.q[i, c] + by_step[i] * moved
+        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
+        s.blending[p, last] -= by_step[i] * drift.period * moved

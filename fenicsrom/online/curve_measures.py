@@ -1,0 +1,62 @@
+"""What a point of a response curve keeps of its motion: harmonics and contact states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.online.load_histories import AMPLITUDE, OMEGA, PHASE, LoadHistories
+from fenicsrom.online.state import Record
+
+HARMONICS = 5  # number of harmonics that a point keeps
+PHASES = 200  # instants of the period at which a point keeps the contact states
+
+
+def load_harmonic(histories: LoadHistories, period: float) -> tuple[int, complex]:
+    """The lowest harmonic of the loads: its order in their period, and exp(i phase).
+
+    With phase = 0 the load is a cosine. Of several loads with this harmonic the first counts. Loads
+    given by tables have the order 1 and the phase 0.
+    """
+    sines = histories.sines
+    varying = sines[(sines[:, OMEGA] > 0.0) & (sines[:, AMPLITUDE] != 0.0)]
+    if not varying.size:
+        return 1, 1.0 + 0.0j
+    lowest = varying[np.argmin(varying[:, OMEGA])]
+    order = max(round(lowest[OMEGA] * period / (2.0 * np.pi)), 1)
+    phase = lowest[PHASE] - 0.5 * np.pi + (np.pi if lowest[AMPLITUDE] < 0.0 else 0.0)
+    return order, complex(np.exp(1j * phase))
+
+
+def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArray[np.complex128]:
+    """Harmonics of the displacement at the multiples of the lowest frequency of the loads.
+
+    Args:
+        record: rows of one or several periods that repeat, without their start.
+        histories: of the loads.
+        period: of the loads, s.
+
+    Returns:
+        (`HARMONICS`, P, d) complex amplitudes c_k of the contact displacement, or (.., 1, d) of the
+        probe, m: the harmonic is Re(c_k exp(i k theta)), where the load is cos(theta).
+    """
+    order, unit = load_harmonic(histories, period)
+    displacement = record.displacement
+    if displacement.shape[1] == 0:
+        displacement = record.probe[:, None, :]
+    time, length = record.time, record.time[-1]
+    ahead = np.append(time[1:], time[0] + length)
+    behind = np.append(time[-1] - length, time[:-1])
+    weights = (ahead - behind) / length  # twice those of the trapezoidal rule
+    k = np.arange(1, HARMONICS + 1)
+    waves = np.exp(-2j * np.pi * order / period * np.outer(k, time)) * weights
+    found = waves @ displacement.reshape(time.size, -1)
+    found /= (unit**k)[:, None]
+    return np.asarray(found.reshape(HARMONICS, *displacement.shape[1:]), dtype=np.complex128)
+
+
+def states_over_period(record: Record) -> NDArray[np.int8]:
+    """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time."""
+    instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
+    rows = np.minimum(np.searchsorted(record.time, instants), record.time.size - 1)
+    return record.state[rows].copy()

@@ -1,0 +1,153 @@
+"""Periodic motions of the full model against its own time integration and against differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene, enriched, make_solid
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.assess.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.full import FullModel
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.march import integrate
+from fenicsrom.online.periodic import (
+    PeriodicMotion,
+    Shooting,
+    periodic_motion,
+    settled_contacts,
+)
+from fenicsrom.online.simulate import simulate
+from fenicsrom.reduction.projection import project
+from fenicsrom.scene import Scene
+
+pytestmark = pytest.mark.slow
+
+Array = NDArray[np.float64]
+MOST = 12  # full periods that a motion may take
+
+
+class Case(NamedTuple):
+    """A solid, its reduced model and the reduced motion."""
+
+    scene: Scene
+    solid: Any
+    basis: Array
+    shooting: Shooting
+    reduced: PeriodicMotion
+
+    def find(self, **options: Any) -> FullPeriodicMotion:
+        """The motion of the full model."""
+        return full_periodic_motion(self.solid, self.basis, self.shooting, self.reduced, **options)
+
+
+def case(scheme: str, dimension: int = 2, damping: float = 0.6, force: float = 60.0) -> Case:
+    """A beam of few elements whose tip slips and lifts off, and its reduced motion."""
+    radius = ("time.spectral_radius=0.8",) if scheme == "generalised-alpha" else ()
+    scene = beam_scene(
+        dimension,
+        (
+            "geometry.parameters.elements_along=4",
+            "geometry.parameters.load_at=0.5",
+            f"material.mass_damping={damping}",
+            f"loads.0.force={force}",
+            "loads.0.frequency=2.5",
+            "contacts.0.preload=4.0",
+            "contacts.0.friction=0.1",
+            "time.steps_per_period=60",
+            "time.periods=30",
+            f"time.scheme='{scheme}'",
+            *radius,
+        ),
+    )
+    solid = make_solid(scene)
+    basis = enriched(solid)[2]
+    model = project(solid, basis)
+    contacts = settled_contacts(contacts_of(scene, model.points))
+    period = scene.period
+    assert period is not None
+    end = simulate(model, scene).end
+    reduced = periodic_motion(model, contacts, scene.time, period, end, tolerance=1e-8)
+    shooting = Shooting(model, contacts, scene.time, period)
+    return Case(scene, solid, basis.vectors, shooting, reduced)
+
+
+@pytest.fixture(scope="module")
+def dissipative() -> Case:
+    return case("generalised-alpha")
+
+
+def test_motion_equals_a_long_march(dissipative: Case) -> None:
+    found = dissipative.find()
+    scene = dissipative.scene
+    time = scene.time.changed(periods=900, steady_tolerance=1e-9)
+    marched = simulate(FullModel(dissipative.solid), replace(scene, time=time))
+    assert marched.steady and marched.periods > 100
+    assert found.periods <= MOST
+    amplitude = np.ptp(marched.displacement[marched.last_period()], axis=0) / 2.0
+    np.testing.assert_allclose(found.amplitude, amplitude, atol=1e-6 * amplitude.max())
+    assert set(np.unique(found.record.state)) >= {-1, 0}  # it lifts off and slips
+    error = np.abs(dissipative.reduced.amplitude - amplitude).max()
+    assert error > 1e-5 * amplitude.max()  # the reduced motion is another one
+
+
+@pytest.mark.parametrize(
+    ("scheme", "dimension"),
+    [("discrete-gradient", 2), ("discrete-gradient", 3)],
+)
+def test_motion_without_numerical_damping_repeats(scheme: str, dimension: int) -> None:
+    found_case = case(scheme, dimension)
+    found = found_case.find()
+    assert found.periods <= MOST and found.derived > 0
+    n, d = found_case.solid.local, dimension
+    shooting = found_case.shooting
+    sliders = np.zeros(shooting.contacts.preload.size * d)
+    sliders[shooting.map.memory] = found.z[shooting.map.blocks * n :]
+    again = integrate(
+        FullModel(found_case.solid),
+        shooting.contacts,
+        found_case.scene.time.changed(periods=3, steady_tolerance=0.0),
+        shooting.period,
+        dimension=d,
+        start=(found.z[:n], found.z[n : 2 * n], sliders.reshape(-1, d)),
+    )
+    steps = (again.time.size - 1) // 3
+    size = found.amplitude.max()
+    for k in range(3):
+        span = again.displacement[k * steps : (k + 1) * steps + 1]
+        np.testing.assert_allclose(np.ptp(span, axis=0) / 2.0, found.amplitude, atol=2e-6 * size)
+    assert again.end is not None
+    np.testing.assert_allclose(again.end.state.q, found.z[:n], atol=1e-5 * size)
+
+
+@pytest.mark.parametrize(
+    "scheme", ["discrete-gradient", "average-acceleration", "generalised-alpha"]
+)
+def test_derivatives_along_directions_match_differences(scheme: str) -> None:
+    found = case(scheme, damping=5.0, force=30.0)
+    problem = _Problem(found.solid, found.basis, found.shooting)
+    z = problem.expanded(found.shooting.scaled(found.reduced.z))
+    block = problem.directions()
+    end = problem.map(z, block)
+    size = problem.norm(z)
+    slips = end.record.state[-1] == 0  # the law has a kink there: the slider is at its limit
+    for k in range(block.shape[1] - int(slips.any())):
+        step = 1e-5 * size * block[:, k]
+        ahead, behind = problem.map(z + step).z, problem.map(z - step).z
+        difference = (ahead - behind) / (2e-5 * size)
+        error = problem.norm(end.columns[:, k] - difference)
+        assert error <= 2e-3 * max(problem.norm(difference), 0.1), k  # of directions of size 1
+
+
+def test_motion_that_is_not_found_keeps_its_residuals(dissipative: Case) -> None:
+    lines: list[str] = []
+    with pytest.raises(ConvergenceError) as caught:
+        dissipative.find(tolerance=0.0, most_periods=2, say=lines.append)
+    assert len(caught.value.partial) == len(lines) == 2
+    assert all(0.0 < residual < 1.0 for residual in caught.value.partial)

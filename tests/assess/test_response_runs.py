@@ -1,0 +1,253 @@
+"""Runs of response curves: interrupted and continued, in several processes, with lost pictures."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_response import DAMPING, HIGH, LOW, ignore, oscillator
+
+from fenicsrom.assess import curve_progress
+from fenicsrom.assess.curve_progress import CurveProgress
+from fenicsrom.assess.response import CLASSES, Response, response
+from fenicsrom.assess.response_files import curve_file
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.curve import CurvePoint
+
+FAMILY = f'response.families={{key="material.mass_damping", values=[{DAMPING}, {2 * DAMPING}]}}'
+
+
+def assert_same(one: Response, other: Response) -> None:
+    """Compare all numbers of all points bit for bit, except for the run times."""
+    assert [curve.value for curve in one.curves] == [curve.value for curve in other.curves]
+    for mine, its in zip(one.curves, other.curves, strict=True):
+        assert mine.step_error == its.step_error
+        assert mine.marches == its.marches
+        assert [piece.reason for piece in mine.pieces] == [piece.reason for piece in its.pieces]
+        for part in ("points", "special"):
+            pairs = zip(getattr(mine, part), getattr(its, part), strict=True)
+            for a, b in pairs:
+                for field in fields(CurvePoint):
+                    np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
+
+
+def interrupted(stored: StoredModel, folder: Path, points: int) -> Response:
+    """A run that is stopped when its curves have so many points together."""
+    count = 0
+
+    def stop() -> bool:
+        nonlocal count
+        count += 1
+        return count > points
+
+    found = response(stored, ignore, state=folder, stop=stop)
+    assert found.interrupted
+    return found
+
+
+@pytest.mark.parametrize("points", [0, 2, 40, 160])
+def test_resumed_curve_is_the_uninterrupted_one_bit_for_bit(tmp_path: Path, points: int) -> None:
+    stored = oscillator()
+    part = interrupted(stored, tmp_path / "state", points)
+    assert sum(len(curve.points) for curve in part.curves) <= points
+    again = response(stored, ignore, state=tmp_path / "state", resume=tmp_path / "state")
+    assert not again.interrupted
+    assert_same(again, response(stored, ignore))
+
+
+def test_resumed_families_compute_only_what_is_missing(tmp_path: Path) -> None:
+    stored = oscillator(FAMILY)
+    whole = response(stored, ignore, state=tmp_path / "whole")
+    first = len(whole.curves[0].points)
+    part = interrupted(stored, tmp_path / "state", first + 30)
+    assert [len(curve.points) > first - 10 for curve in part.curves] == [True, False]
+    lines: list[str] = []
+    again = response(stored, lines.append, resume=tmp_path / "state")
+    assert_same(again, whole)
+    assert not any("start at" in line for line in lines)
+    assert not any("curve 1 of 2" in line for line in lines)
+
+
+def test_state_of_finished_curves_is_read_without_computing(tmp_path: Path) -> None:
+    stored = oscillator()
+    whole = response(stored, ignore, state=tmp_path)
+    lines: list[str] = []
+    assert_same(response(stored, lines.append, resume=tmp_path), whole)
+    assert lines == []
+
+
+def test_state_is_written_while_the_curve_grows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(curve_progress, "KEEP_INTERVAL", 0.0)
+    stored, sizes = oscillator(), []
+
+    def stop() -> bool:
+        kept = curve_file(tmp_path, stored, 1).load(CLASSES)
+        sizes.append(-1 if kept is None else len(kept.curve.points))
+        return len(sizes) > 5
+
+    response(stored, ignore, state=tmp_path, stop=stop)
+    assert sizes[-1] >= 4 and sizes == sorted(sizes)
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        (f"response.last={HIGH * 1.01}", "response.last"),
+        ("response.points=50", "response.points"),
+        (f"material.mass_damping={2 * DAMPING}", "material"),
+        ("loads.0.force=0.03", "loads"),
+        ("time.steps_per_period=120", "time.steps_per_period"),
+    ],
+)
+def test_state_of_another_scene_is_refused(tmp_path: Path, override: str, key: str) -> None:
+    response(oscillator("response.points=5"), ignore, state=tmp_path)
+    with pytest.raises(SceneError) as caught:
+        response(oscillator("response.points=5", override), ignore, resume=tmp_path)
+    assert (caught.value.key, caught.value.kind) == (key, ErrorKind.MISMATCH)
+
+
+def test_state_of_another_model_is_refused(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    stored = oscillator("response.points=5")
+    response(stored, ignore, state=tmp_path)
+    other = replace(stored, model=stored.model._replace(mass=2.0 * stored.model.mass))
+    with pytest.raises(SceneError) as caught:
+        response(other, ignore, resume=tmp_path)
+    assert caught.value.kind is ErrorKind.MISMATCH
+
+
+def test_damaged_state_is_refused(tmp_path: Path) -> None:
+    stored = oscillator("response.points=5")
+    response(stored, ignore, state=tmp_path)
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(SceneError) as caught:
+        response(stored, ignore, resume=tmp_path)
+    assert caught.value.kind is ErrorKind.FORMAT
+
+
+@pytest.mark.slow
+def test_curves_of_two_processes_are_the_serial_ones_bit_for_bit(tmp_path: Path) -> None:
+    stored = oscillator(FAMILY)
+    lines: list[str] = []
+    found = response(stored, lines.append, state=tmp_path, workers=2)
+    assert_same(found, response(stored, ignore))
+    assert any("curve 1 of 2" in line for line in lines)
+    assert any("curve 2 of 2" in line for line in lines)
+    assert_same(response(stored, ignore, resume=tmp_path), found)
+
+
+@pytest.mark.slow
+def test_interrupted_processes_keep_their_curves(tmp_path: Path) -> None:
+    stored = oscillator(FAMILY, "response.points=100000", f"response.last={20.0 * LOW}")
+    begun: set[str] = set()
+
+    def say(line: str) -> None:
+        if "1 points" in line or "points," in line:
+            begun.add(line.split(",")[0])
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+
+    found = response(stored, say, state=tmp_path, workers=2)
+    assert found.interrupted and found.curves
+    for number, curve in enumerate(found.curves, 1):
+        kept = curve_file(tmp_path, stored, number).load(CLASSES)
+        assert kept is not None and len(kept.curve.points) == len(curve.points)
+
+
+def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from fenicsrom.assess import response as module
+    from fenicsrom.errors import ConvergenceError
+
+    start = module.start_motion
+
+    def lost(stored: StoredModel, *arguments: Any) -> Any:
+        if stored.scene.material.mass_damping > DAMPING:
+            raise ConvergenceError("no periodic motion")
+        return start(stored, *arguments)
+
+    monkeypatch.setattr(module, "start_motion", lost)
+    found = response(oscillator(FAMILY, "response.points=5"), ignore)
+    assert [curve.value for curve in found.curves] == [DAMPING]
+    assert isinstance(found.unfinished, ConvergenceError)
+    assert len(found.warnings) == 1 and f"{2 * DAMPING:g}" in found.warnings[0]
+
+
+def test_progress_tells_the_fraction_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(curve_progress.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    progress = CurveProgress(["a: ", "b: "], lines.append)
+    progress(0, 0.5, "resumed")  # 25 % of both curves was done before
+    progress(1, 0.0, "begun")
+    now += 10.0
+    progress(1, 0.5, "on")
+    assert "50 %" in lines[-1] and "about 20 s left" in lines[-1]
+    progress.finished(0)
+    assert progress.remaining().startswith("75 %")
+
+
+def test_picture_that_fails_becomes_a_warning_after_the_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    from fenicsrom.post import response_report
+
+    def broken(found: Response) -> None:
+        raise ValueError("no axes")
+
+    monkeypatch.setattr(response_report, "multiplier_figure", broken)
+    stored = oscillator("response.points=5")
+    save_model(tmp_path / "model.npz", stored)
+    arguments = ["response", "--from", str(tmp_path / "model.npz"), "--output"]
+    assert main([*arguments, str(tmp_path / "out")]) == 0
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"response.png", "harmonics.png", "response.csv", "report.html"} <= names
+    assert "multipliers.png" not in names
+    summary = json.loads((tmp_path / "out" / "response.json").read_text())
+    assert any("multipliers.png" in warning for warning in summary["warnings"])
+    assert "multipliers.png" in capsys.readouterr().out
+
+
+def test_resume_option_continues_the_state_of_the_output_folder(
+    tmp_path: Path, capsys: Any
+) -> None:
+    stored = oscillator()
+    save_model(tmp_path / "model.npz", stored)
+    interrupted(stored, tmp_path / "out" / "response_state", 50)
+    command = ["response", "--from", str(tmp_path / "model.npz"), "--output"]
+    state = str(tmp_path / "out" / "response_state")
+    assert main([*command, str(tmp_path / "out"), "--resume", state]) == 0
+    assert main([*command, str(tmp_path / "whole")]) == 0
+    table, whole = ((tmp_path / n / "response.csv").read_text() for n in ("out", "whole"))
+    assert table == whole
+    assert main([*command, str(tmp_path / "out"), "--resume", str(tmp_path / "none")]) == 2
+
+
+def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) -> None:
+    from fenicsrom.post.response_motion import marked_motions, write_motion_arrays
+
+    stored = oscillator()
+    found = response(stored, ignore)
+    motions = marked_motions(found, stored)
+    assert set(motions) == {"largest", "fold_1", "fold_2"}
+    (curve,) = found.curves
+    top = max(curve.points, key=lambda point: point.amplitude.max())
+    path = write_motion_arrays(motions, tmp_path)
+    with np.load(path) as arrays:
+        x, q = arrays["largest_displacement"], arrays["largest_coordinates"]
+        assert arrays["largest_parameter"] == top.parameter
+        assert arrays["largest_time"][-1] == pytest.approx(1.0 / top.parameter, rel=1e-12)
+    np.testing.assert_allclose(0.5 * np.ptp(x, axis=0), top.amplitude, rtol=1e-6)
+    np.testing.assert_allclose(q[0], top.z[:1], rtol=1e-6)
+    np.testing.assert_allclose(x[:, 0, 0], q[:, 0], rtol=1e-12)

@@ -1,0 +1,227 @@
+"""Figures and tables of response curves that are known in closed form."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene
+from test_figures import illegible
+
+from fenicsrom.assess.response import Piece, Response, ResponseCurve
+from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve_measures import HARMONICS, PHASES
+from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state_map
+from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
+from fenicsrom.post.response_figures import figure, phases, stretches
+from fenicsrom.post.response_report import rows
+
+DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
+
+
+def point(
+    amplitude: float, lag: float, parameter: float, size: float, kind: str = ""
+) -> CurvePoint:
+    """A motion of one contact point; the states turn from stick to slip and open as it grows."""
+    states = np.ones((PHASES, 1), np.int8)
+    states[: int(PHASES * min(amplitude / 4.0, 1.0))] = 0
+    states[: int(PHASES * min(amplitude / 8.0, 1.0))] = -1
+    main = amplitude * np.exp(-1j * lag) * 10.0 ** -np.arange(HARMONICS)
+    z = np.array([amplitude, parameter])
+    found: dict[str, Any] = {
+        "parameter": parameter,
+        "z": z,
+        "s": z,
+        "tangent": np.ones(3),
+        "amplitude": np.array([[0.01, amplitude]]),
+        "peak_force": np.array([amplitude]),
+        "friction_dissipation": 2.0 * amplitude,
+        "multipliers": np.array([size, 0.5j, -0.5j, 0.1]).astype(complex),
+        "verdict": "stable" if size <= 1.0 else "fold",
+        "free_sliders": 0,
+        "states": np.array([1]),
+        "residual": 1e-9,
+        "marches": (2, 1),
+        "kind": kind,
+        "harmonics": np.stack([0.01 * main, main], axis=1)[:, None, :],
+        "period_states": states,
+        "damping_dissipation": amplitude,
+    }
+    return CurvePoint(**found)
+
+
+def duffing(force: float) -> ResponseCurve:
+    """The first harmonic of a Duffing oscillator, through its two folds if it has them."""
+    peak = force / DAMPING
+    grid = np.linspace(1e-3, peak, 4000)
+    k = 1.0 + 0.75 * CUBIC * grid**2
+    inside = 0.25 * DAMPING**4 - k * DAMPING**2 + (force / grid) ** 2
+    grid, k, inside = (values[inside > 0.0] for values in (grid, k, inside))
+    lower = np.sqrt(np.maximum(k - 0.5 * DAMPING**2 - np.sqrt(inside), 0.0))
+    upper = np.sqrt(k - 0.5 * DAMPING**2 + np.sqrt(inside))
+    amplitudes = np.concatenate([grid, grid[::-1]])
+    omegas = np.concatenate([lower, upper[::-1]])
+    kept = (omegas > 0.5) & (omegas < 1.8)
+    amplitudes, omegas = amplitudes[kept][::8], omegas[kept][::8]
+    stiff = 1.0 + 0.75 * CUBIC * amplitudes**2
+    lags = np.arctan2(DAMPING * omegas, stiff - omegas**2)
+    back = np.gradient(omegas) < 0.0
+    piece = Piece(reason="end of the range")
+    for k_, (a, lag, omega) in enumerate(zip(amplitudes, lags, omegas, strict=True)):
+        piece.points.append(point(a, lag, omega, 3.0 if back[k_] else 0.9))
+    turns = np.flatnonzero(np.diff(back.astype(int)) != 0)
+    piece.special = [
+        point(amplitudes[k], lags[k], omegas[k], 1.0, "fold") for k in (turns + 1).tolist()
+    ]
+    return ResponseCurve(force, [piece], 1e-4, (100, 50), 2.0)
+
+
+def response_of(*forces: float) -> Response:
+    """Curves over the frequency for some forces."""
+    contact = {"group": "tip", "normal": [1.0, 0.0], "preload": 1.0, "normal_stiffness": 1.0}
+    contact |= {"tangential_stiffness": 1.0, "friction": 0.3}
+    table = {"parameter": "frequency", "first": 0.5, "last": 1.8}
+    families = {"families": {"key": "loads.0.force", "values": list(forces)}}
+    scene = beam_scene(2, contacts=[contact], response=table | (families if forces[1:] else {}))
+    curves = [duffing(force) for force in forces]
+    return Response(scene, 2, 2, 1, 100, curves)
+
+
+@pytest.fixture(scope="module")
+def found() -> Response:
+    return response_of(0.02, 0.1, 0.2)
+
+
+DRAWINGS = (figure, contact_map, multiplier_figure, harmonics_figure)
+
+
+@pytest.mark.parametrize("draw", DRAWINGS)
+@pytest.mark.parametrize("forces", [(0.1,), (0.02, 0.1, 0.2), tuple(np.linspace(0.02, 0.2, 7))])
+def test_figures_are_legible_and_quick(draw: Any, forces: tuple[float, ...], tmp_path: Any) -> None:
+    found = response_of(*forces)
+    draw(response_of(0.1))  # the first figure of a process loads fonts
+    begin = time.process_time()
+    drawn = draw(found)
+    drawn.savefig(tmp_path / "figure.png")
+    seconds = time.process_time() - begin
+    assert not illegible(drawn)
+    assert seconds < 1.0
+
+
+def test_amplitude_is_dashed_between_the_folds_and_the_folds_are_marked(found: Response) -> None:
+    axis = figure(found).axes[0]
+    lines = [line for line in axis.lines if line.get_marker() == "None"]
+    marks = [line for line in axis.lines if line.get_marker() == "o"]
+    curve = found.curves[2]
+    colour = lines[-1].get_color()
+    mine = [line for line in lines if line.get_color() == colour]
+    assert [line.is_dashed() for line in mine] == [False, True, False]
+    np.testing.assert_array_equal(
+        np.ravel([line.get_xdata() for line in marks if line.get_color() == colour]),
+        [point.parameter for point in curve.special],
+    )
+    top = max(point.amplitude.max() for point in curve.points)
+    assert max(float(np.max(line.get_ydata())) for line in mine) == pytest.approx(1e3 * top)
+
+
+def test_every_motion_of_a_curve_is_on_a_line(found: Response) -> None:
+    (piece,) = found.curves[1].pieces
+    for axis in figure(found).axes:
+        drawn = np.concatenate([line.get_xdata() for line in axis.lines])
+        assert {point.parameter for point in piece.points} <= set(drawn)
+
+
+def test_phase_falls_from_zero_to_minus_180_through_minus_90_at_the_peak(found: Response) -> None:
+    for curve in found.curves:
+        points = curve.pieces[0].points
+        phase = phases(points, 0, 1)
+        assert np.all(np.diff(phase) < 0.0)
+        assert -10.0 < phase[0] < 0.0 and -180.0 < phase[-1] < -170.0
+        top = int(np.argmax([point.amplitude.max() for point in points]))
+        assert phase[top] == pytest.approx(-90.0, abs=5.0)
+
+
+def test_phase_is_continuous_where_its_angle_jumps() -> None:
+    points = [point(1.0, lag, 1.0, 0.9) for lag in np.linspace(0.9 * np.pi, 1.3 * np.pi, 30)]
+    phase = phases(points, 0, 1)
+    assert np.abs(np.diff(phase)).max() < 5.0 and np.ptp(phase) == pytest.approx(72.0)
+    assert -270.0 < float(np.median(phase)) <= 90.0
+
+
+def test_contact_map_over_the_parameter_shows_the_states_of_the_nearest_motion() -> None:
+    curve = duffing(0.005)
+    assert not folds_back(curve)
+    states, (low, high), marks = state_map(curve, 0, folded=False)
+    points = curve.pieces[0].points
+    assert (low, high) == (points[0].parameter, points[-1].parameter) and not marks
+    columns = low + (high - low) * (np.arange(states.shape[1]) + 0.5) / states.shape[1]
+    for column in (0, 100, 300, 599):
+        near = min(points, key=lambda point: abs(point.parameter - columns[column]))
+        np.testing.assert_array_equal(states[:, column], near.period_states[:, 0])
+
+
+def test_contact_map_of_a_folded_curve_has_its_folds_as_marks(found: Response) -> None:
+    curve = found.curves[2]
+    assert folds_back(curve)
+    _, (low, high), marks = state_map(curve, 0, folded=True)
+    assert low == 0.0 and all(low <= place <= high for place, _ in marks)
+    texts = [text for _, text in marks]
+    parameters = [point.parameter for point in curve.pieces[0].points]
+    turn = int(np.argmax(np.array(parameters[: len(parameters)]) * (np.gradient(parameters) > 0)))
+    assert f"{parameters[turn]:.4g}" in texts
+    assert min(np.diff([place for place, _ in marks])) > 0.09 * high
+
+
+def test_gap_between_two_pieces_stays_white_on_the_map() -> None:
+    curve = duffing(0.005)
+    points = curve.pieces[0].points
+    low = [point for point in points if point.parameter < 0.9]
+    high = [point for point in points if point.parameter > 1.3]
+    curve.pieces = [Piece(low), Piece(high, direction=-1.0)]
+    states, _, _ = state_map(curve, 0, folded=False)
+    white = np.all(states == NO_MOTION, axis=0)
+    assert 0.2 < white.mean() < 0.8 and not white[0] and not white[-1]
+
+
+def test_multipliers_are_in_the_plane_and_far_ones_at_the_edge(found: Response) -> None:
+    drawn = multiplier_figure(found)
+    places = [axis.collections for axis in drawn.axes[:-1]]
+    near, far = (np.asarray(part.get_offsets()) for part in places[2])
+    np.testing.assert_allclose(np.unique(near[:, 1]), [-0.5, 0.0, 0.5], atol=1e-12)
+    np.testing.assert_allclose(far, np.tile([FARTHEST, 0.0], (len(far), 1)), atol=1e-12)
+    assert any("3" in text.get_text() for text in drawn.axes[2].texts)
+    circle = drawn.axes[0].lines[0]
+    np.testing.assert_allclose(np.hypot(circle.get_xdata(), circle.get_ydata()), 1.0)
+
+
+def test_harmonics_figure_shows_the_amplitude_of_each(found: Response) -> None:
+    axis = harmonics_figure(found).axes[2]
+    top = max(point.amplitude.max() for point in found.curves[2].points)
+    colours = dict.fromkeys(line.get_color() for line in axis.lines)
+    assert len(colours) == HARMONICS
+    for k, colour in enumerate(colours):
+        mine = [line for line in axis.lines if line.get_color() == colour]
+        highest = max(float(np.max(line.get_ydata())) for line in mine)
+        assert highest == pytest.approx(1e3 * top * 10.0**-k, rel=1e-9)
+
+
+def test_rows_have_units_phase_and_both_dissipations(found: Response) -> None:
+    listed = rows(found)
+    total = sum(len(curve.points) + len(curve.special) for curve in found.curves)
+    assert len(listed) == total
+    first, point_ = listed[0], found.curves[0].points[0]
+    assert first["loads.0.force_N"] == 0.02
+    assert first["frequency_Hz"] == point_.parameter
+    assert first["amplitude_tangential_m"] == point_.amplitude[0, 1]
+    assert first["harmonic_2_m"] == pytest.approx(0.1 * point_.amplitude[0, 1])
+    assert first["phase_deg"] == pytest.approx(phases([point_], 0, 1)[0])
+    assert first["friction_dissipation_per_period_J"] == 2.0 * point_.amplitude[0, 1]
+    assert first["damping_dissipation_per_period_J"] == point_.amplitude[0, 1]
+
+
+def test_stretches_share_a_bifurcation() -> None:
+    points = [point(1.0, 0.1, p, size) for p, size in ((1.0, 0.9), (2.0, 0.9), (2.1, 3.0))]
+    points.insert(2, point(1.0, 0.1, 2.05, 1.0, "fold"))
+    assert stretches(points) == [(True, [0, 1, 2]), (False, [2, 3])]
