@@ -345,6 +345,10 @@ def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
     _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
+    # only the sliders of points that stick all the time can be free; other small singular values
+    # belong to motions that are nearly unstable
+    stuck = stuck_points(end.record)
+    free = min(free, len(stuck) * (shooting.map.dimension - 1))
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),
@@ -353,7 +357,7 @@ def _motion(
         multipliers,
         verdict,
         free,
-        stuck_points(end.record),
+        stuck,
         end.record,
         end,
     )
