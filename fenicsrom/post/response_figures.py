@@ -186,7 +186,7 @@ def draw_curves(
             if not points:
                 continue
             parameters = np.array([point.parameter for point in points])
-            heights = np.atleast_2d(values(points))
+            heights: Array = np.atleast_2d(values(points))
             for stable, part in stretches(points):
                 for row, shade in zip(heights, shades, strict=True):
                     axis.plot(
