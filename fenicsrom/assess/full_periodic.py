@@ -32,7 +32,6 @@ from fenicsrom.fem.solid import Solid
 from fenicsrom.online.periodic import PeriodicMotion, Shooting, least_squares_step
 from fenicsrom.online.state import Record
 from fenicsrom.reduction.basis import DEPENDENCE
-from fenicsrom.reduction.modes import EXTRA_MODES
 
 FULL_TOLERANCE = 1e-6
 """Of the residual relative to the variables, and of the last step relative to the coordinates.
@@ -50,6 +49,7 @@ A vibration that keeps its size and turns by the angle phi in a period is reduce
 """
 
 NORMAL_MODES = 60  # of the solid, for the first enlargement of the directions
+UNKNOWNS_PER_MODE = 4  # the eigensolver is not accurate enough for the highest modes of a mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +118,8 @@ def full_periodic_motion(
 
     def march(z: Array, block: Array | None = None) -> FullPeriodEnd:
         nonlocal derived
+        if len(residuals) >= most_periods or not np.all(np.isfinite(residuals)):
+            raise _lost(residuals, f"relative residual {residuals[-1]:.3g}")
         try:
             end = problem.map(z, block)
         except ConvergenceError as error:
@@ -128,13 +130,11 @@ def full_periodic_motion(
         return end
 
     z = problem.expanded(shooting.scaled(reduced.z))
-    matrix = shooting.scaled(reduced.end.matrix @ shooting.unscaled(np.eye(reduced.z.size)))
+    matrix = shooting.scaled_matrix(reduced.end.matrix)
     jacobian = _Jacobian(problem, matrix, problem.expanded(matrix))
     end, is_exact = march(z), False
     step, rest = jacobian.step(end.z - z)
     while not problem.has_converged(end.z - z, step, z, tolerance):
-        if len(residuals) >= most_periods or not np.isfinite(residuals[-1]):
-            raise _lost(residuals, f"relative residual {residuals[-1]:.3g}")
         if not is_exact:
             before, residual = z, end.z - z
             z = z + step
@@ -182,28 +182,29 @@ class _Problem:
         self.map = FullPeriodMap(model, shooting.contacts, plan, shooting.period, fractions)
         root = np.linalg.cholesky(shooting.model.mass)
         self.q = np.linalg.solve(root, basis.T).T
-        self._omega = 2.0 * np.pi / shooting.period
+        shortest = shooting.period * float(np.min(np.diff(fractions)))
+        self._rates = 1.0, 2.0 * np.pi / shooting.period, shortest**-2
         self._slider = np.diag(shooting.scaled(np.eye(shooting.map.size)))
         self._slider = self._slider[shooting.map.blocks * shooting.map.n :]
         self._has_modes = False
 
     def _blocks(self, z: Array) -> list[Array]:
-        """Coordinates, velocities / omega, .. and scaled sliders of variables z (N,) or (N, k)."""
+        """The scaled blocks of variables z (N,) or (N, k): q, v, a and sliders."""
         n, count = self.map.local, self.map.blocks
-        parts = [np.asarray(z[k * n : (k + 1) * n] / self._omega**k, float) for k in range(count)]
+        parts = [np.asarray(z[k * n : (k + 1) * n] / self._rates[k], float) for k in range(count)]
         return [*parts, (z[count * n :].T * self._slider).T]
 
     def coordinates(self, z: Array) -> Array:
         """D^T M z of variables z (N,) or (N, k)."""
         *parts, sliders = self._blocks(z)
         columns = [part.reshape(part.shape[0], -1) for part in parts]
-        inner = np.concatenate([self.solid.mass_inner(self.q, part) for part in columns])
-        return np.concatenate([inner.reshape(-1, *z.shape[1:]), sliders])
+        inner = [self.solid.mass_inner(self.q, part).reshape(-1, *z.shape[1:]) for part in columns]
+        return np.concatenate([*inner, sliders])
 
     def expanded(self, y: Array) -> Array:
         """D y of coordinates y (k,) or a block of them."""
         p, count = self.q.shape[1], self.map.blocks
-        parts = [self.q @ y[k * p : (k + 1) * p] * self._omega**k for k in range(count)]
+        parts = [self.q @ y[k * p : (k + 1) * p] * self._rates[k] for k in range(count)]
         return np.concatenate([*parts, (y[count * p :].T / self._slider).T])
 
     def directions(self) -> Array:
@@ -232,7 +233,7 @@ class _Problem:
         """Add the parts of residuals (N,), and at the first time normal modes, to Q."""
         new = np.stack([part for z in residuals for part in self._blocks(z)[:-1]], axis=1)
         if not self._has_modes:
-            count = min(NORMAL_MODES, self.solid.free - EXTRA_MODES)
+            count = min(NORMAL_MODES, self.solid.free // UNKNOWNS_PER_MODE)
             _, modes = self.solid.eigenmodes(self.solid.factor, count)
             new = np.concatenate([modes, new], axis=1)
             self._has_modes = True

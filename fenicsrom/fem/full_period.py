@@ -22,15 +22,16 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.full import FullModel
 from fenicsrom.online.contact_sensitivity import (
+    ComplexInterval,
     differentiate_law,
-    differentiate_rest,
     law_derivative,
 )
 from fenicsrom.online.contact_state import OPEN
 from fenicsrom.online.loop import SMALLEST_STEP, write
 from fenicsrom.online.march import initial_state
-from fenicsrom.online.period_map import no_drift
+from fenicsrom.online.period_sensitivity import REST
 from fenicsrom.online.scheme import Scheme
+from fenicsrom.online.sensitivity import no_drift
 from fenicsrom.online.state import LAST_STEP, STEP, TIME, Record, State, no_record
 from fenicsrom.online.step import accept, attempt, step_coefficients
 from fenicsrom.online.step_sensitivity import end_coefficients
@@ -107,7 +108,7 @@ class FullPeriodMap:
         self.size = self.blocks * self.local + self.memory.size
         self._dimension, self._points = d, points
         self._law = law_derivative(contacts, points, d)
-        self._drift = no_drift(model, contacts).contacts
+        self._drift = no_drift(contacts, model.load_histories).contacts
         self._guess: tuple[Array, Array, float] | None = None
 
     def __call__(self, z: Array, block: Array | None = None) -> FullPeriodEnd:
@@ -159,9 +160,21 @@ class FullPeriodMap:
         for p in range(self._points):
             mine = slice(p * d, (p + 1) * d)
             here = state.contact.x[p].copy()
-            differentiate_rest(self._law, self.contacts, self._drift, p, here, sliders[p])
+            differentiate_law(
+                self._law,
+                self.contacts,
+                self._drift,
+                REST,
+                p,
+                here,
+                here,
+                sliders[p].copy(),
+                0.0,
+                REST.discrete_gradient,
+            )
             by = self._law.slider[p]
-            w[mine] = by[:, :d] @ x[mine] + by[:, d : 2 * d] @ given[mine]
+            by_x, by_w = by[:, :d] + by[:, d : 2 * d], by[:, 2 * d : 3 * d]
+            w[mine] = by_x @ x[mine] + by_w @ given[mine]
         return _Columns(block[:n].copy(), block[n : 2 * n].copy(), a, x, w)
 
     def _march(self, state: State, columns: _Columns | None) -> Record:
@@ -215,6 +228,9 @@ class FullPeriodMap:
         if plan.gyroscopic:
             moved += model.gyroscopic_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
         m = self._points * d
+        step_times = ComplexInterval(
+            complex(begin), complex(begin + h), plan.alpha_f, plan.discrete_gradient
+        )
         force, by_end = np.zeros((m, columns.q.shape[1])), np.zeros((m, m))
         for p in range(self._points):
             if state.trial.scratch.mode[p] == OPEN:
@@ -223,10 +239,7 @@ class FullPeriodMap:
                 self._law,
                 self.contacts,
                 self._drift,
-                complex(begin),
-                complex(begin + h),
-                plan.alpha_f,
-                plan.discrete_gradient,
+                step_times,
                 p,
                 before.x[p],
                 state.contact.x[p],

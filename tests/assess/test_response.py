@@ -237,6 +237,9 @@ def test_command_writes_the_files_of_a_stored_model(
         ('response.parameter="loads.0.pressure"', "response.parameter", ErrorKind.CONFLICT),
         (f"response.last={LOW}", "response.last", ErrorKind.RANGE),
         ("response.first=0.0", "response.first", ErrorKind.RANGE),
+        (f"response.full=[{2.0 * HIGH}]", "response.full[0]", ErrorKind.RANGE),
+        ("response.full=0", "response.full", ErrorKind.RANGE),
+        ("response.full='all'", "response.full", ErrorKind.TYPE),
     ],
 )
 def test_wrong_table_is_refused_with_its_key(override: str, key: str, kind: ErrorKind) -> None:

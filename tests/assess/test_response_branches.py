@@ -1,0 +1,114 @@
+"""Branches, isolated curves and estimates of errors of response curves."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_response import HIGH, fold_frequencies, ignore, oscillator, scene_with
+
+from fenicsrom.assess.response import ResponseCurve, response
+from fenicsrom.assess.trust import RicherModel, transfer
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.model import reduced_model
+from fenicsrom.online.polynomial import ElasticPolynomial
+
+# a range with three motions at its first frequency: a march from rest finds the lower one
+INSIDE = float(np.mean(fold_frequencies()))
+WINDOW = (f"response.first={INSIDE}", f"loads.0.frequency={INSIDE}", f"response.last={HIGH}")
+
+
+def holmes() -> StoredModel:
+    """u'' + 0.3 u' + 2 u + 3 u^2 + u^3 = F sin(1.2 t), whose motions double their period."""
+    frequency = 1.2 / (2.0 * np.pi)
+    stored = oscillator(
+        "material.mass_damping=0.3",
+        f"loads.0.frequency={frequency}",
+        "time.steps_per_period=200",
+        'response.parameter="loads.0.force"',
+        "response.first=0.15",
+        "response.last=0.27",
+        "response.branches=1",
+    )
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.full((1, 1), 2.0), np.full((1, 1), 6.0), np.full((1, 1), 3.0)
+    )
+    return replace(stored, model=stored.model._replace(elastic=elastic))
+
+
+def test_isolated_curve_is_found_through_the_load() -> None:
+    lower = response(oscillator(*WINDOW), ignore).curves[0]
+    both = response(oscillator(*WINDOW, f"response.isolated=[{INSIDE}]"), ignore).curves[0]
+    assert [piece.origin for piece in lower.pieces] == ["march"]
+    assert [piece.origin for piece in both.pieces] == ["march", "isolated"]
+    upper = both.pieces[1]
+    assert upper.reason == "end of the range"
+    ends = upper.points[0], upper.points[-1]
+    assert [point.parameter for point in ends] == pytest.approx([INSIDE, INSIDE])
+    assert {point.stable for point in ends} == {True, False}
+    assert [point.kind for point in upper.special] == ["fold"]
+    first, known = lower.points[0].amplitude.max(), [p.amplitude.max() for p in ends]
+    assert first < min(known) < max(known)
+
+
+def test_branch_of_period_doubling_is_a_piece_of_two_periods(tmp_path: Path) -> None:
+    save_model(tmp_path / "model.npz", holmes())
+    arguments = ["response", "--from", str(tmp_path / "model.npz"), "--output", str(tmp_path)]
+    assert main([*arguments, "--set", "output.pictures=false"]) == 0
+    (curve,) = json.loads((tmp_path / "response.json").read_text())["curves"]
+    assert [piece["periods"] for piece in curve["pieces"]] == [1, 2]
+    assert curve["pieces"][1]["origin"].startswith("period doubling at loads.0.force = 0.2")
+    assert curve["ends"] == ["end of the range", "end of the range"]
+
+
+@pytest.mark.parametrize("value", [0.5 * INSIDE, 2.0 * HIGH])
+def test_isolated_value_outside_of_the_range_is_refused(value: float) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_with(f"response.isolated=[{value}]")
+    assert (caught.value.key, caught.value.kind) == ("response.isolated", ErrorKind.RANGE)
+
+
+def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
+    """The curve with so many steps per period, compared with the same model and a spectator."""
+    stored = oscillator(f"time.steps_per_period={steps}")
+    if not richer:
+        return response(stored, ignore).curves[0]
+    one = stored.model
+    cubic = np.zeros((3, 3))
+    cubic[0, 0] = one.elastic.cubic[0, 0]
+    quadratic = np.zeros((3, 2))
+    elastic = ElasticPolynomial(np.zeros(2), np.diag([1.0, 30.0]), quadratic, cubic)
+    points = (one.points, np.zeros((0, 2)), np.zeros(0))
+    loads = np.array([[1.0], [0.0]])
+    probe = np.array([[1.0, 0.0], [0.0, 0.0]])
+    model = reduced_model(
+        np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
+    )
+    other = replace(stored, model=model, labels=("1V", "2V"))
+    moved = transfer(lambda a, b: a.T @ b, np.eye(2)[:, :1], np.eye(2))
+    return response(stored, ignore, richer=RicherModel(other, moved)).curves[0]
+
+
+def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:
+    coarse, fine = curve_at(50), curve_at(100)
+    names = [check.where for check in coarse.checks]
+    assert sorted(names) == ["first", "fold", "fold", "largest amplitude", "last"]
+    for one, other in zip(coarse.checks, fine.checks, strict=True):
+        assert one.where == other.where
+        assert one.quantity == ("parameter" if one.where == "fold" else "amplitude")
+        assert one.step_error is not None and other.step_error is not None
+        if one.where == "fold":
+            assert 3.0 < one.step_error / other.step_error < 5.0
+
+
+def test_richer_basis_that_adds_nothing_has_no_error() -> None:
+    curve = curve_at(50, richer=True)
+    assert curve.basis_error is not None
+    for check in curve.checks:
+        if check.where != "fold":
+            assert check.basis_error is not None and check.basis_error < 1e-5
