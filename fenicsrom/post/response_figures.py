@@ -188,10 +188,10 @@ def draw_curves(
             parameters = np.array([point.parameter for point in points])
             heights: Array = np.atleast_2d(values(points))
             for stable, part in stretches(points):
-                for row, shade in zip(heights, shades, strict=True):
+                for k, shade in enumerate(shades):
                     axis.plot(
                         parameters[part],
-                        row[part],
+                        heights[k, part],
                         linestyle=STABLE if stable else UNSTABLE,
                         color=shade,
                         zorder=3 if stable else 2,
