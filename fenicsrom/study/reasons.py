@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
 from fenicsrom.study.stage import Item
 
 
@@ -10,7 +11,7 @@ def solid_parts(scene: Scene) -> tuple[Item, ...]:
     """List what is assembled and solved with the solid."""
     static = sum(load.static for load in scene.loads)
     rotation = scene.rotation
-    loads = _count(static, "static load") if static else "no static load"
+    loads = counted(static, "static load") if static else "no static load"
     return (
         Item(
             "static equilibrium",
@@ -76,8 +77,8 @@ def reduction_parts(scene: Scene) -> tuple[Item, ...]:
     elastic, dimension = elastic_reason(scene), scene.geometry.dimension
     regions = sum(contact.place.at == "nodes" for contact in scene.contacts)
     points = len(scene.contacts) - regions
-    parts = [_count(points, "point")] if points else []
-    parts += [f"every node of {_count(regions, 'place')}"] if regions else []
+    parts = [counted(points, "point")] if points else []
+    parts += [f"every node of {counted(regions, 'place')}"] if regions else []
     where = " and ".join(parts) or "no contact"
     return (
         Item("elastic polynomial", nonlinear and not projected, elastic),
@@ -115,8 +116,3 @@ def newton_item(scene: Scene) -> Item:
 def toml_text(value: bool) -> str:
     """Write a truth value as TOML does."""
     return str(value).lower()
-
-
-def _count(number: int, noun: str) -> str:
-    """Write a number and a noun, which gets an s in the plural."""
-    return f"{number} {noun}{'s' * (number != 1)}"
