@@ -7,26 +7,35 @@ from fenicsrom.scene.rules import counted
 from fenicsrom.study.stage import Item
 
 
+def is_loaded(scene: Scene) -> bool:
+    """Whether static loads or the centrifugal force deform the body."""
+    turning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
+    return turning or any(load.static and load.size != 0.0 for load in scene.loads)
+
+
 def solid_parts(scene: Scene) -> tuple[Item, ...]:
     """List what is assembled and solved with the solid."""
-    static = sum(load.static for load in scene.loads)
+    static = sum(load.static and load.size != 0.0 for load in scene.loads)
     rotation = scene.rotation
+    turning = rotation is not None and rotation.speed_rpm != 0.0
     loads = counted(static, "static load") if static else "no static load"
     return (
         Item(
             "static equilibrium",
-            static > 0 or rotation is not None,
-            f"{loads}, centrifugal force" if rotation else loads,
+            is_loaded(scene),
+            f"{loads}, centrifugal force" if turning else loads,
         ),
         Item(
             "rotating frame",
-            rotation is not None,
+            turning,
             f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation",
         ),
         Item(
             "gyroscopic term",
-            rotation is not None and rotation.coriolis,
-            f"rotation.coriolis is {toml_text(rotation.coriolis)}" if rotation else "no rotation",
+            turning and rotation is not None and rotation.coriolis,
+            f"rotation.coriolis is {toml_text(rotation.coriolis)}"
+            if rotation and turning
+            else "no rotation",
         ),
     )
 
@@ -64,7 +73,7 @@ def derivatives_reason(scene: Scene) -> str:
     wanted = scene.basis.derivatives
     if not scene.geometrically_nonlinear:
         return "the scene is geometrically linear"
-    kind = wanted if isinstance(wanted, str) else "a list of labels"
+    kind = wanted if isinstance(wanted, str) else "a list of labels" if wanted else "empty"
     if wanted in ("mmi", "mmi-nls") and scene.static_only:
         return f"basis.derivatives is {kind}, but all loads are static"
     return f"basis.derivatives is {kind}"
