@@ -1084,3 +1084,66 @@ def test_schema_and_reader_agree(path: tuple[str | int, ...], value: Any, accept
     except SceneError:
         read = False
     assert read == accepted
+
+
+def test_step_of_quarter_period_of_load_is_the_longest() -> None:
+    """A load with a sweep does not repeat, so that the step is fixed: 0.1 s for 2.5 Hz."""
+    sweep = "loads.0.sweep={to=2.5, duration=1.0}"
+    frequency = "loads.0.frequency=2.0"
+    assert parse(RUBBING, sweep, frequency, "time={duration=1.0, step=0.1}").time.step == 0.1
+    long = refused(RUBBING, sweep, frequency, "time={duration=1.0, step=0.11}")
+    assert long == (ErrorKind.CONFLICT, "time.step")
+
+
+def test_quarter_period_of_harmonics_is_that_of_the_highest_order() -> None:
+    load = Load.of(
+        group="tip",
+        direction=[0, 1],
+        force=1,
+        frequency=2.0,
+        harmonics=[[3, 1.0, 0.0], [1, 1.0, 0.0]],
+    )
+    assert load.quarter_period == pytest.approx(0.25 / 6.0, rel=1e-15)
+
+
+def test_default_steady_tolerance_is_at_least_the_tolerance_of_the_step() -> None:
+    assert parse(RUBBING).time.steady_tolerance == 1e-5
+    assert parse(RUBBING, "time.tolerance=1e-3").time.steady_tolerance == 1e-3
+    assert parse(RUBBING, "time.tolerance=1e-7").time.steady_tolerance == 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("frequency", False),
+        ("loads.0.force", False),
+        ("contacts.0.normal_stiffness", False),
+        ("contacts.0.friction", True),
+        ("material.mass_damping", True),
+    ],
+)
+def test_curve_starts_at_zero_only_where_zero_is_allowed(name: str, allowed: bool) -> None:
+    override = f"response={{parameter='{name}', first=0.0, last=2.0}}"
+    if allowed:
+        assert parse(RUBBING, override).response is not None
+    else:
+        assert refused(RUBBING, override) == (ErrorKind.RANGE, "response.first")
+
+
+def test_campbell_speeds_are_equally_spaced() -> None:
+    override = "campbell.speeds_rpm={first=100.0, last=400.0, number=4}"
+    assert parse(RUBBING, override).campbell.speeds_rpm == pytest.approx((100, 200, 300, 400))
+
+
+def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
+    second = {"group": "tip", "direction": [0, 1], "force": 1.0}
+    table = tomllib.loads(RUBBING)
+    first = table["loads"][0]
+    for ratio, allowed in ((2.0 + 1e-10, True), (2.0 + 1e-6, False)):
+        table["loads"] = [first, {**second, "frequency": first["frequency"] * ratio}]
+        if allowed:
+            assert parse_scene(table, "test", None).period == 1.0 / first["frequency"]
+            continue
+        with pytest.raises(SceneError) as caught:
+            parse_scene(table, "test", None)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "loads[1].frequency")
