@@ -36,6 +36,7 @@ COMMANDS = {
     "blade_pressed": "run",
     "blade_campbell": "campbell",
     "response_2d": "response",
+    "backbone_2d": "backbone",
     "blade_rub": "run",
     "blade_response": "response",
 }
@@ -286,6 +287,30 @@ def campbell_picture(folder: Path) -> Figure:
     return figure
 
 
+def backbone_picture(folder: Path) -> Figure:
+    """Draw frequency and damping ratio of a nonlinear mode over its amplitude."""
+    with open(folder / "backbone.csv") as file:
+        rows = list(csv.DictReader(file))
+    peaks = json.loads((folder / "backbone.json").read_text())["peaks"]
+    size = 1e3 * np.array([float(row["amplitude_y_m"]) for row in rows])
+    figure, (upper, lower) = plt.subplots(2, sharex=True, figsize=(4.4, 3.2), layout="constrained")
+    upper.plot(size, [float(row["frequency_Hz"]) for row in rows], color="#0072B2", linewidth=1.6)
+    upper.plot(
+        [1e3 * peak["amplitude_m"] for peak in peaks],
+        [peak["frequency_Hz"] for peak in peaks],
+        "o",
+        color="#D55E00",
+        mfc="w",
+        ms=4,
+        label="forced peaks",
+    )
+    upper.legend()
+    upper.set_ylabel("frequency, Hz")
+    lower.plot(size, [100.0 * float(row["damping_ratio"]) for row in rows], color="#0072B2")
+    lower.set(xscale="log", xlabel="amplitude of the probe, mm", ylabel="damping ratio, %")
+    return figure
+
+
 def draw_response(
     axes: Axes, folder: Path, quantity: tuple[str, float], parameter: str, family: str
 ) -> None:
@@ -394,6 +419,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["blade_pressed"] = pressed_picture(runs / "blade_pressed")
         figures["blade_campbell"] = campbell_picture(runs / "blade_campbell")
         figures["response_2d"] = response_picture(runs / "response_2d")
+        figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")
         figures["compare"] = compare_picture(runs / "compare")

@@ -19,14 +19,15 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.response import family_of, response, start_motion
+from fenicsrom.assess.response import response
+from fenicsrom.assess.response_problem import family_of, start_motion
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import follow
 from fenicsrom.online.curve import Curve
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import Shooting, least_squares_step
 from fenicsrom.post.tables import text_table
-from fenicsrom.scene import Time, read_scene
+from fenicsrom.scene import read_scene
 from fenicsrom.study import build_model
 
 SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
@@ -46,7 +47,7 @@ POINTS = 500  # of the long curve
 NEWTON, CURVE, FASTER = 4.0, 1500.0, 20.0  # what is asked for
 
 CONTACT = "contacts.0."
-MARCHED = ('time.steady="march"',) if hasattr(Time, "steady") else ()
+MARCHED = ('time.steady="march"',)
 
 
 class Case:

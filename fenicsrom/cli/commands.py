@@ -138,6 +138,34 @@ def response(options: argparse.Namespace) -> int:
     return _end(comm, found.unfinished)
 
 
+def backbone(options: argparse.Namespace) -> int:
+    """Compute a damped nonlinear mode of a scene or of a stored model.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError: the mode or a peak was not found.
+    """
+    comm: Any = None
+    if options.stored:
+        from fenicsrom.online import archive
+
+        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        folder = _make_folder(options, options.scene or options.stored)
+        found = study.backbone_of_model(current, progress)
+    else:
+        _require_scene(options)
+        comm, say, scene, folder = _start(options)
+        found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+    if found.points and (comm is None or comm.rank == 0):
+        from fenicsrom.post import backbone_report
+
+        files = backbone_report.write(found, folder)
+        print_results(found.scene, backbone_report.terminal(found), found.warnings, files=files)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return _end(comm, found.unfinished)
+
+
 def stability(options: argparse.Namespace) -> int:
     """Run extreme variants of a scene."""
     from fenicsrom.assess import stability

@@ -51,6 +51,11 @@ RESPONDING_SCENE = Argument(
     nargs="?",
     help="scene file (TOML); its [response] table gives the parameter and its range",
 )
+SWINGING_SCENE = Argument(
+    "scene",
+    nargs="?",
+    help="scene file (TOML); its [backbone] table gives the mode and the range of its amplitude",
+)
 FROM = Argument(
     "--from",
     dest="stored",
@@ -122,6 +127,12 @@ COMMANDS = (
         "follow periodic motions over a parameter: response curves and stability",
         commands.response,
         (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT),
+    ),
+    Command(
+        "backbone",
+        "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
+        commands.backbone,
+        (SWINGING_SCENE, FROM, SET, OUTPUT),
     ),
     Command(
         "schema",

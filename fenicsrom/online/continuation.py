@@ -34,6 +34,7 @@ from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
+FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
 AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
@@ -43,7 +44,13 @@ GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new de
 
 
 class Continuation:
-    """One curve: `run` follows it from a periodic motion to the end of a range."""
+    """One curve: `run` follows it from a periodic motion to the end of a range.
+
+    Attributes:
+        may_grow: relative residual below which a correction may increase it.
+    """
+
+    may_grow = 0.0
 
     def __init__(
         self,
@@ -79,6 +86,10 @@ class Continuation:
             derive=derive,
         )
 
+    def unscaled(self, s: Array, parameter: float) -> Array:
+        """Variables z (N,) at the start of the period."""
+        return self.shooting.unscaled(s)
+
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`; None if not found.
 
@@ -103,7 +114,7 @@ class Continuation:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
-            if relative > 10.0 * last:
+            if relative > max(10.0 * last, self.may_grow):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
@@ -184,7 +195,7 @@ class Continuation:
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         return CurvePoint(
             parameter=float(y[-1] * self.range),
-            z=self.shooting.unscaled(s),
+            z=self.unscaled(s, float(y[-1] * self.range)),
             s=s,
             tangent=tangent,
             amplitude=np.ptp(displacement, axis=0) / 2.0,
@@ -224,7 +235,7 @@ class Continuation:
         start: CurvePoint,
         direction: float | None,
         *,
-        step: float = 0.01,
+        step: float = FIRST_STEP,
         largest_step: float = 0.05,
         smallest_step: float = 1e-6,
         points: int = 500,
@@ -257,6 +268,7 @@ class Continuation:
         if direction is not None and not earlier:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
         curve = Curve([*earlier, start]) if curve is None else curve
+        curve.reason = "interrupted"
         ys: list[Array] = []
         arcs: list[float] = []
         for point in _since_kink([*earlier, start]):
@@ -281,8 +293,8 @@ class Continuation:
                     curve.reason = "no convergence"
                     return curve
                 continue
-            curve.reason = self._arrival(curve, behind, found)
-            if curve.reason:
+            if reason := self._arrival(curve, behind, found):
+                curve.reason = reason
                 return curve
             curve.special.extend(special or [])
             curve.points.append(found)

@@ -69,12 +69,14 @@ def frequency_family(
 def force_family(
     model: ReducedModel, contacts: Contacts, period: float, load: int | None = None
 ) -> Family:
-    """Problems by a factor on the amplitudes of one load, or of all."""
+    """Problems by a factor on the amplitudes of one load, or of all that are not static."""
     spans = model.load_histories.spans
     chosen = np.zeros(model.load_histories.sines.shape[0], dtype=bool)
     for k in range(spans.shape[0]):
         if load is None or k == load:
             chosen[spans[k, 0] : spans[k, 1]] = True
+    if load is None:
+        chosen &= model.load_histories.sines[:, OMEGA] != 0.0
 
     def at(factor: float) -> Problem:
         sines = model.load_histories.sines.copy()

@@ -11,7 +11,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.periodic import largest_multiplier
 from fenicsrom.online.state import PeriodicSearch
 
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
@@ -250,12 +249,11 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         "not reached" for a stable motion to which the march does not tend, or "not found"),
         `from_s` (when the periodic motion replaced the marched one, or None), `load_periods` (in
         one period of the motion), `marched_periods`, `newton_iterations`, `relative_residual`,
-        `largest_multiplier` (absolute value, without those of free sliders), `floquet_multipliers`
-        (the largest, as pairs of real and imaginary part), `free_sliders` (components that are not
-        unique).
+        `largest_multiplier` (absolute value), `floquet_multipliers` (the largest, as pairs of real
+        and imaginary part), `free_sliders` (components that are not unique; the multipliers are
+        those without these).
     """
-    multipliers, free = search.multipliers, search.free_sliders
-    largest = abs(largest_multiplier(multipliers, free)) if multipliers.size else None
+    multipliers = search.multipliers
     return {
         "verdict": search_verdict(search),
         "from_s": search.time,
@@ -263,7 +261,7 @@ def search_summary(search: PeriodicSearch) -> dict[str, Any]:
         "marched_periods": search.marched,
         "newton_iterations": search.iterations,
         "relative_residual": search.residual if math.isfinite(search.residual) else None,
-        "largest_multiplier": largest,
+        "largest_multiplier": float(abs(multipliers[0])) if multipliers.size else None,
         "floquet_multipliers": [[float(x.real), float(x.imag)] for x in multipliers],
         "free_sliders": search.free_sliders,
     }

@@ -144,6 +144,11 @@ class Shooting:
         self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
         self.guess: tuple[Array | None, float] = (None, 0.0)
 
+    @property
+    def sliders(self) -> NDArray[np.int64]:
+        """The variables that are sliders."""
+        return np.arange(self.map.blocks * self.map.n, self.map.size)
+
     def scaled(self, z: Array) -> Array:
         """Scaled variables s."""
         return np.asarray(self._scale @ z)
@@ -340,6 +345,10 @@ def _motion(
     shooting: Shooting, s: Array, matrix: Array, end: PeriodEnd, residuals: list[float]
 ) -> PeriodicMotion:
     _, free = least_squares_step(matrix - np.eye(s.size), np.zeros(s.size))
+    # only the sliders of points that stick all the time can be free; other small singular values
+    # belong to motions that are nearly unstable
+    stuck = stuck_points(end.record)
+    free = min(free, len(stuck) * (shooting.map.dimension - 1))
     multipliers, verdict = floquet(matrix, free)
     return PeriodicMotion(
         shooting.unscaled(s),
@@ -348,7 +357,7 @@ def _motion(
         multipliers,
         verdict,
         free,
-        stuck_points(end.record),
+        stuck,
         end.record,
         end,
     )

@@ -36,6 +36,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.periodic import (
     PeriodicMotion,
     Shooting,
+    judged,
     settled_contacts,
     solve,
     start_variables,
@@ -70,7 +71,7 @@ ATTEMPT_DAMPING = (
     0.25  # smallest part of a Newton step; where less is needed, marching on is cheaper
 )
 LOOK_AHEAD = 5  # periods in which the march must come so near to the periodic motion that (1) holds
-KEPT_MULTIPLIERS = 6  # in the record
+KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +213,7 @@ class _Problem:
             tends=self._tends(shooting, s, s + ahead[0], motion),
             iterations=iterations + len(motion.residuals),
             residual=float(motion.residuals[-1]),
-            multipliers=motion.multipliers[: KEPT_MULTIPLIERS + motion.free_sliders],
+            multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
             free_sliders=motion.free_sliders,
         )
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.response import Response, ResponseCurve
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.response_figures import (
     INK,
@@ -101,12 +101,13 @@ def harmonics_figure(found: Response) -> Figure:
     highest = np.max([sizes(curve.points).max(axis=1) for curve in curves], axis=0)
     drawable = np.flatnonzero(highest > FLOOR * highest.max())
     for axis, curve in zip(axes, curves, strict=True):
-        for k in drawable:
-
-            def size(points: list[CurvePoint], k: int = int(k)) -> Array:
-                return sizes(points)[k]
-
-            draw_curves(axis, found, [curve], size, COLOURS[k], marked=False)
+        draw_curves(
+            axis,
+            found,
+            [curve],
+            lambda points: sizes(points)[drawable],
+            [COLOURS[k] for k in drawable],
+        )
         axis.set_yscale("log")
         axis.set_title(curve_name(found, curve))
         axis.set_xlabel(parameter_label(found))

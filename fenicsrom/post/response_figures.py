@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response import Response, ResponseCurve
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -26,11 +26,11 @@ MARKERS = {
     "torus": "D",
     "non-smooth": "X",
     "first touch": "v",
-    "last touch": "v",
-    "first lift-off": "^",
-    "last lift-off": "^",
-    "first slip": ">",
-    "last slip": ">",
+    "last touch": "^",
+    "first lift-off": "<",
+    "last lift-off": ">",
+    "first slip": "P",
+    "last slip": "h",
 }
 FULL_MARKER = "x"
 UNITS = {
@@ -111,11 +111,11 @@ def in_order(piece: Piece) -> list[CurvePoint]:
 def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     """Phase of the first harmonic of the displacement against the load along a piece, degrees.
 
-    The phase is continuous along the piece, and its median is between -270 and 90 degrees.
+    The phase is continuous along the piece, and starts between -270 and 90 degrees.
     """
     angles = [np.angle(point.harmonics[0, place, direction]) for point in points]
     unwrapped = np.degrees(np.unwrap(angles))
-    return np.asarray(unwrapped - 360.0 * np.ceil((np.median(unwrapped) - 90.0) / 360.0))
+    return np.asarray(unwrapped - 360.0 * np.ceil((unwrapped[0] - 90.0) / 360.0))
 
 
 @styled
@@ -169,45 +169,50 @@ def draw_curves(
     found: Response,
     curves: Sequence[ResponseCurve],
     values: Callable[[list[CurvePoint]], Array],
-    colour: str = "",
-    marked: bool = True,
+    colours: Sequence[str] = (),
 ) -> None:
-    """Draw one quantity of some curves.
+    """Draw quantities of some curves; special points are marked if there is one quantity.
 
     Args:
         axis: the axes.
         found: all curves.
         curves: the curves to draw.
-        values: gives the quantity at the points of a piece in their order.
-        colour: of the lines; that of each curve if empty.
-        marked: whether to mark the special points.
+        values: gives the quantities (q, k) or (k,) at the k points of a piece in their order.
+        colours: of the quantities; that of each curve if not given.
     """
     for curve in curves:
-        shade = colour or colour_of(found, curve)
-        for piece in curve.pieces:
-            points = in_order(piece)
+        shades = colours or (colour_of(found, curve),)
+        for points in map(in_order, curve.pieces):
             if not points:
                 continue
-            heights = values(points)
+            parameters = np.array([point.parameter for point in points])
+            heights: Array = np.atleast_2d(values(points))
             for stable, part in stretches(points):
-                axis.plot(
-                    [points[k].parameter for k in part],
-                    heights[part],
-                    linestyle=STABLE if stable else UNSTABLE,
-                    color=shade,
-                    zorder=3 if stable else 2,
-                )
-            for point, height in zip(points, heights, strict=True):
-                if point.kind and marked:
+                for k, shade in enumerate(shades):
                     axis.plot(
-                        point.parameter,
-                        height,
-                        MARKERS[point.kind],
+                        parameters[part],
+                        heights[k, part],
+                        linestyle=STABLE if stable else UNSTABLE,
                         color=shade,
-                        markerfacecolor="white",
-                        markersize=5,
-                        zorder=4,
+                        zorder=3 if stable else 2,
                     )
+            if not colours:
+                _mark(axis, points, heights[0], shades[0])
+
+
+def _mark(axis: Axes, points: Sequence[CurvePoint], heights: Array, colour: str) -> None:
+    """Mark the special points among the points of a piece."""
+    for point, height in zip(points, heights, strict=True):
+        if point.kind:
+            axis.plot(
+                point.parameter,
+                height,
+                MARKERS[point.kind],
+                color=colour,
+                markerfacecolor="white",
+                markersize=5,
+                zorder=4,
+            )
 
 
 def colour_of(found: Response, curve: ResponseCurve) -> str:

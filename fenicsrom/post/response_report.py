@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.response import FullPoint, Response, ResponseCurve, judged_multiplier
+from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.online.measures import STATE_NAMES

@@ -1,5 +1,6 @@
 """What to compute: scenes read from TOML or made in Python, checked and completed."""
 
+from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.checks import FEW_CONTACTS, INTERFACE_MODES
 from fenicsrom.scene.json_schema import json_schema
 from fenicsrom.scene.loads import (
@@ -53,6 +54,7 @@ __all__ = [
     "INTERFACE_MODES",
     "Acceleration",
     "Action",
+    "Backbone",
     "Basis",
     "BeamSection",
     "Campbell",

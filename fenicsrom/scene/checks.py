@@ -67,6 +67,7 @@ def problems(scene: Scene) -> Problems:
     yield from _basis_problems(scene)
     yield from _time_problems(scene)
     yield from _response_problems(scene)
+    yield from _backbone_problems(scene)
 
 
 def _acts_at_a_place(load: Load) -> bool:
@@ -359,6 +360,23 @@ def _response_problems(scene: Scene) -> Problems:
     if table == "contacts" and name == "gap" and _has_radius(scene, index):
         allowed = "not allowed with surface.radius, which determines the gap"
         yield Problem("response.parameter", response.parameter, allowed)
+
+
+def _backbone_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [backbone]."""
+    backbone = scene.backbone
+    if backbone is None:
+        return
+    if not backbone.last > backbone.first:
+        allowed = f"must be above first, {backbone.first:g}"
+        yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
+    factors = backbone.load_factors
+    if list(factors) != sorted(factors):
+        allowed = "must be in ascending order"
+        yield Problem("backbone.load_factors", list(factors), allowed, ErrorKind.RANGE)
+    if factors and scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("backbone.load_factors", list(factors), allowed)
 
 
 def _has_radius(scene: Scene, index: int) -> bool:

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
+from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
@@ -390,6 +391,7 @@ class Scene:
         compare: the models of `fenicsrom compare`.
         campbell: the diagram of `fenicsrom campbell`.
         response: the curves of `fenicsrom response`.
+        backbone: the nonlinear mode of `fenicsrom backbone`.
         source: the file of the scene.
     """
 
@@ -411,6 +413,7 @@ class Scene:
     compare: Annotated[Compare, table_of(Compare)] = Compare()
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
     response: Annotated[Response | None, table_of(Response)] = None
+    backbone: Annotated[Backbone | None, table_of(Backbone)] = None
     source: str = ""
 
     @property

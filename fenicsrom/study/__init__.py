@@ -2,9 +2,11 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
-`stored` integrates a stored model again, and `curves` computes response curves.
+`stored` integrates a stored model again, `curves` computes response curves, and `backbones`
+computes nonlinear modes.
 """
 
+from fenicsrom.study.backbones import backbone, backbone_of_model
 from fenicsrom.study.curves import response, response_of_model
 from fenicsrom.study.execution import build_model, execute, offline, run
 from fenicsrom.study.motions import check
@@ -19,6 +21,8 @@ __all__ = [
     "Run",
     "Stage",
     "Stopwatch",
+    "backbone",
+    "backbone_of_model",
     "build_model",
     "check",
     "execute",

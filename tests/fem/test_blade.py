@@ -595,7 +595,7 @@ def test_demo_rubs_to_a_steady_state() -> None:
     about forty revolutions."""
     from mpi4py import MPI
 
-    found = run(blade(), MPI.COMM_WORLD, lambda line: None)
+    found = run(blade("time.steady='march'"), MPI.COMM_WORLD, lambda line: None)
     motion = found.motions["reduced"]
     assert found.unfinished is None and motion.steady and 30 < motion.periods < 60
     assert found.errors["time step"] < 0.02 and found.errors["basis"] < 0.01

@@ -1,0 +1,182 @@
+"""The command `backbone` on a Duffing oscillator: curve, forced peaks, files and errors."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene, first
+
+from fenicsrom.assess import backbone as module
+from fenicsrom.assess.backbone import backbone, check_backbone
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.model import reduced_model
+from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.simulate import load_histories
+from fenicsrom.scene import Scene
+
+DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
+TABLE = (
+    "backbone.first=0.1",
+    f"backbone.last={LAST}",
+    "backbone.load_factors=[0.5, 1.0]",
+)
+
+
+def scene_with(*overrides: str) -> Scene:
+    """The scene of the oscillator; its mesh is never made."""
+    settings = (
+        f"loads.0.force={FORCE}",
+        f"loads.0.frequency={0.5 / np.pi}",
+        f"material.mass_damping={DAMPING}",
+        "time.steps_per_period=100",
+    )
+    return beam_scene(2, (*settings, *TABLE, *overrides), contacts=None, probe={"group": "tip"})
+
+
+def oscillator(*overrides: str) -> StoredModel:
+    """x'' + damping x' + x + cubic x^3 = force sin t; the probe moves by 2 x."""
+    scene = scene_with(*overrides)
+    elastic = ElasticPolynomial(
+        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * CUBIC)
+    )
+    model = reduced_model(
+        np.ones((1, 1)),
+        scene.material.mass_damping,
+        elastic,
+        np.ones((1, 1)),
+        load_histories(scene),
+        *first(0, 1),
+        2.0 * np.eye(2, 1),
+        np.zeros(2),
+    )
+    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([0.5 / np.pi]), {})
+
+
+def ignore(line: str) -> None:
+    """Drop a line of progress."""
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    path = tmp_path / "reduced_model.npz"
+    save_model(path, oscillator())
+    return path
+
+
+def run(model: Path, folder: Path, *overrides: str) -> int:
+    """The exit code of `fenicsrom backbone --from`."""
+    sets = [word for override in overrides for word in ("--set", override)]
+    return main(["backbone", "--from", str(model), "--output", str(folder), *sets])
+
+
+def test_curve_spans_the_amplitudes_of_the_probe() -> None:
+    found = backbone(oscillator(), ignore)
+    assert found.reason == "end of the range" and found.direction == 0
+    begin, end = found.points[0], found.points[-1]
+    assert begin.linear_amplitude == pytest.approx(0.1, rel=1e-9)
+    assert end.linear_amplitude == pytest.approx(LAST, rel=1e-9)
+    # one coordinate: its crest is the modal coordinate
+    assert end.amplitude[0] == pytest.approx(LAST, rel=1e-4)
+    a = 0.5 * LAST
+    assert 2.0 * np.pi * end.frequency == pytest.approx(np.sqrt(1 + 0.75 * CUBIC * a**2), rel=1e-3)
+    assert 4.0 * np.pi * end.frequency * end.damping_ratio == pytest.approx(DAMPING, rel=1e-6)
+
+
+def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
+    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    assert [error.point for error in found.step_errors] == [
+        0,
+        len(found.points) // 2,
+        len(found.points) - 1,
+    ]
+    # a linear motion: tan(w h / 2) = h / 2 lowers the frequency by (2 pi / steps)^2 / 12
+    expected = 0.75 * (2.0 * np.pi / 100) ** 2 / 12.0
+    assert found.step_errors[0].frequency == pytest.approx(expected, rel=0.02)
+
+
+def test_forced_peaks_lie_on_the_backbone() -> None:
+    found = backbone(oscillator(), ignore)
+    assert [peak.factor for peak in found.peaks] == [0.5, 1.0]
+    amplitudes = [point.amplitude[0] for point in found.points]
+    for peak in found.peaks:
+        free = np.interp(peak.amplitude, amplitudes, [point.frequency for point in found.points])
+        assert peak.frequency == pytest.approx(free, rel=1e-3)
+        omega = 2.0 * np.pi * peak.frequency
+        assert peak.amplitude == pytest.approx(
+            2.0 * peak.factor * FORCE / (DAMPING * omega), rel=0.01
+        )
+
+
+def test_interrupt_keeps_the_points_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "REPORT_INTERVAL", 0.0)
+
+    def stop(line: str) -> None:
+        if line.startswith("3 points"):
+            raise KeyboardInterrupt
+
+    found = backbone(oscillator(), stop)
+    assert found.interrupted and found.reason == "interrupted"
+    assert len(found.points) == 3
+
+
+def test_command_writes_the_files_of_a_stored_model(
+    model: Path, tmp_path: Path, capsys: Any
+) -> None:
+    folder = tmp_path / "out"
+    assert run(model, folder) == 0
+    assert {path.name for path in folder.iterdir()} == {
+        "report.html",
+        "backbone.csv",
+        "backbone.json",
+        "backbone.png",
+    }
+    summary = json.loads((folder / "backbone.json").read_text())
+    with open(folder / "backbone.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == summary["points"]
+    assert float(rows[-1]["frequency_Hz"]) == summary["last"]["frequency_Hz"]
+    assert [peak["load_factor"] for peak in summary["peaks"]] == [0.5, 1.0]
+    assert str(folder / "report.html") in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("override", "key", "kind"),
+    [
+        ("backbone.last=0.1", "backbone.last", ErrorKind.RANGE),
+        ("backbone.first=0.0", "backbone.first", ErrorKind.RANGE),
+        ("backbone.mode=0", "backbone.mode", ErrorKind.RANGE),
+        ("backbone.load_factors=[2.0, 1.0]", "backbone.load_factors", ErrorKind.RANGE),
+    ],
+)
+def test_wrong_table_is_refused_with_its_key(override: str, key: str, kind: ErrorKind) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene_with(override)
+    assert (caught.value.key, caught.value.kind) == (key, kind)
+
+
+def test_mode_that_the_model_does_not_have_is_refused(model: Path, tmp_path: Path) -> None:
+    with pytest.raises(SceneError) as caught:
+        backbone(oscillator("backbone.mode=2"), ignore)
+    assert (caught.value.key, caught.value.kind) == ("backbone.mode", ErrorKind.RANGE)
+    assert run(model, tmp_path / "out", "backbone.mode=2") == 2
+    assert not (tmp_path / "out" / "backbone.json").exists()
+
+
+def test_scene_without_table_or_without_motion_is_refused() -> None:
+    scene = scene_with()
+    for wrong, kind in (
+        (replace(scene, backbone=None), ErrorKind.MISSING),
+        (beam_scene(2, TABLE[:2], contacts=None, probe={"group": "tip"}, loads=None), None),
+    ):
+        with pytest.raises(SceneError) as caught:
+            check_backbone(wrong)
+        assert caught.value.key == "backbone"
+        assert kind is None or caught.value.kind == kind
