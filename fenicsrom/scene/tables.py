@@ -21,8 +21,6 @@ from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
-import numpy as np
-
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.rules import Rule, Where, is_number, is_sequence
 
@@ -196,7 +194,7 @@ def plain(value: Any) -> Any:
 
     A field of a dataclass that is None is left out.
     """
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # without an import of numpy, which light commands do not need
         return value.tolist()
     if hasattr(value, "as_table"):
         return value.as_table()
