@@ -87,6 +87,26 @@ def test_scene_of_another_model_is_refused(stored: StoredModel) -> None:
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, "material")
 
 
+def test_scene_with_another_probe_is_refused(stored: StoredModel) -> None:
+    with refusal(ErrorKind.MISMATCH, key="probe"):
+        stored.simulate(beam_scene(2, SHORT, contacts=None, probe={"group": "load"}))
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness"])
+def test_stored_matrix_that_is_not_symmetric_is_refused(
+    stored: StoredModel, tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, stored)
+    with np.load(path) as file:
+        arrays = dict(file)
+    matrix = arrays[name].copy()
+    matrix[0, 1] += 1e-7 * matrix.max()
+    np.savez(path, **arrays | {name: matrix})
+    with refusal(ErrorKind.FORMAT, file=path.name, names=name):
+        load_model(path)
+
+
 def test_file_of_an_earlier_version_asks_to_run_the_scene_again(
     stored: StoredModel, tmp_path: Path
 ) -> None:
