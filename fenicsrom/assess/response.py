@@ -17,7 +17,7 @@ from fenicsrom.assess.processes import run_jobs
 from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.response_pieces import follow_curve
 from fenicsrom.assess.response_problem import check_response
-from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve, response_table
+from fenicsrom.assess.response_results import Response, ResponseCurve, response_table
 from fenicsrom.assess.trust import Check, RicherModel
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
@@ -27,8 +27,7 @@ from fenicsrom.online.periodic import FALLBACK_STEPS
 from fenicsrom.scene import Response as ResponseTable
 
 CLASSES = {
-    kind.__name__: kind
-    for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand, FullPoint)
+    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
 }
 """The dataclasses of which a kept curve consists."""
 

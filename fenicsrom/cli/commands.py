@@ -129,9 +129,9 @@ def response(options: argparse.Namespace) -> int:
         comm, say, scene, folder = _start(options)
         found = study.response(scene, comm, say, folder=folder, **settings)
     if found.curves and (comm is None or comm.rank == 0):
-        from fenicsrom.post import response_report
+        from fenicsrom.post import response_tables
 
-        table = response_report.terminal(found)
+        table = response_tables.terminal(found)
         print_results(found.scene, table, found.warnings, files=found.files)
     if found.interrupted:
         raise KeyboardInterrupt

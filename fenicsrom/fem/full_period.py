@@ -28,7 +28,7 @@ from fenicsrom.online.contact_sensitivity import (
 )
 from fenicsrom.online.contact_state import OPEN
 from fenicsrom.online.loop import SMALLEST_STEP, write
-from fenicsrom.online.march import initial_state
+from fenicsrom.online.march_setup import initial_state
 from fenicsrom.online.period_sensitivity import REST
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import no_drift

@@ -91,11 +91,8 @@ class Factorisation:
                 self._ksp.solve(b, x)
                 out[:, k] = x.array
             return out
-        sizes = (self.matrix.getLocalSize()[0], self.matrix.getSize()[0]), (None, block.shape[1])
-        b = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=self.matrix.comm)
-        b.assemble()
-        x = PETSc.Mat().createDense(sizes, comm=self.matrix.comm)
-        x.setUp()
+        b = _dense(self.matrix, block)
+        x = _dense(self.matrix, np.zeros_like(block))
         self._ksp.matSolve(b, x)
         out = np.array(x.getDenseArray(), order="C", copy=True)
         b.destroy()
@@ -113,17 +110,31 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:
-    """Matrix times a vector (local rows,) or the columns of a block (local rows, k)."""
-    x, y = matrix.createVecs()
-    columns = block.reshape(block.shape[0], -1)
-    out = np.empty_like(columns)
-    for k in range(columns.shape[1]):
-        x.array[:] = columns[:, k]
+    """Matrix times a vector (local rows,) or the columns of a block (local rows, k).
+
+    The ranks exchange all columns at once.
+    """
+    if block.ndim == 1:
+        x, y = matrix.createVecs()
+        x.array[:] = block
         matrix.mult(x, y)
-        out[:, k] = y.array
+        found = y.array.copy()
+    else:
+        x = _dense(matrix, block)
+        y = matrix.matMult(x)
+        found = np.array(y.getDenseArray(), order="C", copy=True)
     x.destroy()
     y.destroy()
-    return out.reshape(block.shape)
+    return np.asarray(found)
+
+
+def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
+    """A block (local rows, k) as a dense matrix with the distribution of a square matrix."""
+    rows = matrix.getLocalSize()[0], matrix.getSize()[0]
+    sizes = rows, (None, block.shape[1])
+    dense = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=matrix.comm)
+    dense.assemble()
+    return dense
 
 
 class _Preconditioner:

@@ -1,9 +1,8 @@
 """Curves of periodic motions: pseudo-arclength continuation in a parameter.
 
-The unknowns are the scaled variables s of `fenicsrom.online.periodic` and the parameter p. With
-|(ds, dp)|^2 = |ds|^2 / size^2 + dp^2 / range^2 the curve is followed by a polynomial through its
-last points and corrected orthogonally to its tangent (Keller 1977; Seydel 2010, chapter 4).
-`fenicsrom.online.bifurcations` locates special points between two points.
+The curve is followed by a polynomial through its last points, and each point is corrected by
+`fenicsrom.online.curve_correction`. `fenicsrom.online.bifurcations` locates special points between
+two points.
 """
 
 from __future__ import annotations
@@ -16,219 +15,27 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
-from fenicsrom.online.contact_events import extremes, state_bits
 from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
-from fenicsrom.online.curve_measures import harmonics, states_over_period
+from fenicsrom.online.curve_correction import CURVE_TOLERANCE, Corrector
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.periodic import (
-    RANK,
-    PeriodicMotion,
-    Shooting,
-    floquet,
-    least_squares_step,
-    stuck_points,
-)
-from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
+from fenicsrom.online.periodic import PeriodicMotion, Shooting
 from fenicsrom.online.surfaces import Contacts
 
-CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
-CORRECTIONS = 8
 FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
-LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
-DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
 AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
 STRAIGHT = 0.8  # least cosine of the angle between the tangents of two neighbours
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
-GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
-class Continuation:
+class Continuation(Corrector):
     """One curve: `run` follows it from a periodic motion to the end of a range.
 
     Attributes:
-        may_grow: relative residual below which a correction may increase it.
+        step: size of the next step.
     """
 
-    may_grow = 0.0
-
-    def __init__(
-        self,
-        shooting: Shooting,
-        family: Family,
-        low: float,
-        high: float,
-        size: float,
-        tolerance: float = CURVE_TOLERANCE,
-    ):
-        """Keep the problem.
-
-        Args:
-            shooting: the equation of the periodic motion.
-            family: problems by the parameter.
-            low: where the range of the parameter starts.
-            high: where it ends.
-            size: of the scaled variables, to weigh them against the parameter.
-            tolerance: of the residual relative to the variables.
-        """
-        self.shooting, self.family, self.tolerance = shooting, family, tolerance
-        self.low, self.high, self.range = low, high, high - low
-        self.size, self.step = size, 0.0
-
-    def _evaluate(self, y: Array, *, derive: bool) -> Any:
-        problem = self.family(y[-1] * self.range)
-        return self.shooting.march(
-            y[:-1] * self.size,
-            problem.model,
-            problem.contacts,
-            problem.period,
-            problem.drift,
-            derive=derive,
-        )
-
-    def unscaled(self, s: Array, parameter: float) -> Array:
-        """Variables z (N,) at the start of the period."""
-        return self.shooting.unscaled(s)
-
-    def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
-        """The point of the curve on the hyperplane through y normal to `along`; None if not found.
-
-        Newton's method takes a new derivative while its steps are longer than `DERIVED_WITHIN`, so
-        that the derivative is that of the point found; then it keeps the derivative.
-
-        Args:
-            y: (N + 1,) s / size and p / range.
-            along: (N + 1,) unit normal; a unit vector of p keeps the parameter.
-            exact: whether the derivative is taken at the very point.
-        """
-        jacobian, last, marched, derived = None, np.inf, 0, 0
-        monodromy, stuck = np.zeros((0, 0)), False
-        within = 0.0 if exact else DERIVED_WITHIN
-        for _ in range(CORRECTIONS):
-            fresh = jacobian is None
-            found = self._evaluate(y, derive=fresh)
-            if found is None:
-                return None
-            marched, derived = marched + 1, derived + fresh
-            residual, matrix, by_parameter, end = found
-            relative = float(
-                np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
-            )
-            if relative > max(10.0 * last, self.may_grow):
-                return None
-            if fresh:
-                monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
-                jacobian = self._bordered(matrix, by_parameter, along)
-            assert jacobian is not None
-            if relative <= self.tolerance:
-                tangent, free = self._tangent(jacobian, stuck)
-                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
-            step = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
-            length = float(np.linalg.norm(step))
-            if length > LARGEST_CORRECTION:
-                return None
-            if length > within or (not fresh and relative > GOOD_RATE * last):
-                jacobian = None
-            y, last = y + step, relative
-        return None
-
-    def _bordered(self, matrix: Array, by_parameter: Array, along: Array) -> Array:
-        """The derivative (N + 1, N + 1) of the residual and of the distance along a direction."""
-        n = by_parameter.size
-        jacobian = np.zeros((n + 1, n + 1))
-        jacobian[:n, :n] = matrix - np.eye(n)
-        jacobian[:n, n] = by_parameter * self.range / self.size
-        jacobian[n] = along
-        return jacobian
-
-    def _solve(self, jacobian: Array, right: Array, stuck: bool) -> Array:
-        """Solve the bordered system, by least squares where sliders are free.
-
-        Args:
-            jacobian: (N + 1, N + 1).
-            right: (N + 1,).
-            stuck: whether a point sticks during the whole period.
-        """
-        if not stuck:
-            try:
-                found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
-                if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
-                    return found
-            except np.linalg.LinAlgError:
-                pass
-        return least_squares_step(jacobian, right)[0]
-
-    def _tangent(self, jacobian: Array, stuck: bool) -> tuple[Array, int]:
-        """The unit tangent (N + 1,) of the curve, and the number of free slider components.
-
-        Where sliders are free the motions of a parameter are a family. The tangent is then normal
-        to the family, so that the free sliders rest.
-        """
-        if not stuck:
-            found = self._solve(jacobian, np.append(np.zeros(len(jacobian) - 1), 1.0), stuck)
-            return found / np.linalg.norm(found), 0
-        _, sigma, rows = np.linalg.svd(jacobian[:-1])
-        count = 1 + int(np.sum(sigma <= RANK * sigma[0]))
-        flat = rows[-count:]
-        found = flat[:, -1] @ flat
-        if np.linalg.norm(found) < RANK:  # a fold
-            found = (flat @ jacobian[-1]) @ flat
-        return found / np.linalg.norm(found), count - 1
-
-    def _point(
-        self,
-        y: Array,
-        tangent: Array,
-        monodromy: Array,
-        free: int,
-        residual: float,
-        end: Any,
-        marches: tuple[int, int],
-    ) -> CurvePoint:
-        record, m = end.record, self.shooting.m
-        displacement = record.displacement
-        if displacement.shape[1] == 0:
-            displacement = record.probe[:, None, :]
-        multipliers, verdict = floquet(monodromy, free)
-        s = y[:-1] * self.size
-        problem = self.family(float(y[-1] * self.range))
-        first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
-        return CurvePoint(
-            parameter=float(y[-1] * self.range),
-            z=self.unscaled(s, float(y[-1] * self.range)),
-            s=s,
-            tangent=tangent,
-            amplitude=np.ptp(displacement, axis=0) / 2.0,
-            peak_force=np.max(record.force[:, :, 0], axis=0, initial=0.0),
-            friction_dissipation=float(np.sum(record.friction_dissipation[-1])),
-            multipliers=multipliers,
-            verdict=verdict,
-            free_sliders=free,
-            states=state_bits(record, problem.contacts),
-            residual=residual,
-            marches=marches,
-            extremes=extremes(record, problem.contacts),
-            periods=m,
-            alternation=(displacement[first_period] - displacement[-1]).ravel(),
-            harmonics=harmonics(record, problem.model.load_histories, problem.period),
-            period_states=states_over_period(record),
-            damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
-        )
-
-    def monodromy(self, point: CurvePoint) -> Array | None:
-        """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
-        found = self._evaluate(self.place(point), derive=True)
-        return None if found is None else np.asarray(found[1])
-
-    def place(self, point: CurvePoint) -> Array:
-        """The unknowns y (N + 1,) of a point."""
-        return np.append(point.s / self.size, point.parameter / self.range)
-
-    def at_parameter(self, s: Array, value: float) -> CurvePoint | None:
-        """The point at a value of the parameter near scaled variables s."""
-        along = np.zeros(s.size + 1)
-        along[-1] = 1.0
-        return self.correct(np.append(s / self.size, value / self.range), along)
+    step = 0.0
 
     def run(
         self,

@@ -23,42 +23,35 @@ This iteration stops when the predicted Newton decrement |r . dq| falls below `N
 squared times the energy in the system, a test that does not depend on units. A step that does not
 converge is halved.
 
-The loop over the steps is in `fenicsrom.online.loop`.
+The loop over the steps is in `fenicsrom.online.loop`, and the state before the first step in
+`fenicsrom.online.march_setup`.
 """
 
 from __future__ import annotations
 
-import copy
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.energy import check_scheme
-from fenicsrom.online.equilibrium import equilibrium
-from fenicsrom.online.load_histories import instants, largest, quarter_period
 from fenicsrom.online.loop import DONE, FAILED, FULL, SMALLEST_STEP, compiled_march, march, write
+from fenicsrom.online.march_records import copied_rows, joined_rows, last_coordinates
+from fenicsrom.online.march_setup import MarchRun, mass_norm, set_up_run
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Interrupted, Motion
-from fenicsrom.online.scheme import Control, Scheme, scheme
+from fenicsrom.online.scheme import scheme
 from fenicsrom.online.state import (
     ITERATIONS,
     REJECTED,
     SIZE,
-    STEP,
     STEPS,
     TIME,
     Checkpoint,
-    PeriodicSearch,
     Record,
-    State,
-    no_record,
-    no_state,
 )
 from fenicsrom.online.steady import (
     FIRST_ATTEMPT,
@@ -67,127 +60,9 @@ from fenicsrom.online.steady import (
     continued,
     fractions_of,
     is_due,
-    periods_of,
     prepare,
 )
-from fenicsrom.online.step import measure
 from fenicsrom.online.surfaces import Contacts
-
-ROWS = 4096  # of a record
-
-
-def initial_state(
-    model: Any,
-    contacts: Contacts,
-    scheme: Scheme,
-    dimension: int,
-    q: Array,
-    v: Array,
-    sliders: Array | None = None,
-) -> State:
-    """The state at t = 0, with the acceleration that balances the forces.
-
-    Args:
-        model: the model.
-        contacts: parameters of the contact points.
-        scheme: the weights of the scheme.
-        dimension: d, of space.
-        q: (n,) displacement.
-        v: (n,) velocity.
-        sliders: (P, d) positions of the sliders; those of the points if None.
-    """
-    x = model.contact_displacement(q).reshape(-1, dimension).copy()
-    state = no_state(q.size, x.shape[0], dimension)
-    sliders = x.copy() if sliders is None else sliders
-    at_rest(contacts, x, sliders, 0.0, state.contact, state.trial.scratch)
-    zero, force = np.zeros_like(q), model.load(0.0).copy()
-    state.q[:], state.v[:], state.mean_velocity[:], state.load_vector[:] = q, v, v, force
-    measure(model, contacts, state)
-    if not scheme.discrete_gradient:
-        _, nothing = model.elastic_over_step(zero, q, zero, 0.0, np.ones(1), np.zeros(1))
-        residual = state.elastic_force + scheme.damping * model.mass_times(v) - force
-        if scheme.gyroscopic:
-            residual += model.gyroscopic_times(v)
-        y, unit, _ = model.solve_effective(1.0, 0.0, nothing, residual)
-        state.a[:] = y - unit @ (state.contact.normal + state.contact.friction).reshape(-1)
-        state.mean_acceleration[:] = state.a
-    return state
-
-
-def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> float:
-    """A scale for errors: size in the mass norm of the linear response to the largest loads.
-
-    The loads include the preload of the contacts.
-    """
-    _, tangent = model.elastic_over_step(
-        np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
-    )
-    force = np.abs(model.loads) @ largest(model.load_histories)
-    y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force)
-    preload = np.zeros((contacts.preload.size, dimension))
-    preload[:, 0] = contacts.preload
-    return _norm(model, np.abs(y) + np.abs(unit) @ preload.reshape(-1))
-
-
-@dataclass
-class _Run:
-    """A time integration under way.
-
-    Attributes:
-        model: the model.
-        contacts: parameters of the contact points.
-        plan: the weights of the scheme.
-        advance: `march`, plain or compiled.
-        period: period of the loads, s; None without a period.
-        horizon: length of a span: the period, or the whole duration, s.
-        stops: times in a span on which steps must land, s.
-        control: how the step is chosen.
-        state: the last accepted state.
-        record: rows for `advance`.
-        done: periods that a resumed run had completed before.
-        buckled: as in `Motion`.
-        history: the rows of each span; the first entry is the initial state.
-        seconds: run time so far, compilation excluded.
-        search: what Newton's method found; None before its first attempt.
-        reference: rows of the period before the start, of a run that starts in a periodic motion.
-    """
-
-    model: Any
-    contacts: Contacts
-    plan: Scheme
-    advance: Callable[..., tuple[int, int]]
-    period: float | None
-    horizon: float
-    stops: Array
-    control: Control
-    state: State
-    record: Record
-    done: int
-    buckled: int
-    history: list[Record] = field(default_factory=list)
-    seconds: float = 0.0
-    search: PeriodicSearch | None = None
-    reference: Record | None = None
-
-    @property
-    def found(self) -> bool:
-        """Whether Newton's method has replaced the marched motion by the periodic one."""
-        return self.search is not None and self.search.time is not None
-
-    @property
-    def multiple(self) -> int:
-        """Number of periods of the loads in one of the motion, as far as it is known."""
-        return self.search.periods if self.search is not None and self.found else 1
-
-    def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
-        """The checkpoint of the run after a span."""
-        if last is None:
-            last = self.history[-1]
-            if self.multiple > 1 and self.period is not None:
-                last = periods_of(self.history, self.period, self.multiple)
-        return Checkpoint(
-            self.state, last, float(self.control.size), span, self.buckled, self.search
-        )
 
 
 def integrate(
@@ -244,7 +119,7 @@ def integrate(
     """
     plan = scheme(settings.scheme, model, settings.spectral_radius)
     advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
-    run = _set_up(
+    run = set_up_run(
         model, contacts, settings, period, dimension, plan, advance, start, resume, keep_coordinates
     )
     if advance is not march:  # compile before the clock starts, by a call without a step
@@ -269,7 +144,7 @@ def integrate(
         if change <= settings.steady_tolerance and run.multiple == 1:
             # the contact points repeat; check the whole state too
             size = max(run.state.scalars[SIZE], 1e-300)
-            change = max(change, _norm(model, run.state.q - q0) / size)
+            change = max(change, mass_norm(model, run.state.q - q0) / size)
         steady = change <= settings.steady_tolerance
         if steady and by_newton and not run.found:
             steady = _confirm(run, settings, span, last=span == spans)
@@ -289,72 +164,8 @@ def integrate(
     return motion
 
 
-def _set_up(
-    model: Any,
-    contacts: Contacts,
-    settings: Any,
-    period: float | None,
-    dimension: int,
-    plan: Scheme,
-    advance: Callable[..., tuple[int, int]],
-    start: tuple[Array, ...] | None,
-    resume: Checkpoint | None,
-    keep_coordinates: bool,
-) -> _Run:
-    """The run before its first step; arguments as those of `integrate`."""
-    horizon = float(period if period is not None else settings.duration)
-    tolerance = settings.tolerance or 0.0
-    step = settings.step
-    if period is not None and not tolerance:
-        step = period / settings.steps_per_period
-    stops, grid = np.array([horizon]), horizon if tolerance else step
-    if tolerance and period is None:  # adaptive steps must not miss a load
-        stops = instants(model.load_histories, horizon)
-        grid = min(horizon, quarter_period(model.load_histories))
-    done, buckled, search = 0, 0, None
-    if resume is not None:
-        state, size, buckled = copy.deepcopy(resume.state), resume.size, resume.buckled
-        search = resume.search
-        done = resume.spans if period is not None else 0
-    else:
-        if start is None:
-            q, buckled = equilibrium(model, contacts, dimension)
-            start = (q, np.zeros_like(q))
-        state = initial_state(model, contacts, plan, dimension, *start)
-        state.scalars[STEP] = 1e-4 * min(grid, stops[0]) if tolerance else step
-        size = state.scalars[SIZE]
-        if tolerance:
-            size = max(size, static_size(model, contacts, dimension, start[0]))
-    rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
-    if keep_coordinates and not tolerance:
-        rows = min(rows, round(horizon / step) + 1)
-    record = no_record(rows, state.contact.x.shape[0], dimension, width)
-    write(model, contacts, state, record, 0)
-    first = _rows([record], [1])
-    if resume is not None:
-        coordinates = np.repeat(first.coordinates, resume.last.time.size, axis=0)
-        first = resume.last._replace(coordinates=coordinates)
-    control = Control(grid, tolerance, size)
-    return _Run(
-        model,
-        contacts,
-        plan,
-        advance,
-        period,
-        horizon,
-        stops,
-        control,
-        state,
-        record,
-        done,
-        buckled,
-        [first],
-        search=search,
-    )
-
-
 def _run_span(
-    run: _Run,
+    run: MarchRun,
     span: int,
     checkpoint: Callable[[Checkpoint], None] | None,
     stop: Callable[[], bool] | None,
@@ -375,11 +186,11 @@ def _run_span(
             status, count = run.advance(
                 run.model, run.contacts, run.plan, run.control, run.state, origin, end, run.record
             )
-            pieces.append(_copy(run.record, count))
+            pieces.append(copied_rows(run.record, count))
             counts.append(count)
             if run.period is None and count:
                 if checkpoint is not None:
-                    checkpoint(run.checkpoint(0, _rows(pieces[-1:], [count])))
+                    checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
                 is_over = status == FAILED or (status == DONE and instant == run.stops[-1])
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
@@ -387,11 +198,11 @@ def _run_span(
     # of the span before the last period, only the coordinates at its end are needed
     k = max(len(run.history) - run.multiple, 0)
     run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
-    run.history.append(_rows(pieces, counts))
+    run.history.append(joined_rows(pieces, counts))
     return status, stopped
 
 
-def _require_convergence(run: _Run, status: int, motion: Motion, scheme_name: str) -> None:
+def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name: str) -> None:
     """Raise ConvergenceError if the smallest step did not converge."""
     if status != FAILED and np.all(np.isfinite(motion.kinetic)):
         return
@@ -408,19 +219,7 @@ def _require_convergence(run: _Run, status: int, motion: Motion, scheme_name: st
     )
 
 
-def end_of(motion: Motion) -> tuple[Array, Array, Array]:
-    """Coordinates and velocity (n,) and sliders (P, d) at the end of a motion."""
-    assert motion.end is not None
-    state = motion.end.state
-    return state.q.copy(), state.v.copy(), state.contact.slider.copy()
-
-
-def _norm(model: Any, vector: Array) -> float:
-    """Size of a vector (n,) in the mass norm."""
-    return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
-
-
-def _try_newton(run: _Run, settings: Any, done: int) -> None:
+def _try_newton(run: MarchRun, settings: Any, done: int) -> None:
     """Try Newton's method after so many periods; an accepted motion replaces the marched one.
 
     The last row of the record becomes that of the periodic motion.
@@ -442,12 +241,12 @@ def _try_newton(run: _Run, settings: Any, done: int) -> None:
     run.state = continued(found.state, run.state)
     write(run.model, run.contacts, run.state, run.record, 0)
     last = run.history[-1]
-    run.history[-1] = _rows([last, run.record], [last.time.size - 1, 1])
+    run.history[-1] = joined_rows([last, run.record], [last.time.size - 1, 1])
     if done == 0 and found.record is not None and found.search.periods == 1:
         run.reference = found.record._replace(time=found.record.time - run.period)
 
 
-def _confirm(run: _Run, settings: Any, span: int, last: bool) -> bool:
+def _confirm(run: MarchRun, settings: Any, span: int, last: bool) -> bool:
     """Whether a march that repeats is steady.
 
     A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
@@ -462,36 +261,13 @@ def _confirm(run: _Run, settings: Any, span: int, last: bool) -> bool:
     return run.search is None or run.search.verdict == "not found"
 
 
-def _copy(record: Record, count: int) -> Record:
-    """The first rows of a record, copied."""
-    return Record._make(array[:count].copy() for array in record)
-
-
-def _rows(pieces: list[Record], counts: list[int]) -> Record:
-    """The first rows of several records, joined."""
-    return Record._make(
-        np.concatenate([array[:count] for array, count in zip(arrays, counts, strict=True)])
-        for arrays in zip(*pieces, strict=True)
-    )
-
-
-def _last_coordinates(history: list[Record]) -> Array:
-    """The coordinates (k, 3 n) of the last spans, and those at the end of the span before."""
-    found: list[Array] = []
-    for rows in reversed(history):
-        found.insert(0, rows.coordinates)
-        if rows.coordinates.shape[0] < rows.time.size:
-            break
-    return np.concatenate(found)
-
-
-def _motion(run: _Run, steady: bool, span: int) -> Motion:
+def _motion(run: MarchRun, steady: bool, span: int) -> Motion:
     """The motion of a run that ended after a span."""
     history, s = run.history, run.state.scalars
     kept: list[Any] = [None] * 3
     if history[-1].coordinates.size:
-        kept = np.split(_last_coordinates(history), 3, axis=1)
-    whole = _rows(
+        kept = np.split(last_coordinates(history), 3, axis=1)
+    whole = joined_rows(
         [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
     )
     work, damping_dissipation, friction_dissipation, kinetic, elastic, contact_energy = (
@@ -527,3 +303,10 @@ def _motion(run: _Run, steady: bool, span: int) -> Motion:
         buckled=end.buckled,
         search=run.search,
     )
+
+
+def end_of(motion: Motion) -> tuple[Array, Array, Array]:
+    """Coordinates and velocity (n,) and sliders (P, d) at the end of a motion."""
+    assert motion.end is not None
+    state = motion.end.state
+    return state.q.copy(), state.v.copy(), state.contact.slider.copy()

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
-from fenicsrom.online.continuation import CURVE_TOLERANCE
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve_correction import CURVE_TOLERANCE
 from fenicsrom.online.equilibrium import equilibrium
 from fenicsrom.online.families import Problem
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA

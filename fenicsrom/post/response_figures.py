@@ -154,7 +154,8 @@ def figure(found: Response) -> Figure:
             zorder=5,
         )
     for axis in (axes[0], *axes[2:]):
-        axis.set_ylim(bottom=-0.03 * axis.get_ylim()[1])  # a curve at zero stays visible
+        top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
+        axis.set_ylim(-0.03 * top, 1.05 * top)
     axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)

@@ -106,6 +106,31 @@ def test_two_ranks_compare_the_same(tmp_path: Path) -> None:
     assert one["combinations"][1]["error_percent"]["amplitude_tangential"] < 0.1
 
 
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> None:
+    overrides = [
+        "geometry.parameters.elements_along=10",
+        "time.steps_per_period=50",
+        "output.pictures=false",
+        "response={first=3.15, last=3.25, full=[3.2]}",
+    ]
+    found = []
+    for ranks in (1, 2):
+        folder = tmp_path / str(ranks)
+        command = ["-m", "fenicsrom", "response", SCENE, "--output", str(folder)]
+        command += [part for item in overrides for part in ("--set", item)]
+        done = on_ranks(ranks, *command)
+        assert done.stdout.count("files:") == 1
+        (curve,) = json.loads((folder / "response.json").read_text())["curves"]
+        found.append(curve["full_model"][0])
+    one, two = found
+    assert one["full_periods_with_derivatives"] > 0
+    for name, value in one.items():
+        if name.endswith("_m"):
+            assert two[name] == pytest.approx(value, rel=1e-6), name
+
+
 ALONE = """
 import sys
 from mpi4py import MPI

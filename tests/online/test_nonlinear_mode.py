@@ -8,9 +8,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 from support import NO_LOADS, assert_tangent, first, linear_model, one_contact
 
-from fenicsrom.online.continuation import CURVE_TOLERANCE
 from fenicsrom.online.crest import half_range
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve_correction import CURVE_TOLERANCE
 from fenicsrom.online.families import force_family, frequency_family
 from fenicsrom.online.forced_peak import forced_peaks
 from fenicsrom.online.load_histories import harmonic

@@ -11,14 +11,14 @@ from support import beam_scene
 from test_figures import illegible
 
 from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response_results import Response, ResponseCurve
+from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve
 from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.curve_measures import HARMONICS, PHASES
 from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state_map
 from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
-from fenicsrom.post.response_figures import figure, phases, stretches
-from fenicsrom.post.response_report import rows
+from fenicsrom.post.response_figures import FULL_MARKER, figure, phases, stretches
+from fenicsrom.post.response_rows import rows
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -127,6 +127,19 @@ def test_amplitude_is_dashed_between_the_folds_and_the_folds_are_marked(found: R
     )
     top = max(point.amplitude.max() for point in curve.points)
     assert max(float(np.max(line.get_ydata())) for line in mine) == pytest.approx(1e3 * top)
+
+
+def test_mark_of_the_full_model_above_a_flat_curve_is_inside_the_picture() -> None:
+    found = response_of(0.1)
+    (curve,) = found.curves
+    curve.pieces[0].points = [point(1.0, 0.5, 1.0 + 0.01 * k, 0.9) for k in range(5)]
+    curve.pieces[0].special.clear()
+    amplitude = np.array([[0.01, 1.001]])
+    curve.full = [FullPoint(1.02, amplitude, amplitude, "stable", 3, 1, 1e-9, 1.0)]
+    axis = figure(found).axes[0]
+    (mark,) = [line for line in axis.lines if line.get_marker() == FULL_MARKER]
+    height = axis.transAxes.inverted().transform(axis.transData.transform(mark.get_xydata()))
+    assert 0.9 < height[0, 1] < 0.97
 
 
 def test_every_motion_of_a_curve_is_on_a_line(found: Response) -> None:

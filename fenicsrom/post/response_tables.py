@@ -1,0 +1,140 @@
+"""The results of response curves in sentences and tables, for the terminal and the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fenicsrom.assess.response_results import Response
+from fenicsrom.online.curve import COMPLETE, CurvePoint
+from fenicsrom.post.response_figures import directions, largest_direction, parameter_label
+from fenicsrom.post.response_motion import largest_point
+from fenicsrom.post.response_rows import with_unit
+from fenicsrom.post.tables import text_table
+
+
+def sentences(found: Response) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    families, name = found.table.families, directions(found)[largest_direction(found)]
+    lines = []
+    for curve in found.curves:
+        top, points = largest_point(found, curve), curve.points
+        amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
+        begin = "" if families is None else f"{families.key} = {curve.value:g}: "
+        unstable = sum(not point.stable for point in points)
+        lines.append(
+            f"{begin}{len(points)} points in {curve.seconds:.1f} s; largest {name} amplitude "
+            f"{amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, {_verdict(top)}."
+        )
+        lines += [f"{begin}{unstable} points are unstable."] if unstable else []
+        if curve.step_error is not None:
+            lines.append(
+                f"{begin}Half the time step changes this amplitude by "
+                f"{100.0 * curve.step_error:.2g} %."
+            )
+        if curve.basis_error is not None:
+            lines.append(
+                f"{begin}A richer basis changes this amplitude by "
+                f"{100.0 * curve.basis_error:.2g} %."
+            )
+        free = sum(point.free_sliders > 0 for point in points)
+        if free:
+            lines.append(
+                f"{begin}{free} points have a contact point that sticks all the time: the position "
+                "of its slider is not unique."
+            )
+        ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
+        lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
+    return lines
+
+
+def _verdict(point: CurvePoint) -> str:
+    """The stability of a point in words."""
+    return "stable" if point.stable else f"unstable ({point.verdict})"
+
+
+def bifurcation_table(found: Response) -> list[list[Any]]:
+    """The bifurcations of all curves, the head first; empty without any."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [families.key]
+    head = [*first, "bifurcation", parameter_label(found)]
+    head += [f"{directions(found)[direction]} amplitude, mm"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact}",
+            f"{point.parameter:.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.5g}",
+        ]
+        for curve in found.curves
+        for point in curve.special
+    ]
+    return [head, *listed] if listed else []
+
+
+def full_table(found: Response) -> list[list[Any]]:
+    """The full model beside the reduced one, the head first; empty if it was not asked for."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [families.key]
+    head = [*first, parameter_label(found)]
+    head += [f"{directions(found)[direction]} amplitude, mm", "full model, mm", "difference, %"]
+    head += ["full periods", "run time, s"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            f"{point.parameter:.6g}",
+            f"{1e3 * float(point.reduced_amplitude[:, direction].max()):.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.7g}",
+            f"{100.0 * point.error:.2g}",
+            point.periods,
+            f"{point.seconds:.3g}",
+        ]
+        for curve in found.curves
+        for point in curve.full
+    ]
+    return [head, *listed] if listed else []
+
+
+def run_table(found: Response) -> list[list[Any]]:
+    """The points, the marched periods and the run time of each curve, the head first."""
+    families = found.table.families
+    head = ["points", "unstable", "marched periods", "with derivatives", "run time, s"]
+    head += ["ms per marched period"]
+    lines = []
+    for curve in found.curves:
+        marched, derived = curve.marches
+        unstable = sum(not point.stable for point in curve.points)
+        line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
+        line.append(1e3 * curve.seconds / marched if marched else None)
+        lines.append([*([] if families is None else [curve.value]), *line])
+    return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
+
+
+def trust_table(found: Response) -> list[list[Any]]:
+    """The estimated errors at the selected points of all curves, the head first."""
+    families = found.table.families
+
+    def percent(error: float | None) -> float | None:
+        return None if error is None else 100.0 * error
+
+    head = ["point", parameter_label(found), "of the"]
+    head += ["change by half the time step, %", "change by a richer basis, %"]
+    lines = [
+        [
+            *([] if families is None else [curve.value]),
+            check.where,
+            f"{check.point.parameter:.7g}",
+            check.quantity,
+            percent(check.step_error),
+            percent(check.basis_error),
+        ]
+        for curve in found.curves
+        for check in curve.checks
+    ]
+    return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
+
+
+def terminal(found: Response) -> str:
+    """The tables of bifurcations and of the full model and the sentences, for the terminal."""
+    tables = [table for table in (bifurcation_table(found), full_table(found)) if table]
+    parts = [*map(text_table, tables), "\n".join(sentences(found))]
+    return "\n\n".join(parts)
