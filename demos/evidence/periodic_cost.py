@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.response import family_of, response, start_motion
+from fenicsrom.assess.response import response
+from fenicsrom.assess.response_problem import family_of, start_motion
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import follow
 from fenicsrom.online.curve import Curve

@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curve import CurvePoint
 
 if TYPE_CHECKING:
     from fenicsrom.assess.branches import Piece
-    from fenicsrom.assess.response import ResponseCurve
     from fenicsrom.assess.response_files import CurveFile
+    from fenicsrom.assess.response_results import ResponseCurve
     from fenicsrom.scene import Response as ResponseTable
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
-FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +30,7 @@ class Stand:
         special: number of its bifurcations.
         begin: the point at which its steps were last measured anew, with the tangent there.
         since: index of this point in the piece.
-        direction: of the change of the parameter from there.
+        direction: of the change of the parameter from there; None follows the tangent.
         size: of the scaled variables there.
         step: next step along the curve.
         guess: see `fenicsrom.online.periodic.Shooting`.
@@ -41,7 +40,7 @@ class Stand:
     special: int
     begin: CurvePoint
     since: int
-    direction: float
+    direction: float | None
     size: float
     step: float
     guess: tuple[Array | None, float]
@@ -94,7 +93,9 @@ class CurveWalk:
                 covered += max(values) - low if piece.direction > 0.0 else high - min(values)
         return min(max(covered / (high - low), 0.0), 1.0)
 
-    def passed(self, path: Continuation, begin: CurvePoint, since: int, direction: float) -> None:
+    def passed(
+        self, path: Continuation, begin: CurvePoint, since: int, direction: float | None
+    ) -> None:
         """Note that the last piece has a new point.
 
         Args:

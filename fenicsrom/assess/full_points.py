@@ -9,13 +9,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.full_periodic import full_periodic_motion
-from fenicsrom.assess.response import (
-    FullPoint,
-    Response,
-    ResponseCurve,
-    family_of,
-    response_table,
-)
+from fenicsrom.assess.response_problem import family_of
+from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve, response_table
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.archive import StoredModel

@@ -24,7 +24,7 @@ from fenicsrom.scene import Scene, parse_scene, scene_table
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curve_progress import Stand
-    from fenicsrom.assess.response import ResponseCurve
+    from fenicsrom.assess.response_results import ResponseCurve
 
 FORMAT = "fenicsrom response state 1"
 WHAT = "the state of a response curve"

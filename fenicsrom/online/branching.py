@@ -12,14 +12,14 @@ problem.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curve import Curve, CurvePoint, replaced
 from fenicsrom.online.families import Problem, excitation_family
 from fenicsrom.online.periodic import Shooting
@@ -38,7 +38,9 @@ def follow_growing(
     direction: float | None,
     curve: Curve,
     *,
-    points: int,
+    step: float = FIRST_STEP,
+    earlier: Sequence[CurvePoint] = (),
+    measured: Callable[[CurvePoint], None] | None = None,
     **options: Any,
 ) -> Curve:
     """Follow a curve whose motions grow: steps are measured by the size of the motion.
@@ -47,19 +49,34 @@ def follow_growing(
 
     Args:
         path: the continuation.
-        start: the first point.
+        start: the first point, or the last one of an interrupted run.
         direction: as in `Continuation.run`.
-        curve: receives the points.
-        points: largest number of points of the curve.
+        curve: receives the points; without any it receives `start` first.
+        step: first step along the curve.
+        earlier: as in `Continuation.run`, since the steps were last measured anew.
+        measured: called with each point at which the steps are measured anew, and its new tangent.
         options: of `Continuation.run`.
     """
-    curve.points.append(start)
+    if not curve.points:
+        curve.points.append(start)
     while True:
+        if float(np.linalg.norm(start.s)) > GROWTH * path.size:
+            start, direction, step, earlier = rescaled(path, start), None, FIRST_STEP, ()
+            if measured is not None:
+                measured(start)
         size = GROWTH * path.size
-        path.run(start, direction, curve=curve, points=points, largest_size=size, **options)
+        path.run(
+            start,
+            direction,
+            step=step,
+            earlier=earlier,
+            curve=curve,
+            largest_size=size,
+            **options,
+        )
         if curve.reason != "grown":
             return curve
-        start, direction = rescaled(path, curve.points[-1]), None
+        start = curve.points[-1]
 
 
 def rescaled(path: Continuation, last: CurvePoint) -> CurvePoint:

@@ -34,6 +34,7 @@ from fenicsrom.online.surfaces import Contacts
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
+FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
 AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
@@ -234,7 +235,7 @@ class Continuation:
         start: CurvePoint,
         direction: float | None,
         *,
-        step: float = 0.01,
+        step: float = FIRST_STEP,
         largest_step: float = 0.05,
         smallest_step: float = 1e-6,
         points: int = 500,
@@ -267,6 +268,7 @@ class Continuation:
         if direction is not None and not earlier:
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
         curve = Curve([*earlier, start]) if curve is None else curve
+        curve.reason = "interrupted"
         ys: list[Array] = []
         arcs: list[float] = []
         for point in _since_kink([*earlier, start]):
@@ -291,8 +293,8 @@ class Continuation:
                     curve.reason = "no convergence"
                     return curve
                 continue
-            curve.reason = self._arrival(curve, behind, found)
-            if curve.reason:
+            if reason := self._arrival(curve, behind, found):
+                curve.reason = reason
                 return curve
             curve.special.extend(special or [])
             curve.points.append(found)

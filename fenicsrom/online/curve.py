@@ -97,7 +97,8 @@ class Curve:
         special: located bifurcations and contact events.
         reason: why the continuation ended: "end of the range", "number of points", "closed" (the
             curve returned to its first point), "end of the branch" (a motion of several periods
-            became one of fewer) or "no convergence".
+            became one of fewer), "no convergence", "grown" (the motion reached a given size) or
+            "interrupted".
     """
 
     points: list[CurvePoint] = field(default_factory=list)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.response import Response, ResponseCurve
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.response_figures import (
     curve_name,

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response import Response, ResponseCurve
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of

@@ -6,7 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from fenicsrom.assess.response import Response, ResponseCurve, family_of
+from fenicsrom.assess.response_problem import family_of
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.curve import BIFURCATIONS, CurvePoint

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.assess.response import FullPoint, Response, ResponseCurve, judged_multiplier
+from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve, judged_multiplier
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
@@ -33,6 +33,7 @@ from fenicsrom.post.response_motion import (
 )
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -179,8 +180,9 @@ def sentences(found: Response) -> list[str]:
         begin = "" if families is None else f"{families.key} = {curve.value:g}: "
         unstable = sum(not point.stable for point in points)
         lines.append(
-            f"{begin}{len(points)} points in {curve.seconds:.1f} s; largest {name} amplitude "
-            f"{amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, {_verdict(top)}."
+            f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
+            f"amplitude {amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, "
+            f"{_verdict(top)}."
         )
         lines += [f"{begin}{unstable} points are unstable."] if unstable else []
         if curve.step_error is not None:

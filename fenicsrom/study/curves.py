@@ -10,7 +10,7 @@ from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.response import Response
+    from fenicsrom.assess.response_results import Response
     from fenicsrom.assess.trust import RicherModel
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.scene import Scene
@@ -48,8 +48,8 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.response import check_response
     from fenicsrom.assess.response_files import check_folder
+    from fenicsrom.assess.response_problem import check_response
     from fenicsrom.assess.trust import richer_model
     from fenicsrom.online.archive import save_model
     from fenicsrom.post.response_report import write

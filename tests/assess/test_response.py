@@ -12,7 +12,9 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, first, linear_model
 
-from fenicsrom.assess.response import Response, family_of, judged_multiplier, response
+from fenicsrom.assess.response import response
+from fenicsrom.assess.response_problem import family_of
+from fenicsrom.assess.response_results import Response, judged_multiplier
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
@@ -289,7 +291,7 @@ def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
 def test_start_without_a_motion_exits_1(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fenicsrom.assess import response as module
+    from fenicsrom.assess import response_problem as module
     from fenicsrom.errors import ConvergenceError
 
     def lost(*arguments: Any, **options: Any) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from test_response import HIGH, fold_frequencies, ignore, oscillator, scene_with
 
-from fenicsrom.assess.response import ResponseCurve, response
+from fenicsrom.assess.response import response
+from fenicsrom.assess.response_results import ResponseCurve
 from fenicsrom.assess.trust import RicherModel, transfer
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError

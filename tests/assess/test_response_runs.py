@@ -17,8 +17,9 @@ from test_response import DAMPING, HIGH, ignore, oscillator
 
 from fenicsrom.assess import curve_progress
 from fenicsrom.assess.curve_progress import CurveProgress
-from fenicsrom.assess.response import CLASSES, Response, response
+from fenicsrom.assess.response import CLASSES, response
 from fenicsrom.assess.response_files import curve_file
+from fenicsrom.assess.response_results import Response
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
@@ -203,7 +204,7 @@ def test_signal_ends_all_processes_with_files_and_state(
 def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fenicsrom.assess import response as module
+    from fenicsrom.assess import response_pieces as module
     from fenicsrom.errors import ConvergenceError
 
     start = module.start_motion

@@ -12,7 +12,7 @@ from support import beam_scene, linear_model, refusal
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.measures import amplitude
-from fenicsrom.online.simulate import load_histories
+from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
 SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")
@@ -48,6 +48,28 @@ def test_stored_model_runs_under_the_damping_of_another_scene(stored: StoredMode
     damped = scene_with("loads.0.force=111.0", "material.mass_damping=50.0")
     assert stored.with_scene(damped).model.damping == 50.0
     assert amplitude(stored.simulate(damped))[0] < 0.5 * amplitude(stored.simulate())[0]
+
+
+def test_simulate_of_stored_model_takes_loads_and_damping_of_scene(stored: StoredModel) -> None:
+    other = scene_with("loads.0.force=20.0", "material.mass_damping=50.0")
+    motion, same = simulate(stored, other), stored.simulate(other)
+    np.testing.assert_array_equal(motion.displacement, same.displacement)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [
+        (scene_with("loads.0.force=20.0"), "loads"),
+        (scene_with("loads.0.frequency=4.0"), "loads"),
+        (scene_with("loads.0.force=111.0", "material.mass_damping=6.0"), "material.mass_damping"),
+        (beam_scene(2, (*SHORT, "loads.0.force=111.0")), "contacts"),
+    ],
+)
+def test_simulate_of_bare_model_refuses_another_scene(
+    stored: StoredModel, scene: Scene, key: str
+) -> None:
+    with refusal(ErrorKind.MISMATCH, key=key):
+        simulate(stored.model, scene)
 
 
 def test_scene_and_overrides_give_the_same_motion(stored: StoredModel) -> None:

@@ -10,7 +10,8 @@ import pytest
 from support import beam_scene
 from test_figures import illegible
 
-from fenicsrom.assess.response import Piece, Response, ResponseCurve
+from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.curve_measures import HARMONICS, PHASES

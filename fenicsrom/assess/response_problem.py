@@ -1,0 +1,130 @@
+"""The periodic problems of a scene with response curves: by their parameter, and at a start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from fenicsrom.assess.response_results import response_table
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.families import (
+    Family,
+    contact_family,
+    damping_family,
+    force_family,
+    frequency_family,
+)
+from fenicsrom.online.march import integrate
+from fenicsrom.online.periodic import (
+    FALLBACK_STEPS,
+    PeriodicMotion,
+    Shooting,
+    periodic_motion,
+    settled_contacts,
+)
+from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.scene import Scene, Time, override_table, parameter_of, parse_scene, scene_table
+
+START_PERIODS = 320  # largest number to march before a curve starts
+
+
+def check_response(scene: Scene) -> None:
+    """Check before the offline stage that the curves of a scene can be computed.
+
+    Raises:
+        SceneError: there is no table [response], the model would not be an exact polynomial, or
+            the second number belongs to the offline stage.
+    """
+    table = response_table(scene)
+    if scene.basis.elastic_force == "projection":
+        raise SceneError(
+            f'{scene.source}: basis.elastic_force = "projection": must be "polynomial" for '
+            "response curves",
+            kind=ErrorKind.CONFLICT,
+            key="basis.elastic_force",
+            source=scene.source,
+        )
+    for value in table.families.values if table.families else ():
+        assert table.families is not None
+        override = [f"{table.families.key}={value!r}"]
+        changed = parse_scene(
+            override_table(scene_table(scene), override, scene.source), scene.source, None
+        )
+        if (key := changed_key(scene, changed)) is not None:
+            raise SceneError(
+                f"{scene.source}: response.families.key = {table.families.key!r}: {key} cannot "
+                "change on a reduced model",
+                kind=ErrorKind.MISMATCH,
+                key="response.families.key",
+                source=scene.source,
+            )
+
+
+def family_of(stored: StoredModel) -> Family:
+    """The periodic problems of a stored model by the parameter of its [response] table.
+
+    Raises:
+        SceneError: the scene has no table [response].
+    """
+    scene, model = stored.scene, stored.model
+    key, period = response_table(scene).parameter, float(scene.period or 0.0)
+    contacts = settled_contacts(contacts_of(scene, model.points))
+    table, index, name = parameter_of(key)
+    if table == "":
+        return frequency_family(model, contacts, period, spin=bool(np.any(contacts.height)))
+    if table == "material":
+        return damping_family(model, contacts, period)
+    if table == "loads":  # a load of size 1 times the parameter
+        return force_family(stored.with_overrides([f"{key}=1.0"]).model, contacts, period, index)
+    mine = (model.points.contact == index).astype(float)
+    if name == "gap":  # the parameter is added to a gap of zero
+        scene = stored.with_overrides([f"{key}=0.0"]).scene
+        contacts = settled_contacts(contacts_of(scene, model.points))
+    elif name != "friction":  # numbers of a node are those of a unit of its area
+        mine = mine * model.points.tributary_area
+    return contact_family(model, contacts, period, name, mine)
+
+
+def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
+    """The equation of motions of so many periods; all pieces share the scales of its variables."""
+    problem = family(response_table(stored.scene).last)
+    return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
+
+
+def start_motion(
+    stored: StoredModel, family: Family, value: float, say: Callable[[str], None]
+) -> PeriodicMotion:
+    """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found; the error names the value.
+    """
+    scene, problem = stored.scene, family(value)
+    key, radius = response_table(scene).parameter, scene.time.spectral_radius
+    say(f"start at {key} = {value:g}: a march, then Newton's method")
+    settings = Time.of(
+        scheme=scene.time.scheme,
+        periods=START_PERIODS,
+        steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steady_tolerance=1e-5,
+        **({} if radius is None else {"spectral_radius": radius}),
+    )
+    try:
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            settings,
+            problem.period,
+            dimension=scene.geometry.dimension,
+        )
+        return periodic_motion(
+            problem.model, problem.contacts, scene.time, problem.period, motion.end
+        )
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            kind=ErrorKind.CONVERGENCE,
+        ) from error
