@@ -7,12 +7,16 @@ one if three conditions hold:
 1. its relative residual is at most `fenicsrom.online.periodic.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
 3. the marched motion tends to it. With z the marched state, z* the periodic one, d = z - z* and A
-   the monodromy matrix, one more period must satisfy, in the scaled norm of `Shooting`,
+   the monodromy matrix, the march must stay near the linear motion about the periodic one,
 
-       |P(z) - z* - A d| <= NEAR |d|                                                          (1)
+       |P^k(z) - z* - A^k d| <= NEAR |A^k d|,   k = 1, 2, .., K                                (1)
 
-   or |d| must be below `CLOSE` of the motion; (1) may also hold after up to `LOOK_AHEAD` more
-   periods. A system with several stable motions thus ends in the same one as the march.
+   in the scaled norm of `Shooting`, or |d| must be below `CLOSE` of the motion. Where (1) fails at
+   a k, it is tried again from the state that the march has reached there. K periods show whether
+   the slow motions are linear (`_horizon`): each part of d with a multiplier mu must have turned
+   `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One period
+   would not be enough: a lightly damped motion changes so little in a period that any d passes. A
+   system with several stable motions thus ends in the same one as the march.
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the
@@ -34,6 +38,7 @@ from scipy.interpolate import CubicSpline
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.periodic import (
+    STABLE_WITHIN,
     PeriodicMotion,
     Shooting,
     judged,
@@ -59,8 +64,8 @@ from fenicsrom.online.state import (
 from fenicsrom.online.surfaces import Contacts
 
 FIRST_ATTEMPT = 5  # marched periods before the first attempt; each further attempt doubles them
-# Largest part of |d| that (1) may miss. The linear map A then describes the next period to 30 %: z
-# is in the region where the periodic motion attracts, not only near the border to another motion.
+# Part of |A^k d| that (1) may miss. The linear map A then describes the march to 30 %: z is in the
+# region where the periodic motion attracts, not only near the border to another motion.
 NEAR = 0.3
 CLOSE = 1e-6  # |d| relative to the motion, below which rounding decides about (1)
 LARGEST_MULTIPLE = 8  # periods of the loads in one of a subharmonic motion that is looked for
@@ -70,7 +75,13 @@ ATTEMPT_ITERATIONS = 12  # of Newton's method; it needs 4 to 8 where it converge
 ATTEMPT_DAMPING = (
     0.25  # smallest part of a Newton step; where less is needed, marching on is cheaper
 )
-LOOK_AHEAD = 5  # periods in which the march must come so near to the periodic motion that (1) holds
+# Around another motion, or around none, the frequency depends on the amplitude and the phase: the
+# march leaves the linear motion within a turn or two. A part that does not turn must decay.
+TURNS = 2.0
+DECAYED = 0.1
+SIGNIFICANT = 0.01  # parts of d below this part of |d| do not count
+LOOK_AHEAD = 40  # least number of periods in which (1) must be shown
+LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
 
@@ -210,7 +221,7 @@ class _Problem:
         state = copy.deepcopy(shooting.map.state)
         search = search._replace(
             verdict=motion.verdict,
-            tends=self._tends(shooting, s, s + ahead[0], motion),
+            tends=self._tends(shooting, s, s + ahead[0], motion, marched),
             iterations=iterations + len(motion.residuals),
             residual=float(motion.residuals[-1]),
             multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
@@ -218,18 +229,24 @@ class _Problem:
         )
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
-    def _tends(self, shooting: Shooting, s: Array, ahead: Array, motion: PeriodicMotion) -> bool:
+    def _tends(
+        self, shooting: Shooting, s: Array, ahead: Array, motion: PeriodicMotion, marched: int
+    ) -> bool:
         """Whether the march from s, which is `ahead` after a period, tends to a motion, by (1)."""
         found = shooting.scaled(motion.z)
         if shooting.m > 1 and not self._lasts_several_periods(found):
             return False
         size = float(np.linalg.norm(found))
         matrix = shooting.scaled_matrix(motion.end.matrix)
-        for _ in range(LOOK_AHEAD):
-            d = s - found
-            apart = float(np.linalg.norm(d))
-            miss = float(np.linalg.norm(ahead - found - matrix @ d))
-            if apart <= CLOSE * size or miss <= NEAR * apart:
+        linear, left = s - found, _horizon(matrix, s - found)
+        for _ in range(max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // shooting.m):
+            if float(np.linalg.norm(s - found)) <= CLOSE * size:
+                return True
+            linear, left = matrix @ linear, left - 1
+            miss = float(np.linalg.norm(ahead - found - linear))
+            if miss > NEAR * float(np.linalg.norm(linear)):
+                linear, left = ahead - found, _horizon(matrix, ahead - found)
+            elif left <= 0:
                 return True
             following = shooting.march(ahead, derive=False)
             if following is None:
@@ -242,6 +259,25 @@ class _Problem:
         one, _ = self.shooting(1)
         ahead = one.march(s, derive=False)
         return ahead is not None and bool(np.linalg.norm(ahead[0]) > GENUINE * np.linalg.norm(s))
+
+
+def _horizon(matrix: Array, d: Array) -> int:
+    """The number K of periods in (1) for a distance d (N,) and a monodromy matrix (N, N).
+
+    d is split into eigenvectors of the matrix. A part with the multiplier mu turns by arg(mu) and
+    shrinks to |mu| in a period. A multiplier 1, that of a slider that is not unique, needs nothing.
+    """
+    multipliers, vectors = np.linalg.eig(matrix)
+    parts = np.abs(np.linalg.lstsq(vectors, d.astype(complex), rcond=None)[0])
+    counts = parts > SIGNIFICANT * np.linalg.norm(d)
+    counts &= np.abs(multipliers - 1.0) > STABLE_WITHIN
+    mu = multipliers[counts]
+    if mu.size == 0:
+        return 1
+    with np.errstate(divide="ignore"):
+        turns = TURNS * 2.0 * np.pi / np.abs(np.angle(mu))
+        decay = np.log(DECAYED) / np.log(np.minimum(np.abs(mu), 1.0 - 1e-12))
+    return int(np.ceil(np.max(np.minimum(turns, np.maximum(decay, 1.0)))))
 
 
 def continued(state: State, marched: State) -> State:

@@ -364,3 +364,19 @@ def test_start_in_a_richer_basis_is_the_same_displacement() -> None:
     np.testing.assert_allclose(richer.vectors @ start[1], small @ state.v, atol=1e-10)
     np.testing.assert_array_equal(start[2], state.contact.slider)
     assert start_in(body, basis, richer, replace(motion, search=None)) is None
+
+
+@pytest.mark.parametrize(
+    ("damping", "cubic", "omega"), [(0.02, 0.01, 1.05), (0.02, 0.1, 1.05), (0.005, 0.1, 1.0125)]
+)
+def test_lightly_damped_march_ends_in_its_own_one_of_two_motions(
+    damping: float, cubic: float, omega: float
+) -> None:
+    force = damping * np.sqrt(80.0 * damping / (3.0 * cubic))
+    model, period = duffing(damping, 1.0, cubic, force, omega)
+    found = run(model, period, periods=20_000)
+    marched = run(
+        model, period, periods=round(8.0 / damping), steady="march", steady_tolerance=1e-13
+    )
+    assert found.steady and found.newton_from is not None
+    np.testing.assert_allclose(amplitude(found), amplitude(marched), rtol=1e-6)
