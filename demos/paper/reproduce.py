@@ -27,7 +27,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.agreement import motion_errors
 from fenicsrom.assess.compare import Outcome, Workshop, compare_bases
 from fenicsrom.assess.full_points import add_full_points
-from fenicsrom.assess.response import Response, judged_multiplier, response
+from fenicsrom.assess.response import response
+from fenicsrom.assess.response_results import Response, judged_multiplier
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import solid_of
