@@ -45,7 +45,7 @@ table = {
 }
 scene = fenicsrom.parse_scene(table, "bracket", None)
 stored = fenicsrom.build_model(scene, mesh)
-motion = fenicsrom.simulate(stored.model, scene)
+motion = stored.simulate()
 
 if __name__ == "__main__":
     amplitude, share = fenicsrom.amplitudes(motion), fenicsrom.contact_fractions(motion)

@@ -6,7 +6,7 @@ scipy's `solve_ivp`, which knows nothing of fenicsrom, integrates
 
     M q'' + C q' + f0 + K q + 1/2 A q q + 1/6 B q q q = L sin(omega t)
 
-over the first period from rest. The probe moves as in `fenicsrom.simulate` with 2000 steps.
+over the first period from rest. The probe moves as in `StoredModel.simulate` with 2000 steps.
 """
 
 from pathlib import Path
@@ -36,7 +36,7 @@ def rate(time: float, state: np.ndarray) -> np.ndarray:
     return np.concatenate([v, acceleration(time, q, v)])
 
 
-motion = fenicsrom.simulate(stored.model, scene)
+motion = stored.simulate()
 solution = solve_ivp(
     rate,
     (0.0, motion.time[-1]),

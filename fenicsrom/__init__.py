@@ -1,5 +1,9 @@
 """Reduced-order models of geometrically nonlinear structures with friction contact.
 
+    scene = fenicsrom.read_scene("demos/slip_liftoff_2d.toml")
+    stored = fenicsrom.build_model(scene)
+    motion = stored.simulate()
+
 Imports run one way. A package may import itself and the packages on its left, never those on its
 right:
 

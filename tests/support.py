@@ -24,7 +24,7 @@ from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.online.surfaces import Contacts, planes
 from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
@@ -290,6 +290,7 @@ def oscillator(
         2,
         (
             "loads.0.frequency=1.0",
+            f"loads.0.force={force}",
             f"time.steps_per_period={steps}",
             "time.steady='march'",
             f"material.mass_damping={damping}",
@@ -298,13 +299,12 @@ def oscillator(
         probe={"group": "tip"},
         geometrically_nonlinear=False,
     )
-    load_histories = harmonic(np.array([force]), np.array([2.0 * np.pi]), np.zeros(1))
     model = linear_model(
         np.eye(2),
         np.diag([60.0, 30.0]),
         damping=damping,
         loads=[[1.0], [0.3]],
-        load_histories=load_histories,
+        load_histories=load_histories(scene),
     )
     return model, scene, simulate(model, scene)
 

@@ -29,6 +29,9 @@ FORBIDDEN = {
 }
 
 
+UNKNOWN = "(a name that is computed)"
+
+
 def package_order(docstring: str) -> list[str]:
     """The names on the line with `<` in the docstring of the package, from left to right."""
     (line,) = [line for line in docstring.splitlines() if "<" in line]
@@ -41,7 +44,8 @@ PLACE = {name: place for place, name in enumerate(package_order(fenicsrom.__doc_
 def imported_modules(source: str, module: str) -> Iterator[tuple[int, str]]:
     """Every import of a module: its line, and the absolute name of what it imports.
 
-    Imports inside functions and under TYPE_CHECKING count too.
+    Imports inside functions and under TYPE_CHECKING count too, and so do the calls
+    `import_module("name")` and `__import__("name")`.
 
     Args:
         source: the text of the module.
@@ -57,6 +61,12 @@ def imported_modules(source: str, module: str) -> Iterator[tuple[int, str]]:
                 base = ".".join(filter(None, [*module.split(".")[: -node.level], base]))
             for alias in node.names:  # `from fenicsrom import online` imports a package, too
                 yield node.lineno, f"{base}.{alias.name}"
+        elif isinstance(node, ast.Call) and node.args:
+            called = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            if called in ("import_module", "__import__"):
+                first = node.args[0]
+                named = isinstance(first, ast.Constant)
+                yield node.lineno, str(first.value) if named else UNKNOWN
 
 
 def back_edges(source: str, module: str) -> list[str]:
@@ -65,6 +75,8 @@ def back_edges(source: str, module: str) -> list[str]:
     found = []
     for line, name in imported_modules(source, module):
         parts = name.split(".")
+        if name == UNKNOWN:
+            found.append(f"{module}:{line} imports a module whose name is computed")
         if parts[0] != "fenicsrom" or name == "fenicsrom.__version__":
             continue
         if len(parts) == 1 or parts[1] not in PLACE:
@@ -135,6 +147,10 @@ def test_package_imports_nothing_heavy(name: str) -> None:
         "from .. import study",
         "from ..study import run",
         "def f():\n    from fenicsrom.study import run",
+        "importlib.import_module('fenicsrom.study')",
+        "import_module('fenicsrom.study.execution')",
+        "__import__('fenicsrom.study')",
+        "import_module(f'fenicsrom.{name}')",
         "if TYPE_CHECKING:\n    from fenicsrom.study import Study",
     ],
 )
@@ -147,10 +163,19 @@ def test_import_from_the_left_is_allowed() -> None:
         assert not back_edges(source, "fenicsrom.online.step")
 
 
-def test_heavy_import_is_found_in_every_form() -> None:
-    for source in ("import dolfinx.fem", "from mpi4py import MPI", "def f():\n    import pyvista"):
-        assert len(heavy_imports(source, "fenicsrom.online.step")) == 1
-        assert not heavy_imports(source, "fenicsrom.post.export")
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import dolfinx.fem",
+        "from mpi4py import MPI",
+        "def f():\n    import pyvista",
+        "importlib.import_module('pyvista')",
+        "__import__('dolfinx.fem')",
+    ],
+)
+def test_heavy_import_is_found_in_every_form(source: str) -> None:
+    assert len(heavy_imports(source, "fenicsrom.online.step")) == 1
+    assert not heavy_imports(source, "fenicsrom.post.export")
 
 
 LIGHT = """

@@ -53,9 +53,8 @@ def _rerun(options: argparse.Namespace) -> int:
         stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    told = sentences.resumed_sentence(found.motion), sentences.periodic_sentence(found.motion)
-    given = [sentence for sentence in told if sentence]
-    print_results(scene, table, found.warnings, given, found.files)
+    lines = sentences.rerun_sentences(found.motion, model.points)
+    print_results(scene, table, found.warnings, lines, found.files)
     return _end(None, found.unfinished)
 
 

@@ -87,8 +87,10 @@ def _cell_kinds(gmsh: Any, geometry: Geometry, solid: list[int]) -> tuple[int, i
     )
     properties = [gmsh.model.mesh.getElementProperties(kind) for kind in types]
     names = ", ".join(entry[0] for entry in properties)
+    if not types:
+        raise error(f"there are no cells of dimension {d}")
     if len(types) != 1:
-        raise error(f"the cells must be of one type, but they are {names or '(none)'}")
+        raise error(f"the cells must be of one type, but they are {names}")
     given, vertices = types[0], properties[0][5]
     kind = {(2, 3): 2, (2, 4): 3, (3, 4): 4, (3, 8): 5}.get((d, vertices))
     if kind is None:

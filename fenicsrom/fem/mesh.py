@@ -20,8 +20,10 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import compat
 from fenicsrom.fem.gmsh_files import load_file, open_gmsh
 from fenicsrom.fem.gmsh_model import CleanModel, clean_model
+from fenicsrom.fem.mesh_checks import check_dolfinx_mesh, check_tags, group_tags
 from fenicsrom.fem.mesh_data import Ints, Mesh
 from fenicsrom.scene import Geometry
+from fenicsrom.scene.rules import Where, choice, number
 
 
 def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
@@ -86,9 +88,11 @@ def mesh_from_gmsh_model(
         The mesh, with the same groups on every rank.
 
     Raises:
-        SceneError: on every rank, if gmsh is not initialised on rank 0, or the mesh cannot be used,
-            as in `build_mesh`.
+        SceneError: on every rank, if an argument is not allowed, gmsh is not initialised on rank 0,
+            or the mesh cannot be used, as in `build_mesh`.
     """
+    choice(2, 3)(dimension, Where(source, "dimension"))
+    number(above=0.0)(scale, Where(source, "scale"))
     geometry = Geometry(mesh=Path(source), dimension=dimension, curved=curved, scale=scale)
     with ExitStack() as stack:
 
@@ -120,7 +124,7 @@ def mesh_from_dolfinx(
     """Name the groups of a dolfinx mesh. Collective.
 
     Args:
-        domain: the mesh, with coordinates in m.
+        domain: the mesh in 2D or 3D, with coordinates of float64 in m.
         facet_tags: tags of the facets.
         groups: tag, or tags, of the facets of each group.
         cell_tags: tags of the cells, or None.
@@ -130,22 +134,19 @@ def mesh_from_dolfinx(
         The mesh with these groups.
 
     Raises:
-        SceneError: on every rank, if no facet has a tag of a group.
+        SceneError: on every rank, if the coordinates are not finite or the cells overlap, the tags
+            are not those of the facets or cells of this mesh, or no facet has a tag of a group.
     """
     d = domain.topology.dim
+    check_dolfinx_mesh(domain, source)
     domain.topology.create_entities(d - 1)
+    check_tags(domain, facet_tags, d - 1, "facet_tags", source)
+    if cell_tags is not None:
+        check_tags(domain, cell_tags, d, "cell_tags", source)
     present = set().union(*domain.comm.allgather(set(facet_tags.values.tolist())))
-    named: dict[str, tuple[int, tuple[int, ...]]] = {}
-    for name, tags in groups.items():
-        wanted = (tags,) if isinstance(tags, int) else tuple(tags)
-        if not present & set(wanted):
-            raise SceneError(
-                f"{source}: group {name!r}: no facet has a tag of {list(wanted)}; "
-                f"the facets have the tags {sorted(present)}",
-                kind=ErrorKind.PLACE,
-                source=source,
-            )
-        named[name] = (d - 1, wanted)
+    named = {
+        name: (d - 1, group_tags(name, tags, present, source)) for name, tags in groups.items()
+    }
     if cell_tags is None:
         cells = np.arange(domain.topology.index_map(d).size_local, dtype=np.int32)
         cell_tags = dolfinx.mesh.meshtags(domain, d, cells, np.ones_like(cells))

@@ -17,7 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply
 from fenicsrom.fem.loads import load_vector
@@ -339,7 +339,20 @@ class Solid(ElasticBody):
 
 
 def solid_of(scene: Scene, mesh: Mesh) -> Solid:
-    """Build the solid of a scene on a mesh; arguments and errors as `Solid`."""
+    """Build the solid of a scene on a mesh; arguments and errors as `Solid`.
+
+    Raises:
+        SceneError: the mesh has another dimension than the scene.
+    """
+    dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
+    if dimension != found:
+        raise SceneError(
+            f"{scene.source}: geometry.dimension = {dimension}: "
+            f"{mesh.source} has dimension {found}",
+            kind=ErrorKind.MISMATCH,
+            key="geometry.dimension",
+            source=scene.source,
+        )
     return Solid(
         mesh,
         geometry=scene.geometry,

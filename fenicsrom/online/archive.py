@@ -112,11 +112,11 @@ class StoredModel:
         model = self.model._replace(load_histories=load_histories(scene), damping=damping)
         return replace(self, model=model, scene=scene)
 
-    def with_overrides(self, overrides: Sequence[str]) -> StoredModel:
+    def with_overrides(self, overrides: str | Sequence[str]) -> StoredModel:
         """The same model under its scene with other values.
 
         Args:
-            overrides: as `--set` takes them, such as "loads.0.force=200".
+            overrides: as `--set` takes them, such as "loads.0.force=200"; one or several.
 
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.

@@ -117,6 +117,32 @@ def load_scene(path: Path) -> Scene:
     return _read(path)[1]
 
 
+def check_checkpoint(path: Path, scene: Scene) -> None:
+    """Check that a run of this scene can continue from a checkpoint, as far as no model is needed.
+
+    Raises:
+        SceneError: the file is missing or damaged, or belongs to another format or scene.
+    """
+    _require_same_run(path, load_scene(path), scene)
+
+
+def _require_same_run(path: Path, made: Scene, scene: Scene) -> None:
+    """Check that the scene of a checkpoint differs from another one at most in the end of the run.
+
+    Raises:
+        SceneError: another key differs.
+    """
+    if (key := changed_run_key(made, scene)) is not None:
+        ends = ", ".join(f"time.{name}" for name in END_KEYS)
+        raise SceneError(
+            f"{path}: {key} differs from the scene of the run; "
+            f"a run that continues may only change its end, by the keys: {ends}",
+            kind=ErrorKind.MISMATCH,
+            key=key,
+            source=str(path),
+        )
+
+
 def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint:
     """Read a checkpoint of a run of this model under this scene.
 
@@ -132,15 +158,7 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             kind=ErrorKind.MISMATCH,
             source=str(path),
         )
-    if (key := changed_run_key(made, scene)) is not None:
-        ends = ", ".join(f"time.{name}" for name in END_KEYS)
-        raise SceneError(
-            f"{path}: {key} differs from the scene of the run; "
-            f"a run that continues may only change its end, by the keys: {ends}",
-            kind=ErrorKind.MISMATCH,
-            key=key,
-            source=str(path),
-        )
+    _require_same_run(path, made, scene)
     points, d = model.points.position.shape
     found = Checkpoint(
         no_state(model.size, points, d),

@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,31 +87,75 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
         The motion of each model that ran, by its name: "reduced", "full", "beam".
 
     Raises:
-        SceneError: the file is missing, damaged, or not a `history.npz`.
+        SceneError: the file is missing, damaged, or not a `history.npz`, or the period is not a
+            positive number.
     """
     path = Path(path)
 
     def refuse(reason: str, kind: ErrorKind) -> SceneError:
         return SceneError(f"{path}: {reason}", kind=kind, source=str(path))
 
+    if period is not None and not 0.0 < period < np.inf:
+        raise refuse(f"period = {period}: must be a finite number above 0", ErrorKind.RANGE)
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise refuse("no such file", ErrorKind.FILE) from None
+    except OSError as error:
+        if error.errno is None:  # numpy read the file and did not know its format
+            raise refuse("is not a history.npz", ErrorKind.FORMAT) from None
+        raise refuse(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except Exception as error:  # numpy, zipfile and zlib each raise their own kinds
         reason = f"is not a history.npz ({type(error).__name__})"
         raise refuse(reason, ErrorKind.FORMAT) from None
     names = [name.removesuffix("_time") for name in arrays if name.endswith("_time")]
-    try:
-        return {
-            name: History(
-                **{attribute: arrays[f"{name}_{key}"] for key, attribute in HISTORY_ARRAYS.items()},
-                period=period,
-                newton_from=float(arrays[f"{name}_{JUMP}"]) if f"{name}_{JUMP}" in arrays else None,
-            )
-            for name in names
-        }
-    except KeyError as error:
-        reason = f"the array {error} is missing; the file is damaged"
-        raise refuse(reason, ErrorKind.FORMAT) from None
+    if not names:
+        raise refuse("is not a history.npz: it holds no motion", ErrorKind.FORMAT)
+    found = {}
+    for name in names:
+        mine = {key: arrays.get(f"{name}_{key}") for key in HISTORY_ARRAYS}
+        jump = arrays.get(f"{name}_{JUMP}")
+        wrong = _damaged_array(mine)
+        if wrong is None and jump is not None and not _is_finite(jump, ()):
+            wrong = JUMP
+        if wrong is not None:
+            reason = f"the array {name}_{wrong} is missing or damaged"
+            raise refuse(reason, ErrorKind.FORMAT)
+        values: dict[str, Any] = {HISTORY_ARRAYS[key]: array for key, array in mine.items()}
+        newton_from = None if jump is None else float(jump)
+        found[name] = History(**values, period=period, newton_from=newton_from)
+    return found
+
+
+def _damaged_array(arrays: Mapping[str, NDArray[Any] | None]) -> str | None:
+    """The first array of a motion, by its key, that does not have its shape; None if all do.
+
+    The time and the displacement give the numbers of steps, points and dimensions; without
+    contact, the displacement is that of the probe, and the other arrays have no points.
+    """
+    time, displacement, gap = (arrays[key] for key in ("time", "displacement", "gap"))
+    if time is None or not _is_finite(time, (time.size,)) or np.any(np.diff(time) < 0.0):
+        return "time"
+    if displacement is None or displacement.ndim != 3 or not time.size:
+        return "displacement"
+    if gap is None or gap.ndim != 2 or gap.shape[1] not in (0, displacement.shape[1]):
+        return "gap"
+    steps, points = time.size, gap.shape[1]
+    shapes = {key: (steps,) for key in HISTORY_ARRAYS} | {
+        "displacement": (steps, points or 1, displacement.shape[2]),
+        "force": (steps, points, displacement.shape[2]),
+        "gap": (steps, points),
+        "state": (steps, points),
+    }
+    for key, shape in shapes.items():
+        array = arrays[key]
+        if array is None or not _is_finite(array, shape):
+            return key
+    return None
+
+
+def _is_finite(array: NDArray[Any], shape: tuple[int, ...]) -> bool:
+    """Whether an array has this shape and finite numbers."""
+    numeric = np.issubdtype(array.dtype, np.number)
+    return numeric and array.shape == shape and bool(np.all(np.isfinite(array)))

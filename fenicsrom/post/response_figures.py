@@ -159,7 +159,7 @@ def figure(found: Response) -> Figure:
     axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
     axes[-1].set_xlabel(parameter_label(found))
     drawn.align_ylabels(axes)
-    handles = _legend(found)
+    handles = legend_handles(found)
     if handles:
         drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 4))
     return drawn
@@ -272,7 +272,7 @@ def style_handles(found: Response) -> list[Any]:
     ]
 
 
-def _legend(found: Response) -> list[Any]:
+def legend_handles(found: Response) -> list[Any]:
     """The entries of the legend: a line for each curve, the styles and the marks that occur."""
     from matplotlib.lines import Line2D
 

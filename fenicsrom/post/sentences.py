@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import (
     has_settled,
     out_of_reach,
@@ -17,6 +18,7 @@ from fenicsrom.online.measures import (
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
+from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from fenicsrom.post.record import Study
@@ -122,6 +124,12 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
     )
 
 
+def rerun_sentences(motion: Motion, points: ContactPoints) -> list[str]:
+    """State the results of a run of a stored model, below the table of responses."""
+    found = [resumed_sentence(motion), periodic_sentence(motion)]
+    return [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+
+
 def resumed_sentence(motion: Motion) -> str | None:
     """State at which time a motion was resumed; None if it started from rest."""
     if motion.time[0] == 0.0:
@@ -138,7 +146,8 @@ def periodic_sentence(motion: Motion) -> str | None:
     if search is None:
         return None
     tried = (
-        f"after {search.marched} marched periods and {search.iterations} Newton iterations "
+        f"after {counted(search.marched, 'marched period')} and "
+        f"{counted(search.iterations, 'Newton iteration')} "
         f"(relative residual {search.residual:.1e})"
     )
     if search.verdict == "not found":
@@ -219,6 +228,37 @@ def mode_lines(study: Study) -> list[str]:
     return lines
 
 
+def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
+    """Warn of what limits the meaning of a complete motion.
+
+    Args:
+        name: the model: "reduced", "full" or "beam".
+        motion: its motion.
+        scene: the scene of the run.
+    """
+    found = [buckled_sentence(name, motion)] if motion.buckled else []
+    if sentence := free_slider_sentence(name, motion):
+        found.append(sentence)
+    if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
+        found.append(unsteady_sentence(name, motion, scene))
+    return found
+
+
+def rerun_warnings(scene: Scene) -> list[str]:
+    """Warn of the keys that have no effect on a run of a stored model."""
+    asked = {
+        "reference.full": scene.reference.full,
+        "reference.beam": scene.reference.beam is not None,
+        "output.motion": scene.output.motion,
+        "output.animation": scene.output.animation,
+    }
+    keys = [key for key, given in asked.items() if given]
+    if not keys:
+        return []
+    verb = "has" if len(keys) == 1 else "have"
+    return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+
+
 def buckled_sentence(name: str, motion: Motion) -> str:
     """Warn that the preload has buckled a model."""
     return (
@@ -237,8 +277,8 @@ def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
             "not resolve"
         )
     return (
-        f"the {name} model did not become periodic within {motion.periods} periods, so its "
-        f"amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
+        f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
+        f"its amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
     )
 
 

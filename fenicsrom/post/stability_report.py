@@ -15,6 +15,7 @@ from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.style import new_figure, styled
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene.rules import counted
 
 COLOURS = {
     Verdict.CONVERGED: "#B7E1CD",
@@ -90,7 +91,7 @@ def table(findings: Sequence[Finding]) -> list[list[Any]]:
 def sentences(matrix: Matrix) -> list[str]:
     """The results in sentences, for the terminal and the report."""
     counts = ", ".join(f"{matrix.count(verdict)} {verdict}" for verdict in Verdict)
-    found = [f"{len(matrix.findings)} runs in {matrix.seconds:.0f} s: {counts}."]
+    found = [f"{counted(len(matrix.findings), 'run')} in {matrix.seconds:.0f} s: {counts}."]
     errors = sorted(
         f.error for f in matrix.findings if f.verdict is Verdict.CONVERGED and f.error is not None
     )

@@ -64,7 +64,9 @@ def summary(study: Study) -> dict[str, Any]:
     return found
 
 
-def rerun_summary(stored: StoredModel, scene: Scene, motion: Motion) -> dict[str, Any]:
+def rerun_summary(
+    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str]
+) -> dict[str, Any]:
     """Collect the contents of `summary.json` for a motion of a stored model."""
     return {
         "scene": scene.source,
@@ -78,6 +80,7 @@ def rerun_summary(stored: StoredModel, scene: Scene, motion: Motion) -> dict[str
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
+        "warnings": warnings,
         "provenance": stored.provenance,
     }
 
@@ -163,7 +166,7 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
 
 
 def write_rerun_numbers(
-    stored: StoredModel, scene: Scene, motion: Motion, folder: Path
+    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str], folder: Path
 ) -> list[Path]:
     """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
 
@@ -171,7 +174,7 @@ def write_rerun_numbers(
         OSError: a file cannot be written.
     """
     return [
-        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion)),
+        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion, warnings)),
         write_history(folder / HISTORY, {"reduced": motion}),
         *write_checkpoint(folder, stored.model, scene, motion),
     ]

@@ -72,7 +72,7 @@ def select(coordinates: Array, labels: Sequence[str], method: str, threshold: fl
     """Select modes and derivatives by the coordinates of the snapshots.
 
     Static modes are always kept, because the contact displacements are coordinates of the reduced
-    model.
+    model. Without motion there is nothing to select: all modes are kept, and no derivative.
 
     Args:
         coordinates: (k, s) coordinates Q of the scaled modes.
@@ -86,6 +86,8 @@ def select(coordinates: Array, labels: Sequence[str], method: str, threshold: fl
     """
     eta = np.abs(coordinates)
     largest = eta.max(axis=1)
+    if not largest.any():
+        return Selection(tuple(labels), (), dict.fromkeys(labels, 0.0), {})
     relative = dict(zip(labels, (largest / largest.max()).tolist(), strict=True))
     modes = tuple(label for label in labels if label.endswith("S") or relative[label] >= threshold)
     w = np.outer(largest, largest) if method == "mmi" else eta @ eta.T

@@ -13,6 +13,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.loads import Load, Pulse
 from fenicsrom.scene.places import Place, Region
 from fenicsrom.scene.response import parameter_of
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
 from fenicsrom.scene.tables import plain
 from fenicsrom.scene.times import (
@@ -344,7 +345,9 @@ def _response_problems(scene: Scene) -> Problems:
             return
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
-        allowed = f"the scene has {len(getattr(scene, table))} {table}, numbered from 0"
+        allowed = (
+            f"the scene has {counted(len(getattr(scene, table)), table[:-1])}, numbered from 0"
+        )
         yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
     elif table == "loads":
         load = scene.loads[index]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING
 from typing import Any
 
+from fenicsrom.scene.checks import REGION_KEYS
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
 
@@ -13,8 +14,10 @@ from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
 def json_schema() -> dict[str, Any]:
     """Give the JSON schema (draft 2020-12) of a scene file.
 
-    It states every key with its type, range, unit, default and meaning, and which keys of a load
-    and of [time] exclude each other. Only `read_scene` checks the other relations between keys.
+    It states every key with its type, range, unit, default and meaning, which keys of a load and of
+    [time] exclude each other, and that a place has exactly one key. Only `read_scene` checks the
+    other relations between keys, and tells the integer 2 from the number 2.0, which are the same
+    in JSON.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -37,11 +40,29 @@ def _table(kind: type) -> dict[str, Any]:
         "additionalProperties": False,
     }
     required, alternatives = needed(kind)
+    if places := _place_alternatives(kind):
+        alternatives = [*alternatives, places]
     if required:
         schema["required"] = required
     if alternatives:
         schema["allOf"] = [{"anyOf": options} for options in alternatives]
     return schema
+
+
+def _place_alternatives(kind: type) -> list[dict[str, Any]]:
+    """Give the alternatives of a table with a place: one of its keys, or none (acceleration)."""
+    names = key_names(kind)
+    keys_of_place = [name for name in REGION_KEYS if name in names]
+    if "group" not in keys_of_place:
+        return []
+    found: list[dict[str, Any]] = []
+    for name in keys_of_place:
+        others = [{"required": [other]} for other in keys_of_place if other != name]
+        found.append({"required": [name], "not": {"anyOf": others}})
+    if "acceleration" in names:
+        every = [{"required": [name]} for name in keys_of_place]
+        found.append({"required": ["acceleration"], "not": {"anyOf": every}})
+    return found
 
 
 def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
@@ -50,7 +71,7 @@ def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
     alternatives: list[list[dict[str, Any]]] = []
     for entry, _ in entries(kind).values():
         if isinstance(entry, OneOf):
-            every = {key for other in entry.kinds for key in key_names(other)}
+            every = {key: default for other in entry.kinds for key, _, _, default in keys(other)}
             kinds = [*entry.kinds, *([entry.otherwise] if entry.otherwise else [])]
             alternatives.append([_alternative(each, every) for each in kinds])
         elif isinstance(entry, type):
@@ -60,8 +81,11 @@ def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
     return required, alternatives
 
 
-def _alternative(kind: type, every: set[str]) -> dict[str, Any]:
-    """Give what one alternative requires and excludes."""
+def _alternative(kind: type, every: Mapping[str, Any]) -> dict[str, Any]:
+    """Give what one alternative requires and excludes of all keys, which have these defaults.
+
+    A number that is zero by default may be given as zero, as in `OneOf.chosen`.
+    """
     conditions: dict[str, Any] = {}
     instead = {
         name: key_names(other) for name, (_, other) in entries(kind).items() if other is not None
@@ -76,9 +100,13 @@ def _alternative(kind: type, every: set[str]) -> dict[str, Any]:
     ]
     if choices:
         conditions["allOf"] = choices
-    excluded = sorted(every - set(key_names(kind)))
+    excluded = [
+        {"required": [name]}
+        | ({"properties": {name: {"not": {"const": 0}}}} if every[name] == 0.0 else {})
+        for name in sorted(every.keys() - set(key_names(kind)))
+    ]
     if excluded:
-        conditions["not"] = {"anyOf": [{"required": [name]} for name in excluded]}
+        conditions["not"] = {"anyOf": excluded}
     return conditions
 
 

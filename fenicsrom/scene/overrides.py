@@ -17,7 +17,7 @@ DEEPEST = 20  # names in the path of a key
 
 
 def override_table(
-    table: Mapping[str, Any], overrides: Sequence[str], source: str
+    table: Mapping[str, Any], overrides: str | Sequence[str], source: str
 ) -> dict[str, Any]:
     """Give a copy of the table of a scene with some of its values replaced.
 
@@ -26,7 +26,7 @@ def override_table(
 
     Args:
         table: the plain data of a scene.
-        overrides: the path of a key, = and its value as TOML writes it.
+        overrides: the path of a key, = and its value as TOML writes it; one or several.
         source: name of the table in messages.
 
     Returns:
@@ -36,7 +36,7 @@ def override_table(
         SceneError: an override has no `=`, its value is not TOML, or its path leads nowhere.
     """
     changed = dict(table)
-    for override in overrides:
+    for override in [overrides] if isinstance(overrides, str) else overrides:
         names, value = _parsed(override, source)
         if len(names) == 2 and names[0] == "time" and isinstance(changed.get("time"), dict):
             changed["time"] = without_alternatives(Time, changed["time"], names[1])
@@ -77,7 +77,8 @@ def _parsed(override: str, source: str) -> tuple[list[str], Any]:
 
 def _refuse(override: str, source: str, reason: str) -> SceneError:
     sentence = f"{source}: override {show(override)}: {reason}"
-    return SceneError(sentence, kind=ErrorKind.FORMAT, key=override, source=source)
+    key = override.partition("=")[0].strip()
+    return SceneError(sentence, kind=ErrorKind.FORMAT, key=key, source=source)
 
 
 def _no_entry(branch: Any, name: str) -> str:

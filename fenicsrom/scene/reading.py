@@ -30,7 +30,7 @@ from fenicsrom.scene.times import (
 DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
 
 
-def read_scene(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Scene:
+def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()) -> Scene:
     """Read a scene from a TOML file.
 
     Args:

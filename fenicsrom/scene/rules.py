@@ -59,6 +59,11 @@ def show(value: object, width: int = 60) -> str:
     return text if len(text) <= width else text[: width - 1] + "…"
 
 
+def counted(number: int, noun: str) -> str:
+    """Write a number and a noun, which gets an s in the plural."""
+    return f"{number} {noun}{'s' * (number != 1)}"
+
+
 @dataclass(frozen=True)
 class Rule:
     """The rule of a key.
@@ -94,6 +99,11 @@ def is_sequence(value: object) -> TypeGuard[Sequence[Any]]:
     return isinstance(value, list | tuple)
 
 
+def _unquoted(value: object) -> str:
+    """Say that a number must not be a text."""
+    return ", without quotes" if isinstance(value, str) else ""
+
+
 def number(
     *,
     above: float = -math.inf,
@@ -115,7 +125,7 @@ def number(
 
     def read(value: Any, where: Where) -> float:
         if not isinstance(value, int | float) or isinstance(value, bool):
-            raise where.refuse(value, allowed, ErrorKind.TYPE)
+            raise where.refuse(value, f"{allowed}{_unquoted(value)}", ErrorKind.TYPE)
         if not (is_number(value) and above < value < below and least <= value <= most):
             raise where.refuse(value, allowed)
         return float(value)
@@ -130,7 +140,7 @@ def integer(least: int, most: int, unit: str = "") -> Rule:
 
     def read(value: Any, where: Where) -> int:
         if not isinstance(value, int) or isinstance(value, bool):
-            raise where.refuse(value, allowed, ErrorKind.TYPE)
+            raise where.refuse(value, f"{allowed}{_unquoted(value)}", ErrorKind.TYPE)
         if not least <= value <= most:
             raise where.refuse(value, allowed)
         return int(value)
@@ -280,6 +290,7 @@ harmonics = Rule(
         "minItems": 1,
         "items": {
             "type": "array",
+            "prefixItems": [{"type": "integer", "minimum": 1, "maximum": 1000}],
             "items": {"type": "number"},
             "minItems": 3,
             "maxItems": 3,
@@ -331,7 +342,7 @@ series = Rule(
     "s, –",
 )
 
-LABEL = r"([0-9]{1,6})([VS])([0-9]{1,6})([VS])"
+LABEL = r"([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])"
 
 
 def _read_label(value: Any, where: Where) -> str:
@@ -340,7 +351,7 @@ def _read_label(value: Any, where: Where) -> str:
     The label 1S2V becomes 2V1S.
     """
     match = re.fullmatch(LABEL, value) if isinstance(value, str) else None
-    if match is None or not int(match[1]) or not int(match[3]):
+    if match is None:
         allowed = (
             'must be two modes such as "1V1V" or "1V2S": '
             "a number from 1, then V (normal) or S (static)"
@@ -391,7 +402,11 @@ derivatives = Rule(
     {
         "oneOf": [
             {"enum": list(SELECTIONS)},
-            {"type": "array", "items": {"type": "string", "pattern": f"^{LABEL}$"}},
+            {
+                "type": "array",
+                "items": {"type": "string", "pattern": f"^{LABEL}$"},
+                "uniqueItems": True,
+            },
         ]
     },
     '"none" or "all" or "mmi" or "mmi-nls" or a list of labels such as "1V1S"',
@@ -410,12 +425,15 @@ def list_of(rule: Rule) -> Rule:
                 raise where.at(index).refuse(value[index], "must occur only once in the list")
         return values
 
-    schema = {"type": "array", "items": rule.schema, "minItems": 1}
+    schema = {"type": "array", "items": rule.schema, "minItems": 1, "uniqueItems": True}
     return Rule(read, schema, f"list of {rule.allowed}", rule.unit)
 
 
-def rows_of(*names: str, unit: str) -> Rule:
-    """Make the rule of a list of rows, each with these numbers."""
+def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> Rule:
+    """Make the rule of a list of rows, each with these numbers; `first` is the schema of column 0.
+
+    Only the schema states the range of the first column; `fenicsrom.scene.checks` checks it.
+    """
     row_of = f"[{', '.join(names)}]"
 
     def read(value: Any, where: Where) -> tuple[tuple[float, ...], ...]:
@@ -430,6 +448,7 @@ def rows_of(*names: str, unit: str) -> Rule:
 
     row = {
         "type": "array",
+        **({} if first is None else {"prefixItems": [first]}),
         "items": {"type": "number"},
         "minItems": len(names),
         "maxItems": len(names),

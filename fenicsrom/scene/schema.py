@@ -98,7 +98,14 @@ class Surface:
     radius: Annotated[float | None, number(above=0.0, unit="m")] = None
     spin: Annotated[float | None, number(unit="rad/s")] = None
     waves: Annotated[
-        tuple[tuple[float, ...], ...], rows_of("order", "height", "phase", unit="–, m, rad")
+        tuple[tuple[float, ...], ...],
+        rows_of(
+            "order",
+            "height",
+            "phase",
+            unit="–, m, rad",
+            first={"type": "integer", "minimum": 1},
+        ),
     ] = ()
 
 

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.rules import Rule, Where, is_sequence
+from fenicsrom.scene.rules import Rule, Where, is_number, is_sequence
 
 T = TypeVar("T")
 
@@ -58,11 +58,16 @@ class OneOf:
         allowed = key_names(kind)  # a default of zero changes nothing: old files have phase = 0
         for other in self.kinds:
             for key, _, _, default in keys(other):
-                if key in table and key not in allowed and not table[key] == default == 0.0:
+                if key in table and key not in allowed and not _is_zero(table[key], default):
                     listed = f"; allowed here: {', '.join(allowed)}" if allowed else ""
                     sentence = f"not allowed {in_alternative(kind)}{listed}"
                     raise where.at(key).refuse(table[key], sentence, ErrorKind.CONFLICT)
         return kind
+
+
+def _is_zero(value: Any, default: Any) -> bool:
+    """Whether a value is the number zero, and the default of its key."""
+    return is_number(value) and value == default == 0.0
 
 
 def in_alternative(kind: type) -> str:
@@ -185,7 +190,12 @@ def tables_of(kind: type, least: int = 0) -> Rule:
 
 
 def plain(value: Any) -> Any:
-    """Turn the values that the rules made into plain data again; None is left out."""
+    """Turn values into plain data: those that the rules made, and numbers and arrays of numpy.
+
+    A field of a dataclass that is None is left out.
+    """
+    if hasattr(value, "tolist"):  # without an import of numpy, which light commands do not need
+        return value.tolist()
     if hasattr(value, "as_table"):
         return value.as_table()
     if is_dataclass(value) and not isinstance(value, type):

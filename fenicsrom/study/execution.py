@@ -53,6 +53,8 @@ def run(
     """
     from fenicsrom.post.record import Study
 
+    if resume is not None:
+        _require_resumable(resume, scene)
     run = Run(Study(scene), comm or _all_ranks(), Stopwatch(say), folder, resume, stop, mesh)
     execute(run, stages(scene, modes_only, files=folder is not None))
     return run.study
@@ -93,7 +95,8 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
         The model with its scene and labels, for `StoredModel.simulate` and `save_model`.
 
     Raises:
-        SceneError: the scene cannot be used, or all its loads are static.
+        SceneError: the scene cannot be used, all its loads are static, or its elastic force is
+            projected, which needs the mesh.
         ConvergenceError, AccuracyError: a stage failed.
     """
     from fenicsrom.post.summary import stored_model
@@ -101,6 +104,14 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
     if scene.static_only:
         reason = "all loads are static, so there is no reduced model to integrate"
         raise SceneError(f"{scene.source}: {reason}", kind=ErrorKind.CONFLICT, source=scene.source)
+    if _is_projected(scene):
+        raise SceneError(
+            f'{scene.source}: basis.elastic_force = "projection": a model with the projected force '
+            'needs the mesh and cannot be stored; use "polynomial"',
+            kind=ErrorKind.CONFLICT,
+            key="basis.elastic_force",
+            source=scene.source,
+        )
     return stored_model(offline(scene, comm, Stopwatch(), mesh))
 
 
@@ -124,6 +135,30 @@ def execute(run: Run, listed: list[Stage]) -> None:
             stage.run(run)
         if not stage.writes:
             study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
+
+
+def _is_projected(scene: Scene) -> bool:
+    """Whether the reduced model takes its elastic force from the mesh."""
+    return scene.geometrically_nonlinear and scene.basis.elastic_force == "projection"
+
+
+def _require_resumable(resume: Path, scene: Scene) -> None:
+    """Check, before the offline stages, that a run of a scene can continue from a checkpoint.
+
+    Raises:
+        SceneError: the file cannot be read, or belongs to another scene; or models of this scene
+            have no checkpoints.
+    """
+    from fenicsrom.online.checkpoints import check_checkpoint
+
+    if _is_projected(scene):
+        raise SceneError(
+            f'{resume}: basis.elastic_force = "projection" has no checkpoints; use "polynomial"',
+            kind=ErrorKind.CONFLICT,
+            key="basis.elastic_force",
+            source=str(resume),
+        )
+    check_checkpoint(resume, scene)
 
 
 def _all_ranks() -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -15,11 +15,7 @@ def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.online.measures import out_of_reach
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.sentences import (
-        buckled_sentence,
-        free_slider_sentence,
-        unsteady_sentence,
-    )
+    from fenicsrom.post.sentences import motion_warnings
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -42,12 +38,7 @@ def integrate(run: Run, name: str) -> None:
         study.left_out += out_of_reach(motion, study.solid.points)
     if study.unfinished:
         return
-    if motion.buckled:
-        study.warnings.append(buckled_sentence(name, motion))
-    if sentence := free_slider_sentence(name, motion):
-        study.warnings.append(sentence)
-    if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
-        study.warnings.append(unsteady_sentence(name, motion, scene))
+    study.warnings.extend(motion_warnings(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
@@ -78,14 +69,6 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
     study, model = run.study, run.study.model
     if not isinstance(model, ReducedModel):
-        if run.resume is not None:
-            raise SceneError(
-                f'{run.resume}: basis.elastic_force = "projection" has no checkpoints; '
-                'use "polynomial"',
-                kind=ErrorKind.CONFLICT,
-                key="basis.elastic_force",
-                source=str(run.resume),
-            )
         return {}
     options: dict[str, Any] = {}
     if run.resume is not None:

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
 from fenicsrom.study.stage import Item
+
+
+def is_loaded(scene: Scene) -> bool:
+    """Whether static loads or the centrifugal force deform the body."""
+    turning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
+    return turning or any(load.static and load.size != 0.0 for load in scene.loads)
 
 
 def solid_parts(scene: Scene) -> tuple[Item, ...]:
     """List what is assembled and solved with the solid."""
-    static = sum(load.static for load in scene.loads)
+    static = sum(load.static and load.size != 0.0 for load in scene.loads)
     rotation = scene.rotation
-    loads = _count(static, "static load") if static else "no static load"
+    turning = rotation is not None and rotation.speed_rpm != 0.0
+    loads = counted(static, "static load") if static else "no static load"
     return (
         Item(
             "static equilibrium",
-            static > 0 or rotation is not None,
-            f"{loads}, centrifugal force" if rotation else loads,
+            is_loaded(scene),
+            f"{loads}, centrifugal force" if turning else loads,
         ),
         Item(
             "rotating frame",
-            rotation is not None,
+            turning,
             f"{rotation.speed_rpm:g} rpm" if rotation else "no rotation",
         ),
         Item(
             "gyroscopic term",
-            rotation is not None and rotation.coriolis,
-            f"rotation.coriolis is {toml_text(rotation.coriolis)}" if rotation else "no rotation",
+            turning and rotation is not None and rotation.coriolis,
+            f"rotation.coriolis is {toml_text(rotation.coriolis)}"
+            if rotation and turning
+            else "no rotation",
         ),
     )
 
@@ -63,7 +73,7 @@ def derivatives_reason(scene: Scene) -> str:
     wanted = scene.basis.derivatives
     if not scene.geometrically_nonlinear:
         return "the scene is geometrically linear"
-    kind = wanted if isinstance(wanted, str) else "a list of labels"
+    kind = wanted if isinstance(wanted, str) else "a list of labels" if wanted else "empty"
     if wanted in ("mmi", "mmi-nls") and scene.static_only:
         return f"basis.derivatives is {kind}, but all loads are static"
     return f"basis.derivatives is {kind}"
@@ -76,8 +86,8 @@ def reduction_parts(scene: Scene) -> tuple[Item, ...]:
     elastic, dimension = elastic_reason(scene), scene.geometry.dimension
     regions = sum(contact.place.at == "nodes" for contact in scene.contacts)
     points = len(scene.contacts) - regions
-    parts = [_count(points, "point")] if points else []
-    parts += [f"every node of {_count(regions, 'place')}"] if regions else []
+    parts = [counted(points, "point")] if points else []
+    parts += [f"every node of {counted(regions, 'place')}"] if regions else []
     where = " and ".join(parts) or "no contact"
     return (
         Item("elastic polynomial", nonlinear and not projected, elastic),
@@ -115,8 +125,3 @@ def newton_item(scene: Scene) -> Item:
 def toml_text(value: bool) -> str:
     """Write a truth value as TOML does."""
     return str(value).lower()
-
-
-def _count(number: int, noun: str) -> str:
-    """Write a number and a noun, which gets an s in the plural."""
-    return f"{number} {noun}{'s' * (number != 1)}"

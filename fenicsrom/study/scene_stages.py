@@ -15,6 +15,7 @@ from fenicsrom.study import building, motions, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,
     elastic_reason,
+    is_loaded,
     mode_parts,
     newton_item,
     reduction_parts,
@@ -67,7 +68,9 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis" if moving else why_not,
+            "energy balance, time step and basis, which may need a richer basis"
+            if moving
+            else why_not,
             lambda run: motions.check(run.study),
         ),
     ]
@@ -81,7 +84,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
     with_basis, why_not = _moving(scene, modes_only)
     by_motion = basis.derivatives in ("mmi", "mmi-nls")
     selecting = nonlinear and by_motion and not scene.static_only
-    listed = nonlinear and not by_motion and basis.derivatives != "none"
+    listed = nonlinear and not by_motion and basis.derivatives not in ("none", ())
     derivatives = derivatives_reason(scene) if with_modes else ALL_STATIC
     which = f"basis.method is {basis.method}" if with_modes else ALL_STATIC
     return [
@@ -130,10 +133,9 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         return Stage(name, on and needed, reason, write, writes=True)
 
     shapes = moving or modes_only
-    fields = shapes or any(load.static for load in scene.loads) or scene.rotation is not None
     return [
         Stage("numbers", True, "every run", writing.numbers, writes=True),
-        wanted("ParaView modes", "paraview", fields, writing.paraview_modes),
+        wanted("ParaView modes", "paraview", shapes or is_loaded(scene), writing.paraview_modes),
         wanted("ParaView motion", "motion", moving, writing.paraview_motion),
         wanted("pictures", "pictures", shapes, writing.pictures),
         wanted("animation", "animation", moving, writing.animation),

@@ -63,16 +63,19 @@ def rerun(
     """
     from fenicsrom.assess.verdicts import rejection_reason
     from fenicsrom.online.checkpoints import load_checkpoint
+    from fenicsrom.post.sentences import motion_warnings, rerun_warnings
 
     watch = Stopwatch(say)
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
+    warnings = rerun_warnings(scene)
     if unfinished is None:
+        warnings += motion_warnings("reduced", motion, scene)
         stop_where_asked(stop)
         with watch("checks"):
             unfinished = rejection_reason(model, scene, motion)
-    warnings, files = _write(stored, scene, motion, folder, watch, stop)
+    files = _write(stored, scene, motion, warnings, folder, watch, stop)
     return Rerun(motion, unfinished, warnings, files)
 
 
@@ -113,25 +116,28 @@ def _write(
     stored: StoredModel,
     scene: Scene,
     motion: Motion,
+    warnings: list[str],
     folder: Path,
     watch: Stopwatch,
     stop: Callable[[], bool],
-) -> tuple[list[str], list[Path]]:
-    """Write the numbers, the pictures and the report; give the warnings and the written files."""
+) -> list[Path]:
+    """Write the numbers, the pictures and the report; give the written files.
+
+    A picture that cannot be drawn adds a warning.
+    """
     from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
     from fenicsrom.post.report import write_rerun_report
-    from fenicsrom.post.sentences import free_slider_sentence
     from fenicsrom.post.summary import write_rerun_numbers
 
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(stored, scene, motion, folder)
+        files = write_rerun_numbers(stored, scene, motion, warnings, folder)
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
-    free = free_slider_sentence("reduced", motion)
-    warnings = [text for text in (free, sentence) if text]
+    if sentence:
+        warnings.append(sentence)
     with watch("pictures"):
         written = write_motion_pictures([] if sentence else pictures, folder)
     report = write_rerun_report(stored, scene, motion, written, warnings, folder)
-    return warnings, [report, *files, *(path for _, path in written)]
+    return [report, *files, *(path for _, path in written)]

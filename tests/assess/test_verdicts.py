@@ -182,3 +182,12 @@ def test_only_periodic_motion_has_settled() -> None:
     growing = motion.displacement * (1.0 + 0.01 * motion.time / motion.period)[:, None, None]
     assert not measures.has_settled(replace(motion, steady=False, displacement=growing))
     assert not measures.has_settled(replace(motion, steady=False, period=None))
+
+
+def test_basis_error_above_five_percent_is_refused() -> None:
+    scene = beam_scene(2)
+    verdicts.check_basis_error(scene, 0.049)
+    for estimate in (0.051, np.inf):
+        with pytest.raises(AccuracyError) as caught:
+            verdicts.check_basis_error(scene, estimate)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.BASIS, "basis")

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from dolfinx import fem
 from mpi4py import MPI
+from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh import mesh_from_dolfinx, mesh_from_gmsh_model
 from fenicsrom.fem.mesh_data import Mesh
+from fenicsrom.fem.solid import solid_of
 from fenicsrom.fem.supports import unclamped_pieces
 
 
@@ -82,6 +84,84 @@ def test_groups_of_dolfinx_mesh_are_the_tagged_facets() -> None:
     mesh = mesh_from_dolfinx(domain, tags, {"root": 7, "ends": (7, 9)})
     assert length_of(mesh, "root") == pytest.approx(1.0, rel=1e-12)
     assert length_of(mesh, "ends") == pytest.approx(2.0, rel=1e-12)
+
+
+def test_tags_of_numpy_name_groups() -> None:
+    domain, tags = tagged_square()
+    groups = {"root": np.int32(7), "ends": np.array([7, 9])}
+    assert mesh_from_dolfinx(domain, tags, groups).groups == {
+        "root": (1, (7,)),
+        "ends": (1, (7, 9)),
+    }
+
+
+@pytest.mark.parametrize("tag", ["7", 7.0, True, []])
+def test_tag_that_is_no_integer_is_refused(tag: Any) -> None:
+    domain, tags = tagged_square()
+    with refusal(ErrorKind.TYPE, key="groups.root"):
+        mesh_from_dolfinx(domain, tags, {"root": tag})
+
+
+def test_tags_that_are_not_those_of_the_facets_are_refused() -> None:
+    domain, tags = tagged_square()
+    one = np.ones(1, dtype=np.int32)
+    cells = dolfinx.mesh.meshtags(domain, 2, one, one)
+    small = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 1, 1)
+    for wrong in (cells, None):
+        with refusal(ErrorKind.MESH, key="facet_tags"):
+            mesh_from_dolfinx(domain, wrong, {"root": 1})
+    with refusal(ErrorKind.MESH, key="facet_tags"):
+        mesh_from_dolfinx(small, tags, {"root": 7})
+    with refusal(ErrorKind.MESH, key="cell_tags"):
+        mesh_from_dolfinx(domain, tags, {"root": 7}, tags)
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral"])
+def test_mesh_with_moved_node_is_refused(cell: str) -> None:
+    def mesh_with(change: float) -> Mesh:
+        kind = dolfinx.mesh.CellType[cell]
+        domain = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 4, 4, kind)
+        x = domain.geometry.x
+        inner = np.flatnonzero(np.all(np.abs(x[:, :2] - 0.5) < 0.1, axis=1))
+        x[inner[0], 0] += change
+        nothing = np.empty(0, dtype=np.int32)
+        return mesh_from_dolfinx(domain, dolfinx.mesh.meshtags(domain, 1, nothing, nothing), {})
+
+    assert mesh_with(0.1).groups == {}
+    for change in (0.4, np.nan):
+        with refusal(ErrorKind.MESH):
+            mesh_with(change)
+
+
+def test_mesh_of_float32_is_refused() -> None:
+    domain = dolfinx.mesh.create_unit_square(MPI.COMM_SELF, 1, 1, dtype=np.float32)
+    nothing = np.empty(0, dtype=np.int32)
+    with refusal(ErrorKind.MESH):
+        mesh_from_dolfinx(domain, dolfinx.mesh.meshtags(domain, 1, nothing, nothing), {})
+
+
+def test_scene_of_another_dimension_than_the_mesh_is_refused() -> None:
+    domain, tags = tagged_square()
+    mesh = mesh_from_dolfinx(domain, tags, {"root": 7, "tip": 9, "load": 9})
+    with refusal(ErrorKind.MISMATCH, key="geometry.dimension"):
+        solid_of(beam_scene(3), mesh)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "key"),
+    [
+        ({"dimension": 4}, ErrorKind.RANGE, "dimension"),
+        ({"dimension": "2"}, ErrorKind.TYPE, "dimension"),
+        ({"dimension": 2, "scale": np.nan}, ErrorKind.RANGE, "scale"),
+        ({"dimension": 2, "scale": 0.0}, ErrorKind.RANGE, "scale"),
+        ({"dimension": 2, "scale": -1.0}, ErrorKind.RANGE, "scale"),
+    ],
+)
+def test_wrong_argument_for_gmsh_model_is_refused(
+    rectangle: Any, arguments: dict[str, Any], kind: ErrorKind, key: str
+) -> None:
+    with refusal(kind, key=key):
+        mesh_from_gmsh_model(**arguments, comm=MPI.COMM_SELF)
 
 
 def test_tag_that_dolfinx_mesh_lacks_is_refused() -> None:

@@ -12,7 +12,7 @@ from support import beam_scene, linear_model, refusal
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.measures import amplitude
-from fenicsrom.online.simulate import load_histories
+from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
 SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")
@@ -50,6 +50,28 @@ def test_stored_model_runs_under_the_damping_of_another_scene(stored: StoredMode
     assert amplitude(stored.simulate(damped))[0] < 0.5 * amplitude(stored.simulate())[0]
 
 
+def test_simulate_of_stored_model_takes_loads_and_damping_of_scene(stored: StoredModel) -> None:
+    other = scene_with("loads.0.force=20.0", "material.mass_damping=50.0")
+    motion, same = simulate(stored, other), stored.simulate(other)
+    np.testing.assert_array_equal(motion.displacement, same.displacement)
+
+
+@pytest.mark.parametrize(
+    ("scene", "key"),
+    [
+        (scene_with("loads.0.force=20.0"), "loads"),
+        (scene_with("loads.0.frequency=4.0"), "loads"),
+        (scene_with("loads.0.force=111.0", "material.mass_damping=6.0"), "material.mass_damping"),
+        (beam_scene(2, (*SHORT, "loads.0.force=111.0")), "contacts"),
+    ],
+)
+def test_simulate_of_bare_model_refuses_another_scene(
+    stored: StoredModel, scene: Scene, key: str
+) -> None:
+    with refusal(ErrorKind.MISMATCH, key=key):
+        simulate(stored.model, scene)
+
+
 def test_scene_and_overrides_give_the_same_motion(stored: StoredModel) -> None:
     changes = ["loads.0.force=20.0", "material.mass_damping=7.0", "time.tolerance=1e-3"]
     by_overrides = stored.with_overrides(changes)
@@ -63,6 +85,26 @@ def test_scene_of_another_model_is_refused(stored: StoredModel) -> None:
     with pytest.raises(SceneError) as refusal:
         stored.simulate(scene_with("material.young=1e9"))
     assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, "material")
+
+
+def test_scene_with_another_probe_is_refused(stored: StoredModel) -> None:
+    with refusal(ErrorKind.MISMATCH, key="probe"):
+        stored.simulate(beam_scene(2, SHORT, contacts=None, probe={"group": "load"}))
+
+
+@pytest.mark.parametrize("name", ["mass", "stiffness"])
+def test_stored_matrix_that_is_not_symmetric_is_refused(
+    stored: StoredModel, tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, stored)
+    with np.load(path) as file:
+        arrays = dict(file)
+    matrix = arrays[name].copy()
+    matrix[0, 1] += 1e-7 * matrix.max()
+    np.savez(path, **arrays | {name: matrix})
+    with refusal(ErrorKind.FORMAT, file=path.name, names=name):
+        load_model(path)
 
 
 def test_file_of_an_earlier_version_asks_to_run_the_scene_again(

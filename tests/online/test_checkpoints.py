@@ -27,6 +27,7 @@ from fenicsrom.online.contact_state import OPEN, SLIP, STICK
 from fenicsrom.online.march import integrate
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.scene_changes import changed_run_key
 from fenicsrom.online.state import Checkpoint
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.post.summary import write_checkpoint
@@ -248,6 +249,11 @@ def test_checkpoint_of_another_model_or_scene_is_refused(
         with pytest.raises(SceneError) as refusal:
             load_checkpoint(path, model, other)
         assert (refusal.value.kind, refusal.value.key) == (ErrorKind.MISMATCH, key)
+    damped = {"scheme": "generalised-alpha", "spectral_radius": 0.8}
+    made = replace(scene, time=scene.time.changed(**damped))
+    assert changed_run_key(made, made) is None
+    other = replace(made, time=made.time.changed(spectral_radius=0.7))
+    assert changed_run_key(made, other) == "time.spectral_radius"
     for ends in ({"periods": 9}, {"steady_tolerance": 0.1}):
         load_checkpoint(path, model, replace(scene, time=scene.time.changed(**ends)))
     with pytest.raises(SceneError) as refusal:

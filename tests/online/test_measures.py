@@ -1,12 +1,14 @@
 """Measures of motions known in closed form."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from motions import FRICTION, PERIOD, RESPONSE_KEYS, STIFFNESS, jenkins, motion, side_by_side
 
 from fenicsrom.online import measures
+from fenicsrom.online.contact_points import ContactPoints
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():
@@ -184,3 +186,26 @@ def test_tangential_error_in_3d_compares_vectors():
     assert measures.errors_percent(plane, space)["amplitude_tangential"] == pytest.approx(
         100 * 0.5 / 1.25**0.5, rel=1e-3
     )
+
+
+def test_motion_has_settled_only_if_four_periods_agree():
+    """The amplitude of the period before the last three differs."""
+    for odd in range(6):
+        time = np.linspace(0.0, 6 * PERIOD, 1201)
+        size = np.where(np.abs(time / PERIOD - odd - 0.5) < 0.5 - 1e-6, 1.1, 1.0)
+        u = np.zeros((time.size, 1, 2))
+        u[:, 0, 1] = size * np.sin(2 * np.pi * time / PERIOD)
+        case = replace(motion(time, u), steady=False)
+        assert measures.has_settled(case) == (odd < 2)
+
+
+def test_point_with_force_zero_never_touched():
+    u = np.zeros((101, 2, 2))
+    force = np.zeros_like(u)
+    force[50, 1, 0] = 3.0
+    points = ContactPoints(
+        np.arange(2), np.ones(2), np.zeros((2, 2)), np.tile(np.eye(2), (2, 1, 1))
+    )
+    case = motion(np.linspace(0, PERIOD, 101), u, force)
+    (sentence,) = measures.out_of_reach(case, points)
+    assert sentence.startswith("contacts[0]: 1 point ")

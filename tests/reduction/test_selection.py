@@ -106,3 +106,11 @@ def test_weak_normal_modes_are_dropped_and_static_modes_are_kept() -> None:
 def test_weight_at_threshold_is_dropped() -> None:
     assert "1V1S" not in select(ETA, LABELS, "mmi-nls", 0.25).derivatives
     assert "1V1S" in select(ETA, LABELS, "mmi-nls", 0.2499).derivatives
+
+
+@pytest.mark.parametrize("method", ["mmi", "mmi-nls"])
+def test_structure_without_motion_keeps_all_modes_and_no_derivative(method: str) -> None:
+    chosen = select(np.zeros_like(ETA), LABELS, method, 0.1)
+    assert chosen.modes == ("1V", "2V", "1S")
+    assert chosen.derivatives == () and chosen.weights == {}
+    assert chosen.modal_coordinates == {"1V": 0.0, "2V": 0.0, "1S": 0.0}

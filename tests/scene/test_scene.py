@@ -10,6 +10,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -329,7 +330,7 @@ def test_overrides_replace_values_and_make_tables() -> None:
 def test_override_without_place_or_value_is_refused(override: str) -> None:
     with pytest.raises(SceneError) as caught:
         parse(RUBBING, override)
-    assert (caught.value.kind, caught.value.key) == (ErrorKind.FORMAT, override)
+    assert (caught.value.kind, caught.value.key) == (ErrorKind.FORMAT, override.partition("=")[0])
     assert str(caught.value).startswith("s.toml: override ")
 
 
@@ -979,3 +980,170 @@ def test_scene_is_immutable() -> None:
     scene = parse(RUBBING)
     with pytest.raises(dataclasses.FrozenInstanceError):
         scene.material.young = 1.0  # type: ignore[misc]
+
+
+def test_single_override_may_be_a_text() -> None:
+    table = tomllib.loads(RUBBING)
+    same = override_table(table, ["loads.0.force=3.0"], "test")
+    assert override_table(table, "loads.0.force=3.0", "test") == same != table
+
+
+def test_key_of_wrong_override_is_dotted_key() -> None:
+    with pytest.raises(SceneError) as caught:
+        override_table(tomllib.loads(RUBBING), ["material.young.x = 3"], "test")
+    assert caught.value.key == "material.young.x"
+
+
+def test_numbers_and_arrays_of_numpy_are_accepted() -> None:
+    table = tomllib.loads(RUBBING)
+    plain = make_scene(**table)
+    table["material"]["young"] = np.float32(207e9)
+    table["geometry"]["dimension"] = np.int64(2)
+    table["loads"][0]["direction"] = np.array([0.0, 2.0])
+    table["loads"][0]["force"] = np.array(100)
+    found = make_scene(**table)
+    assert found.loads == plain.loads and found.geometry == plain.geometry
+    assert found.material.young == float(np.float32(207e9))
+    keys = {"group": "load", "force": np.int64(100), "frequency": np.float64(3.2)}
+    assert Load.of(**keys, direction=np.array([0, 2])) == plain.loads[0]
+
+
+def test_number_in_quotes_is_told_to_lose_them() -> None:
+    for override in ('loads.0.force="3"', 'basis.modes="3"'):
+        with pytest.raises(SceneError, match="without quotes"):
+            parse(RUBBING, override)
+
+
+def with_value(path: tuple[str | int, ...], value: Any) -> dict[str, Any]:
+    """The table of RUBBING with another value at a path."""
+    table: Any = tomllib.loads(RUBBING)
+    branch = table
+    for name in path[:-1]:
+        branch = branch.setdefault(name, {}) if isinstance(branch, dict) else branch[name]
+    if value is None:
+        del branch[path[-1]]
+    else:
+        branch[path[-1]] = value
+    return dict(table)
+
+
+FIRST_LOAD = ("loads", 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "accepted"),
+    [
+        ((*FIRST_LOAD, "harmonics"), [[2, 1.0, 0.0]], True),
+        ((*FIRST_LOAD, "harmonics"), [[0, 1.0, 0.0]], False),
+        ((*FIRST_LOAD, "harmonics"), [[1.5, 1.0, 0.0]], False),
+        ((*FIRST_LOAD, "box"), [[0, 0], [1, 1]], False),
+        ((*FIRST_LOAD, "group"), None, False),
+        (("basis", "derivatives"), ["1V1V"], True),
+        (("basis", "derivatives"), ["0V1V"], False),
+        (("basis", "derivatives"), ["1V1V", "1V1V"], False),
+        (("compare", "modes"), [1, 1], False),
+        (("supports", 0, "plane"), {"point": [0, 0], "normal": [1, 0]}, False),
+        (
+            ("loads",),
+            [
+                {
+                    "acceleration": 1.0,
+                    "direction": [0, 1],
+                    "frequency": 3.0,
+                    "harmonics": [[1, 1, 0]],
+                }
+            ],
+            True,
+        ),
+        (
+            FIRST_LOAD,
+            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": 0},
+            True,
+        ),
+        (
+            FIRST_LOAD,
+            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": False},
+            False,
+        ),
+        (
+            FIRST_LOAD,
+            {"group": "load", "direction": [0, 1], "force": 1.0, "phase": 0.5},
+            False,
+        ),
+    ],
+)
+def test_schema_and_reader_agree(path: tuple[str | int, ...], value: Any, accepted: bool) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    table = with_value(path, value)
+    if path[0] == "loads" and not any("frequency" in load for load in table["loads"]):
+        table["time"] = {"duration": 1.0, "step": 0.01}
+    assert jsonschema.Draft202012Validator(json_schema()).is_valid(table) == accepted
+    try:
+        parse_scene(table, "test", Path.cwd())
+        read = True
+    except SceneError:
+        read = False
+    assert read == accepted
+
+
+def test_step_of_quarter_period_of_load_is_the_longest() -> None:
+    """A load with a sweep does not repeat, so that the step is fixed: 0.1 s for 2.5 Hz."""
+    sweep = "loads.0.sweep={to=2.5, duration=1.0}"
+    frequency = "loads.0.frequency=2.0"
+    assert parse(RUBBING, sweep, frequency, "time={duration=1.0, step=0.1}").time.step == 0.1
+    long = refused(RUBBING, sweep, frequency, "time={duration=1.0, step=0.11}")
+    assert long == (ErrorKind.CONFLICT, "time.step")
+
+
+def test_quarter_period_of_harmonics_is_that_of_the_highest_order() -> None:
+    load = Load.of(
+        group="tip",
+        direction=[0, 1],
+        force=1,
+        frequency=2.0,
+        harmonics=[[3, 1.0, 0.0], [1, 1.0, 0.0]],
+    )
+    assert load.quarter_period == pytest.approx(0.25 / 6.0, rel=1e-15)
+
+
+def test_default_steady_tolerance_is_at_least_the_tolerance_of_the_step() -> None:
+    assert parse(RUBBING).time.steady_tolerance == 1e-5
+    assert parse(RUBBING, "time.tolerance=1e-3").time.steady_tolerance == 1e-3
+    assert parse(RUBBING, "time.tolerance=1e-7").time.steady_tolerance == 1e-5
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("frequency", False),
+        ("loads.0.force", False),
+        ("contacts.0.normal_stiffness", False),
+        ("contacts.0.friction", True),
+        ("material.mass_damping", True),
+    ],
+)
+def test_curve_starts_at_zero_only_where_zero_is_allowed(name: str, allowed: bool) -> None:
+    override = f"response={{parameter='{name}', first=0.0, last=2.0}}"
+    if allowed:
+        assert parse(RUBBING, override).response is not None
+    else:
+        assert refused(RUBBING, override) == (ErrorKind.RANGE, "response.first")
+
+
+def test_campbell_speeds_are_equally_spaced() -> None:
+    override = "campbell.speeds_rpm={first=100.0, last=400.0, number=4}"
+    assert parse(RUBBING, override).campbell.speeds_rpm == pytest.approx((100, 200, 300, 400))
+
+
+def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
+    second = {"group": "tip", "direction": [0, 1], "force": 1.0}
+    table = tomllib.loads(RUBBING)
+    first = table["loads"][0]
+    for ratio, allowed in ((2.0 + 1e-10, True), (2.0 + 1e-6, False)):
+        table["loads"] = [first, {**second, "frequency": first["frequency"] * ratio}]
+        if allowed:
+            assert parse_scene(table, "test", None).period == 1.0 / first["frequency"]
+            continue
+        with pytest.raises(SceneError) as caught:
+            parse_scene(table, "test", None)
+        assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "loads[1].frequency")

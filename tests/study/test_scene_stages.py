@@ -1,0 +1,148 @@
+"""The plan of a scene: what it says is needed, and what is done."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fenicsrom import study
+from fenicsrom.scene import Scene, read_scene
+
+DEMOS = Path(__file__).parents[2] / "demos"
+SCENE = DEMOS / "slip_liftoff_2d.toml"
+
+LINEAR = ["geometrically_nonlinear=false"]
+NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "left_out", "kept"),
+    [
+        (
+            [],
+            ["static equilibrium", "second tangent direction", "ParaView motion", "animation"],
+            ["derivatives", "static modes", "linear transient", "nonlinear statics"],
+        ),
+        (
+            LINEAR,
+            ["derivatives", "linear transient", "elastic polynomial", "Newton iterations"],
+            ["static modes", "selection"],
+        ),
+        (NO_CONTACT, ["static modes", "contact forces"], ["derivatives"]),
+        (
+            ["reference.full=false", "output.pictures=false"],
+            ["full motion", "pictures"],
+            ["normal modes", "numbers"],
+        ),
+        (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
+    ],
+)
+def test_plan_lists_needed_and_skipped_stages(
+    overrides: list[str], left_out: list[str], kept: list[str]
+) -> None:
+    needed = needed_items(read_scene(SCENE, overrides))
+    assert not any(needed[name] for name in left_out)
+    assert all(needed[name] for name in kept)
+
+
+def needed_items(scene: Scene) -> dict[str, bool]:
+    """Whether each stage and part of the plan is needed, by name."""
+    return {item.name: item.needed for item in study.plan(scene)}
+
+
+STILL_ROTATION = ["rotation={speed_rpm=0.0, coriolis=true}", "reference.beam=false"]
+
+
+def test_plan_leaves_out_rotation_of_speed_zero() -> None:
+    needed = needed_items(read_scene(SCENE, STILL_ROTATION))
+    names = ("static equilibrium", "rotating frame", "gyroscopic term")
+    assert not any(needed[name] for name in names)
+    turning = [STILL_ROTATION[0].replace("0.0", "60.0"), STILL_ROTATION[1]]
+    needed = needed_items(read_scene(SCENE, turning))
+    assert all(needed[name] for name in names)
+
+
+def test_plan_says_that_checks_may_need_a_richer_basis() -> None:
+    (checks,) = [item for item in study.plan(read_scene(SCENE)) if item.name == "checks"]
+    assert "richer basis" in checks.reason
+
+
+# Function that does the work of a stage -> name of the stage.
+WORK = {
+    "fenicsrom.fem.mesh.build_mesh": "mesh",
+    "fenicsrom.fem.solid.Solid": "solid",
+    "fenicsrom.reduction.modes.component_modes": "modes",
+    "fenicsrom.reduction.snapshots.linear_snapshots": "linear transient",
+    "fenicsrom.reduction.snapshots.static_snapshots": "nonlinear statics",
+    "fenicsrom.reduction.stages.choose": "selection",
+    "fenicsrom.reduction.stages.differentiate": "derivatives",
+    "fenicsrom.reduction.stages.enrich": "basis",
+    "fenicsrom.reduction.stages.reduce": "reduction",
+    "fenicsrom.study.motions.integrate": "motion",
+    "fenicsrom.study.motions.check": "checks",
+    "fenicsrom.post.summary.write_numbers": "numbers",
+    "fenicsrom.post.fields.write_shapes": "ParaView modes",
+    "fenicsrom.post.fields.write_last_period": "ParaView motion",
+    "fenicsrom.post.pictures.write_pictures": "pictures",
+    "fenicsrom.post.pictures.write_animation": "animation",
+    "fenicsrom.post.report.write_study_report": "report",
+}
+SHORT = ["time.periods=2", "output.pictures=false"]
+STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "modes_only"),
+    [
+        pytest.param(["time.periods=2", "output.motion=true"], False, marks=pytest.mark.slow),
+        ([*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false"], False),
+        ([*SHORT, "basis.derivatives=['1V1V']", "reference.beam=false"], False),
+        ([*SHORT, "basis.derivatives='mmi-nls'", "output.motion=true"], False),
+        ([*SHORT, "basis.derivatives='mmi'", "output.paraview=false"], False),
+        (["output.pictures=false"], True),
+        ([*STATIC, "loads=[{group='tip', direction=[0.0, 1.0], force=1.0}]"], False),
+        ([*STATIC, "loads=[{group='tip', direction=[0.0, 1.0], force=0.0}]"], False),
+        ([*SHORT, *NO_CONTACT, "basis.derivatives=[]", "reference.beam=false"], False),
+    ],
+)
+def test_executed_stages_are_the_planned_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, overrides: list[str], modes_only: bool
+) -> None:
+    """The plan, the announced stages and the stages that do work are the same list."""
+    worked: list[str] = []
+    announced: list[str] = []
+
+    def recorded(function: Any, name: str) -> Any:
+        def record(*args: Any, **kwargs: Any) -> Any:
+            stage = f"{args[1]} motion" if name == "motion" else name
+            if announced[-1] == stage:
+                worked.append(stage)
+            else:  # the checks reduce the solid again, on a richer basis
+                assert announced[-1] == "checks", f"{stage} runs inside {announced[-1]}"
+            return function(*args, **kwargs)
+
+        return record
+
+    # a module that is first imported below would keep the recording functions for the next tests
+    importlib.import_module("fenicsrom.assess.estimates")
+    places = {path: importlib.import_module(path.rpartition(".")[0]) for path in WORK}
+    for path, name in WORK.items():
+        place, function = places[path], path.rpartition(".")[2]
+        monkeypatch.setattr(place, function, recorded(getattr(place, function), name))
+
+    def say(line: str) -> None:
+        if line.endswith(" .."):
+            announced.append(line.removesuffix(" .."))
+
+    scene = read_scene(SCENE, ["basis.modes=1", "reference.full=false", *overrides])
+    planned = [
+        item.name
+        for item in study.plan(scene, modes_only)
+        if isinstance(item, study.Stage) and item.needed
+    ]
+    study.run(scene, say=say, folder=tmp_path, modes_only=modes_only)
+    assert announced == planned
+    assert worked == planned

@@ -1,0 +1,53 @@
+"""Runs of a stored model: they warn of the same things as a run of the scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model
+
+from fenicsrom import study
+from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.simulate import load_histories
+
+SHORT = (
+    "geometrically_nonlinear=false",
+    "time.periods=2",
+    "time.steps_per_period=40",
+    "time.steady='march'",
+    "output.pictures=false",
+)
+
+
+def stored(*overrides: str) -> StoredModel:
+    """A linear model of one coordinate that does not become periodic within two periods."""
+    scene = beam_scene(2, (*SHORT, *overrides), contacts=None, probe={"group": "tip"})
+    model = linear_model(
+        np.eye(1),
+        np.eye(1) * 500.0,
+        damping=scene.material.mass_damping,
+        loads=[[1.0]],
+        load_histories=load_histories(scene),
+    )
+    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6]), {})
+
+
+def warnings_of(model: StoredModel, folder: Path) -> list[str]:
+    """The warnings of a run, which its summary repeats."""
+    found = study.rerun(model, model.model, model.scene, folder)
+    assert json.loads((folder / "summary.json").read_text())["warnings"] == found.warnings
+    return found.warnings
+
+
+def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
+    (warning,) = warnings_of(stored(), tmp_path)
+    assert "within 2 periods" in warning
+
+
+@pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
+def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -> None:
+    named = [text for text in warnings_of(stored(f"{key}=true"), tmp_path) if key in text]
+    assert len(named) == 1
