@@ -416,6 +416,8 @@ def on_ranks(
         os.environ.get("PYTHONPATH", ""),
     ]
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, paths))
+    # a rank that waits leaves the processor to others: two ranks may share one
+    environment.setdefault("OMPI_MCA_mpi_yield_when_idle", "1")
     if cache:
         environment["XDG_CACHE_HOME"] = str(cache)
     start = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []

@@ -10,6 +10,7 @@ from fenicsrom.post.response_figures import directions, largest_direction, param
 from fenicsrom.post.response_motion import largest_point
 from fenicsrom.post.response_rows import with_unit
 from fenicsrom.post.tables import text_table
+from fenicsrom.scene.rules import counted
 
 
 def sentences(found: Response) -> list[str]:
@@ -22,8 +23,9 @@ def sentences(found: Response) -> list[str]:
         begin = "" if families is None else f"{families.key} = {curve.value:g}: "
         unstable = sum(not point.stable for point in points)
         lines.append(
-            f"{begin}{len(points)} points in {curve.seconds:.1f} s; largest {name} amplitude "
-            f"{amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, {_verdict(top)}."
+            f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
+            f"amplitude {amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, "
+            f"{_verdict(top)}."
         )
         lines += [f"{begin}{unstable} points are unstable."] if unstable else []
         if curve.step_error is not None:
