@@ -15,8 +15,9 @@ one if three conditions hold:
    a k, it is tried again from the state that the march has reached there. K periods show whether
    the slow motions are linear (`_horizon`): each part of d with a multiplier mu must have turned
    `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One period
-   would not be enough: a lightly damped motion changes so little in a period that any d passes. A
-   system with several stable motions thus ends in the same one as the march.
+   would not be enough: a lightly damped motion changes so little in a period that any d passes.
+   What (1) misses grows at most with k^2, so k < K periods are enough where it misses only
+   NEAR (k/K)^2. A system with several stable motions thus ends in the same one as the march.
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the
@@ -238,16 +239,16 @@ class _Problem:
             return False
         size = float(np.linalg.norm(found))
         matrix = shooting.scaled_matrix(motion.end.matrix)
-        linear, left = s - found, _horizon(matrix, s - found)
+        linear, k, horizon = s - found, 0, _horizon(matrix, s - found)
         for _ in range(max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // shooting.m):
             if float(np.linalg.norm(s - found)) <= CLOSE * size:
                 return True
-            linear, left = matrix @ linear, left - 1
-            miss = float(np.linalg.norm(ahead - found - linear))
-            if miss > NEAR * float(np.linalg.norm(linear)):
-                linear, left = ahead - found, _horizon(matrix, ahead - found)
-            elif left <= 0:
+            linear, k = matrix @ linear, k + 1
+            miss = float(np.linalg.norm(ahead - found - linear) / np.linalg.norm(linear))
+            if miss <= NEAR * min(1.0, k / horizon) ** 2:
                 return True
+            if miss > NEAR:
+                linear, k, horizon = ahead - found, 0, _horizon(matrix, ahead - found)
             following = shooting.march(ahead, derive=False)
             if following is None:
                 return False
