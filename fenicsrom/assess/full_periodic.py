@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.full import FullModel
 from fenicsrom.fem.full_period import FullPeriodEnd, FullPeriodMap
 from fenicsrom.fem.solid import Solid
@@ -233,9 +233,7 @@ class _Problem:
         """Add the parts of residuals (N,), and at the first time normal modes, to Q."""
         new = np.stack([part for z in residuals for part in self._blocks(z)[:-1]], axis=1)
         if not self._has_modes:
-            count = min(NORMAL_MODES, self.solid.free // UNKNOWNS_PER_MODE)
-            _, modes = self.solid.eigenmodes(self.solid.factor, count)
-            new = np.concatenate([modes, new], axis=1)
+            new = np.concatenate([self._normal_modes(), new], axis=1)
             self._has_modes = True
         sizes = np.sqrt(np.diag(self.solid.mass_inner(new, new)))
         new = new[:, sizes > 0.0] / sizes[sizes > 0.0]
@@ -245,6 +243,18 @@ class _Problem:
             keep = squares > DEPENDENCE**2
             new = new @ (vectors[:, keep] / np.sqrt(squares[keep]))
         self.q = np.concatenate([self.q, new], axis=1)
+
+    def _normal_modes(self) -> Array:
+        """Normal modes (N, k) of the solid: half as many while the highest ones are inaccurate."""
+        count = min(NORMAL_MODES, self.solid.free // UNKNOWNS_PER_MODE)
+        while True:
+            try:
+                modes: Array = self.solid.eigenmodes(self.solid.factor, count)[1]
+                return modes
+            except AccuracyError:
+                count //= 2
+                if count == 0:
+                    raise
 
 
 class _Jacobian:

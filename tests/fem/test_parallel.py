@@ -134,16 +134,16 @@ def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> Non
 ALONE = """
 import sys
 from mpi4py import MPI
-from fenicsrom import cli
+from fenicsrom.cli import commands, main
 from fenicsrom.errors import SceneError
 
-read = cli.read_scene
+read = commands.read_scene
 def read_scene(*given):
     if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
         raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
     return read(*given)
-cli.read_scene = read_scene
-sys.exit(cli.main(["run", sys.argv[1], "--output", sys.argv[3]]))
+commands.read_scene = read_scene
+sys.exit(main(["run", sys.argv[1], "--output", sys.argv[3]]))
 """
 
 
