@@ -372,6 +372,8 @@ def mean_friction(
             slider_motion[k] += end[k] - kept * start[k] - change[k]
 
 
+# Longer than 60 lines: the terms share a dozen values of one stretch, and each call of a compiled
+# function with so many arguments costs more than its arithmetic.
 @part
 def add_friction_derivative(
     stiffness: float,
