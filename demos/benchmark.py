@@ -88,7 +88,8 @@ def main() -> None:
     found = Reduction(solid, scene, lambda stage: nullcontext())
     model = found.model
     simulate(model, scene)
-    name = f"blade, {found.basis.size} coordinates, {len(solid.points.tributary_area)} contact points"
+    points = len(solid.points.contact)
+    name = f"blade, {found.basis.size} coordinates, {points} contact points"
     compare(
         f"{name}, against {solid.free} unknowns",
         run(model, scene, 25),

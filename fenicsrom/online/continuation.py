@@ -37,7 +37,7 @@ class Continuation(Corrector):
 
     step = 0.0
 
-    # Longer than 60 lines: one loop of predictor, corrector and step control, read from top to bottom.
+    # Longer than 60 lines: one loop of predictor, corrector and step control, read downwards.
     def run(
         self,
         start: CurvePoint,
