@@ -47,7 +47,7 @@ class FullModel:
             solid.load_histories,
             solid.points,
         )
-        self.gyroscopic = solid.gyroscopic is not None
+        self.velocity_forces = solid.gyroscopic is not None
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
         self._columns = self._rows.T.copy()
@@ -91,18 +91,18 @@ class FullModel:
     def solve_effective(
         self,
         mass_coefficient: float,
-        gyroscopic_coefficient: float,
+        velocity_coefficient: float,
         tangent: Slope,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
         """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`."""
-        key = (mass_coefficient, gyroscopic_coefficient, sum(weight for weight, _ in tangent))
+        key = (mass_coefficient, velocity_coefficient, sum(weight for weight, _ in tangent))
         if not (self.linear and key == self._key):
-            self._assemble(mass_coefficient, gyroscopic_coefficient, tangent)
+            self._assemble(mass_coefficient, velocity_coefficient, tangent)
             try:
                 if self._factor is None:
                     self._factor = Factorisation(
-                        self._effective, "fenicsrom_step", symmetric=not self.gyroscopic
+                        self._effective, "fenicsrom_step", symmetric=not self.velocity_forces
                     )
                 else:
                     self._factor.update()
@@ -176,7 +176,7 @@ class FullModel:
             else:
                 self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
         self._effective.axpy(inertia, self._mass, structure=_SAME)
-        if self.gyroscopic and drag != 0.0:
+        if self.velocity_forces and drag != 0.0:
             self._effective.axpy(
                 drag, self._solid.gyroscopic, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
             )
@@ -195,7 +195,7 @@ class FullModel:
         """M v."""
         return multiply(self._solid.mass, v)
 
-    def gyroscopic_times(self, v: Array) -> Array:
+    def velocity_times(self, v: Array) -> Array:
         """Gamma v."""
         return self._solid.gyroscopic_times(v)
 

@@ -6,7 +6,7 @@ monodromy matrix dP/dz is too large; its products with the columns of a block D 
 the period by the linearised step of `fenicsrom.online.step_sensitivity`,
 
     S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
-                + Gamma (velocity_v dv0 + velocity_a da0) + B dF],
+                + D (velocity_v dv0 + velocity_a da0) + B dF],
 
 with the factor of S that the last iteration of the step left, and the contact terms of S by the
 Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
@@ -225,8 +225,8 @@ class FullPeriodMap:
         f, e = step_coefficients(plan, h), end_coefficients(plan, h)
         moved = model.mass_block(f.inertia_v * columns.v + f.inertia_a * columns.a)
         moved += model.elastic_by_start(before.q, before.dq, plan, columns.q)
-        if plan.gyroscopic:
-            moved += model.gyroscopic_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
+        if plan.velocity_forces:
+            moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
         m = self._points * d
         step_times = ComplexInterval(
             complex(begin), complex(begin + h), plan.alpha_f, plan.discrete_gradient

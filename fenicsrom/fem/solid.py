@@ -29,8 +29,19 @@ from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.newton import Correction, in_load_steps, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
 from fenicsrom.online.surfaces import frame, surface_normal
+from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Region, Rotation, Scene
+from fenicsrom.scene import (
+    Contact,
+    Damping,
+    Geometry,
+    Load,
+    Material,
+    Place,
+    Region,
+    Rotation,
+    Scene,
+)
 
 STATIC_ITERATIONS = 25
 """Largest number of Newton iterations of a load step."""
@@ -85,6 +96,7 @@ class Solid(ElasticBody):
         loads: Sequence[Load] = (),
         contacts: Sequence[Contact] = (),
         rotation: Rotation | None = None,
+        damping: Damping = UNDAMPED,
         probe: Place | None = None,
         geometrically_nonlinear: bool = True,
         source: str = "",
@@ -99,6 +111,7 @@ class Solid(ElasticBody):
             loads: the loads.
             contacts: the contacts.
             rotation: rotation of the frame of the scene, or None.
+            damping: damping besides that of the material.
             probe: place whose displacement is observed; by default that of the first contact or,
                 without contacts, of the first load.
             geometrically_nonlinear: False for small displacements.
@@ -112,6 +125,8 @@ class Solid(ElasticBody):
         super().__init__(mesh, geometry, material, supports, rotation, source)
         self.geometrically_nonlinear = geometrically_nonlinear
         self.mass_damping = material.mass_damping
+        self._damping = damping
+        self._viscous: ViscousDamping | None = None
         self.loads = tuple(loads)
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
@@ -175,6 +190,13 @@ class Solid(ElasticBody):
         if self.geometrically_nonlinear or self.rotation is not None:
             return self.internal_force(self.equilibrium)
         return multiply(self.stiffness, self.equilibrium)
+
+    @property
+    def viscous(self) -> ViscousDamping | None:
+        """The damping besides α M at the equilibrium, or None."""
+        if self._viscous is None:
+            self._viscous = viscous_damping(self, self._damping)
+        return self._viscous
 
     def stiffness_times(self, block: Array) -> Array:
         """K times a block (local, k)."""
@@ -277,7 +299,7 @@ class Solid(ElasticBody):
 
     def _set_equilibrium(self, equilibrium: Array) -> None:
         """Set the equilibrium (local,); K and its factor follow."""
-        self.equilibrium = equilibrium
+        self.equilibrium, self._viscous = equilibrium, None
         self.tangent(equilibrium, self.stiffness)
         self.factor.update()
 
@@ -361,6 +383,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         loads=scene.loads,
         contacts=scene.contacts,
         rotation=scene.rotation,
+        damping=scene.damping,
         probe=scene.probe,
         geometrically_nonlinear=scene.geometrically_nonlinear,
         source=scene.source,

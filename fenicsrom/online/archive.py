@@ -12,7 +12,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     stiffness            (n, n)       N/m        K, the tangent at q = 0
     quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.polynomial`)
     cubic                (p, p)       N/m^3      B by pairs of pairs
-    gyroscopic_matrix    (n, n)       kg/s       Gamma, skew; (0, 0) without Coriolis force
+    velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
     loads                (n, loads)   1          projected unit loads, one column for each load
     contact_rows         (P d, n)     1          local contact displacement = rows q + offset
     contact_offset       (P d,)       m          local contact displacement at q = 0
@@ -52,7 +52,8 @@ from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
 
-FORMAT = "fenicsrom reduced model 3"
+FORMAT = "fenicsrom reduced model 4"
+ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
     "mass": "kg",
@@ -190,7 +191,7 @@ def save_model(path: Path, stored: StoredModel) -> None:
         "contact_offset": model.contact_offset,
         "probe": model.probe,
         "probe_offset": model.probe_offset,
-        "gyroscopic_matrix": model.gyroscopic_matrix,
+        "velocity_matrix": model.velocity_matrix,
     }
     write_archive(path, header, arrays)
 
@@ -224,14 +225,14 @@ def _assemble(
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
             found = f"{name} has shape {array.shape} and type {array.dtype}"
             raise _damaged(path, f"{found}: must be {shape} of finite float64")
-    for name, sign, word in (
-        ("mass", 1.0, "symmetric"),
-        ("stiffness", 1.0, "symmetric"),
-        ("gyroscopic_matrix", -1.0, "skew"),
-    ):
-        off = np.max(np.abs(data[name] - sign * data[name].T), initial=0.0)
-        if off > 1e-9 * np.max(np.abs(data[name]), initial=0.0):
-            raise _damaged(path, f"{name} is not {word}")
+    for name in ("mass", "stiffness"):
+        off = np.max(np.abs(data[name] - data[name].T), initial=0.0)
+        if off > ROUNDING * np.max(np.abs(data[name]), initial=0.0):
+            raise _damaged(path, f"{name} is not symmetric")
+    viscous = data["velocity_matrix"] + data["velocity_matrix"].T
+    least = np.linalg.eigvalsh(viscous).min(initial=0.0)
+    if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
+        raise _damaged(path, "velocity_matrix gives energy to the motion")
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
         raise _damaged(path, "mass or damping is not positive")
     model = reduced_model(
@@ -245,7 +246,7 @@ def _assemble(
         data["contact_offset"],
         data["probe"],
         data["probe_offset"],
-        data["gyroscopic_matrix"],
+        data["velocity_matrix"],
     )
     return StoredModel(
         model,
@@ -262,7 +263,6 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
     """The shape that each array of float64 must have, by name (module docstring)."""
     d, points = scene.geometry.dimension, data["point_contact"].size
     p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
-    turning = scene.rotation is not None and scene.rotation.coriolis
     return {
         "mass": (n, n),
         "damping": (),
@@ -278,7 +278,7 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
         "contact_offset": (points * d,),
         "probe": (d, n),
         "probe_offset": (d,),
-        "gyroscopic_matrix": (n, n) if turning else (0, 0),
+        "velocity_matrix": (n, n) if scene.velocity_forces else (0, 0),
         "frequencies_hz": (data["frequencies_hz"].size,),
     }
 

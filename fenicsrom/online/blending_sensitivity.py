@@ -38,12 +38,12 @@ def solve_at_guess(model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float
     )
     write_effective_solution(
         model.mass,
-        model.gyroscopic_matrix,
+        model.velocity_matrix,
         model.contact_rows,
         scheme.linear,
         work,
         coefficients.mass,
-        coefficients.gyroscopic,
+        coefficients.velocity_dq,
         Tangent(work.tangent, moved),
         q0,
     )
@@ -58,7 +58,7 @@ def solve_at_end(model: ReducedModel, linear: bool, s: Sensitivity, mass: float)
     tangent = Tangent(s.by_step, mass)
     write_effective_solution(
         model.mass,
-        model.gyroscopic_matrix,
+        model.velocity_matrix,
         model.contact_rows,
         linear,
         model.work,

@@ -48,7 +48,7 @@ def fingerprint(model: ReducedModel) -> str:
         model.probe,
         model.probe_offset,
     )
-    for array in (*arrays, model.gyroscopic_matrix, *points):
+    for array in (*arrays, model.velocity_matrix, *points):
         digest.update(repr((array.shape, array.dtype.str)).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -35,7 +35,7 @@ class DenseModel:
         contact_offset: Array,
         probe: Array,
         probe_offset: Array,
-        gyroscopic_matrix: Array | None = None,
+        velocity_matrix: Array | None = None,
         *,
         linear: bool,
         gauss_points: int,
@@ -54,7 +54,7 @@ class DenseModel:
             contact_offset: (m,) contact displacement at q = 0.
             probe: (d, n) rows of the probe's displacement.
             probe_offset: (d,) its displacement at q = 0.
-            gyroscopic_matrix: (n, n) gyroscopic matrix, where there is one.
+            velocity_matrix: (n, n) D, where there are such forces.
             linear: the tangent is constant.
             gauss_points: points that integrate the force along a step exactly, or to rounding.
         """
@@ -65,10 +65,10 @@ class DenseModel:
             load_histories,
         )
         self.linear, self.gauss_points, self.points = linear, gauss_points, points
-        self.gyroscopic = gyroscopic_matrix is not None and gyroscopic_matrix.size > 0
-        self._gyroscopic_matrix = (
-            gyroscopic_matrix
-            if gyroscopic_matrix is not None and gyroscopic_matrix.size
+        self.velocity_forces = velocity_matrix is not None and velocity_matrix.size > 0
+        self._velocity_matrix = (
+            velocity_matrix
+            if velocity_matrix is not None and velocity_matrix.size
             else np.zeros_like(mass)
         )
         self._elastic, self._energy = elastic, energy
@@ -96,16 +96,16 @@ class DenseModel:
     def solve_effective(
         self,
         mass_coefficient: float,
-        gyroscopic_coefficient: float,
+        velocity_coefficient: float,
         tangent: Tangent,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
         """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
-        key = mass_coefficient, gyroscopic_coefficient, tangent.coefficient
+        key = mass_coefficient, velocity_coefficient, tangent.coefficient
         if not (self.linear and key == self._key):
             effective = mass_coefficient * self.mass + tangent.matrix
-            if self.gyroscopic:
-                effective += gyroscopic_coefficient * self._gyroscopic_matrix
+            if self.velocity_forces:
+                effective += velocity_coefficient * self._velocity_matrix
             self._factor = (
                 scipy.linalg.lu_factor(effective, check_finite=False)
                 if np.all(np.isfinite(effective))
@@ -135,9 +135,9 @@ class DenseModel:
         """M v."""
         return self.mass @ v
 
-    def gyroscopic_times(self, v: Array) -> Array:
-        """Gamma v."""
-        return self._gyroscopic_matrix @ v
+    def velocity_times(self, v: Array) -> Array:
+        """D v."""
+        return self._velocity_matrix @ v
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product."""

@@ -13,8 +13,8 @@ gamma = 1/2; Simo and Tarnow 1992, Gonzalez 1996) takes the elastic force averag
 straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model.
 It takes the discrete gradient of the normal contact energy as the normal force. Work and energy
 then balance exactly, whatever the step. The friction law is that of
-`fenicsrom.online.contact_step`: it dissipates in every step. In a rotating frame the gyroscopic
-forces Gamma v join those of damping.
+`fenicsrom.online.contact_step`: it dissipates in every step. The forces D v, gyroscopic
+and viscous, join those of the mass-proportional damping.
 
 Each Newton iteration solves the structure for the residual and for unit contact forces, and then
 the contact problem in full in the few contact coordinates

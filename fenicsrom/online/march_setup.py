@@ -63,8 +63,8 @@ def initial_state(
     if not scheme.discrete_gradient:
         _, nothing = model.elastic_over_step(zero, q, zero, 0.0, np.ones(1), np.zeros(1))
         residual = state.elastic_force + scheme.damping * model.mass_times(v) - force
-        if scheme.gyroscopic:
-            residual += model.gyroscopic_times(v)
+        if scheme.velocity_forces:
+            residual += model.velocity_times(v)
         y, unit, _ = model.solve_effective(1.0, 0.0, nothing, residual)
         state.a[:] = y - unit @ (state.contact.normal + state.contact.friction).reshape(-1)
         state.mean_acceleration[:] = state.a

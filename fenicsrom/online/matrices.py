@@ -52,7 +52,7 @@ class ModelArrays:
 
     Attributes:
         mass: (n, n) M, symmetric, positive definite.
-        damping: (n, n) C = alpha M.
+        damping: (n, n) C, symmetric: alpha M and the viscous damping.
         gyroscopic: (n, n) Gamma, skew; zero without Coriolis forces.
         force: (n,) f0, which the static loads balance.
         stiffness: (n, n) K, symmetric, the tangent at q = 0.
@@ -100,10 +100,11 @@ def model_arrays(model: ReducedModel) -> ModelArrays:
     """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes."""
     n = model.size
     quadratic, cubic = full_tensors(model.elastic)
+    velocity = model.velocity_matrix if model.velocity_forces else np.zeros((n, n))
     return ModelArrays(
         mass=model.mass.copy(),
-        damping=model.damping * model.mass,
-        gyroscopic=model.gyroscopic_matrix.copy() if model.gyroscopic else np.zeros((n, n)),
+        damping=model.damping * model.mass + 0.5 * (velocity + velocity.T),
+        gyroscopic=0.5 * (velocity - velocity.T),
         force=model.elastic.force.copy(),
         stiffness=model.elastic.stiffness.copy(),
         quadratic=quadratic,

@@ -50,13 +50,13 @@ class Workspace(NamedTuple):
         tangent: (n, n) its derivative.
         factor: (n, n) factors of the last effective stiffness.
         pivots: (n,)
-        key: (3,) mass, gyroscopic and tangent coefficient of the factor, by which a linear model
+        key: (3,) mass, velocity and tangent coefficient of the factor, by which a linear model
             keeps it; the first is NaN if the matrix is singular.
         block: (n, 1 + m) right-hand sides and solutions.
         delassus: (m, m) contact displacement by contact force.
         contact: (m,) contact displacement.
         mass_product: (n,) M v.
-        gyroscopic_product: (n,) Gamma v.
+        velocity_product: (n,) D v.
         factors: (loads,) time factors of the loads.
         load_vector: (n,) load vector, N.
     """
@@ -73,7 +73,7 @@ class Workspace(NamedTuple):
     delassus: Array
     contact: Array
     mass_product: Array
-    gyroscopic_product: Array
+    velocity_product: Array
     factors: Array
     load_vector: Array
 
@@ -92,7 +92,8 @@ class ReducedModel(NamedTuple):
         contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
         probe: (d, n) rows that give the displacement of the probe, in global axes.
         probe_offset: (d,) displacement of the probe at q = 0, m.
-        gyroscopic_matrix: (n, n) gyroscopic matrix Gamma, kg/s; (0, 0) of a model without.
+        velocity_matrix: (n, n) D of the forces D v besides alpha M v, kg/s: gyroscopic matrix and
+            viscous damping; (0, 0) of a model without.
         work: arrays for the results.
     """
 
@@ -106,7 +107,7 @@ class ReducedModel(NamedTuple):
     contact_offset: Array
     probe: Array
     probe_offset: Array
-    gyroscopic_matrix: Array
+    velocity_matrix: Array
     work: Workspace
 
     @property
@@ -120,9 +121,9 @@ class ReducedModel(NamedTuple):
         return self.elastic.cubic.shape[0] == 0
 
     @property
-    def gyroscopic(self) -> bool:
-        """Whether there are gyroscopic forces."""
-        return self.gyroscopic_matrix.shape[0] > 0
+    def velocity_forces(self) -> bool:
+        """Whether there are forces D v."""
+        return self.velocity_matrix.shape[0] > 0
 
     @property
     def gauss_points(self) -> int:
@@ -155,23 +156,23 @@ class ReducedModel(NamedTuple):
     def solve_effective(
         self,
         mass_coefficient: float,
-        gyroscopic_coefficient: float,
+        velocity_coefficient: float,
         tangent: Tangent,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
         """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and G = B^T Z (m, m).
 
-        S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent. A linear model keeps its
+        S = mass_coefficient M + velocity_coefficient D + tangent. A linear model keeps its
         factor while the three coefficients are the same. A singular S gives NaN.
         """
         write_effective_solution(
             self.mass,
-            self.gyroscopic_matrix,
+            self.velocity_matrix,
             self.contact_rows,
             self.elastic.cubic.shape[0] == 0,
             self.work,
             mass_coefficient,
-            gyroscopic_coefficient,
+            velocity_coefficient,
             tangent,
             residual,
         )
@@ -195,10 +196,10 @@ class ReducedModel(NamedTuple):
         write_times(self.mass, v, self.work.mass_product)
         return self.work.mass_product
 
-    def gyroscopic_times(self, v: Array) -> Array:
-        """Gamma v (n,)."""
-        write_times(self.gyroscopic_matrix, v, self.work.gyroscopic_product)
-        return self.work.gyroscopic_product
+    def velocity_times(self, v: Array) -> Array:
+        """D v (n,)."""
+        write_times(self.velocity_matrix, v, self.work.velocity_product)
+        return self.work.velocity_product
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product of two vectors (n,)."""
@@ -222,12 +223,12 @@ def reduced_model(
     contact_offset: Array,
     probe: Array,
     probe_offset: Array,
-    gyroscopic_matrix: Array | None = None,
+    velocity_matrix: Array | None = None,
 ) -> ReducedModel:
     """A `ReducedModel` with its workspace; arguments as its attributes."""
     n, m = mass.shape[0], contact_rows.shape[0]
-    gyroscopic_matrix = np.zeros((0, 0)) if gyroscopic_matrix is None else gyroscopic_matrix
-    arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, gyroscopic_matrix
+    velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
+    arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
     tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
     where = ContactPoints(
@@ -258,7 +259,7 @@ def reduced_model(
             delassus=np.zeros((m, m)),
             contact=np.zeros(m),
             mass_product=np.zeros(n),
-            gyroscopic_product=np.zeros(n),
+            velocity_product=np.zeros(n),
             factors=np.zeros(loads.shape[1]),
             load_vector=np.zeros(n),
         ),
@@ -268,12 +269,12 @@ def reduced_model(
 @kernel
 def write_effective_solution(
     mass: Array,
-    gyroscopic_matrix: Array,
+    velocity_matrix: Array,
     rows: Array,
     linear: bool,
     work: Workspace,
     mass_coefficient: float,
-    gyroscopic_coefficient: float,
+    velocity_coefficient: float,
     tangent: Tangent,
     residual: Array,
 ) -> None:
@@ -283,19 +284,19 @@ def write_effective_solution(
     is_kept = (
         linear
         and key[0] == mass_coefficient
-        and key[1] == gyroscopic_coefficient
+        and key[1] == velocity_coefficient
         and key[2] == tangent.coefficient
     )
     if not is_kept:
         for i in range(n):
             for j in range(n):
                 factor[i, j] = mass_coefficient * mass[i, j] + tangent.matrix[i, j]
-        if gyroscopic_coefficient != 0.0 and gyroscopic_matrix.shape[0] > 0:
+        if velocity_coefficient != 0.0 and velocity_matrix.shape[0] > 0:
             for i in range(n):
                 for j in range(n):
-                    factor[i, j] += gyroscopic_coefficient * gyroscopic_matrix[i, j]
+                    factor[i, j] += velocity_coefficient * velocity_matrix[i, j]
         key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
-        key[1] = gyroscopic_coefficient
+        key[1] = velocity_coefficient
         key[2] = tangent.coefficient
     for i in range(n):
         block[i, 0] = -residual[i]
@@ -322,7 +323,7 @@ compile_methods(
         "contact_displacement",
         "probe_displacement",
         "mass_times",
-        "gyroscopic_times",
+        "velocity_times",
         "dot",
         "load",
     ),

@@ -92,8 +92,8 @@ def linear_modes(model: ReducedModel, contacts: Contacts) -> list[LinearMode]:
     state = np.zeros((2 * n, 2 * n))
     state[:n, n:] = np.eye(n)
     state[n:, :n] = -mass @ stiffness
-    if model.gyroscopic:
-        state[n:, n:] = -mass @ model.gyroscopic_matrix
+    if model.velocity_forces:
+        state[n:, n:] = -mass @ model.velocity_matrix
     values, vectors = np.linalg.eig(state)
     found: list[LinearMode] = []
     for k in np.argsort(values.imag):

@@ -12,7 +12,7 @@ class Model(Protocol):
     """A model of n coordinates (the rows on this rank) and m contact displacements."""
 
     linear: bool
-    gyroscopic: bool
+    velocity_forces: bool
     gauss_points: int
     loads: Array  # (n, loads) unit loads
     load_histories: LoadHistories  # their time factors
@@ -32,13 +32,13 @@ class Model(Protocol):
     def solve_effective(
         self,
         mass_coefficient: float,
-        gyroscopic_coefficient: float,
+        velocity_coefficient: float,
         tangent: Any,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
         """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and B^T Z (m, m).
 
-        S = mass_coefficient M + gyroscopic_coefficient Gamma + tangent, the last as returned by
+        S = mass_coefficient M + velocity_coefficient D + tangent, the last as returned by
         `elastic_over_step`.
         """
 
@@ -54,8 +54,8 @@ class Model(Protocol):
     def mass_times(self, v: Array) -> Array:
         """M v."""
 
-    def gyroscopic_times(self, v: Array) -> Array:
-        """Gamma v, of a model that is `gyroscopic`."""
+    def velocity_times(self, v: Array) -> Array:
+        """D v, of a model with `velocity_forces`."""
 
     def dot(self, a: Array, b: Array) -> float:
         """Inner product over all ranks."""

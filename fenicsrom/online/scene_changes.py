@@ -23,7 +23,15 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration.
     """
-    names = ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis")
+    names = (
+        "geometrically_nonlinear",
+        "geometry",
+        "supports",
+        "rotation",
+        "damping",
+        "probe",
+        "basis",
+    )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):
@@ -65,7 +73,7 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = ("geometrically_nonlinear", "material", "rotation", "loads", "contacts")
+    names = ("geometrically_nonlinear", "material", "rotation", "damping", "loads", "contacts")
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     settings = ("scheme", "spectral_radius", "steps_per_period", "tolerance", "step")

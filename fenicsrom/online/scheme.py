@@ -23,7 +23,7 @@ class Scheme(NamedTuple):
         weights: (g,) their weights.
         damping: alpha of the model, 1/s.
         linear: the model's force is linear: one iteration solves the step.
-        gyroscopic: the model has gyroscopic forces.
+        velocity_forces: the model has forces D v.
     """
 
     alpha_m: float
@@ -36,7 +36,7 @@ class Scheme(NamedTuple):
     weights: Array
     damping: float
     linear: bool
-    gyroscopic: bool
+    velocity_forces: bool
 
 
 def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
@@ -48,7 +48,7 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
             integrate its force exactly.
         spectral_radius: spectral radius of generalised-alpha at infinite frequency, in [0, 1].
     """
-    model_is = float(model.damping), bool(model.linear), bool(model.gyroscopic)
+    model_is = float(model.damping), bool(model.linear), bool(model.velocity_forces)
     end = np.ones(1)
     if name == "average-acceleration":
         return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, *model_is)

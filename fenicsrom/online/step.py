@@ -50,7 +50,7 @@ class StepCoefficients(NamedTuple):
         mass: coefficient of M dq in the forces of inertia and damping.
         inertia_v: coefficient of M v0 in these forces.
         inertia_a: coefficient of M a0 in these forces.
-        gyroscopic: coefficient of dq in the mean velocity, and of Gamma dq in the forces.
+        velocity_dq: coefficient of dq in the mean velocity, and of D dq in the forces.
         velocity_v: coefficient of v0 in the mean velocity.
         velocity_a: coefficient of a0 in the mean velocity.
     """
@@ -58,7 +58,7 @@ class StepCoefficients(NamedTuple):
     mass: float
     inertia_v: float
     inertia_a: float
-    gyroscopic: float
+    velocity_dq: float
     velocity_v: float
     velocity_a: float
 
@@ -103,17 +103,17 @@ def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore
     combine(trial.vector, 1.0, trial.inertia_offset, coefficients.mass, trial.dq)
     inertia = model.mass_times(trial.vector)
     combine(trial.residual, 1.0, inertia, 1.0, elastic, -1.0, trial.external_force)
-    if scheme.gyroscopic:
+    if scheme.velocity_forces:
         combine(
             trial.vector,
-            coefficients.gyroscopic,
+            coefficients.velocity_dq,
             trial.dq,
             coefficients.velocity_v,
             state.v,
             coefficients.velocity_a,
             state.a,
         )
-        combine(trial.residual, 1.0, trial.residual, 1.0, model.gyroscopic_times(trial.vector))
+        combine(trial.residual, 1.0, trial.residual, 1.0, model.velocity_times(trial.vector))
 
 
 @part
@@ -177,7 +177,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
         )
         write_residual(model, scheme, state, coefficients, elastic)
         y, unit, delassus = model.solve_effective(
-            coefficients.mass, coefficients.gyroscopic, tangent, trial.residual
+            coefficients.mass, coefficients.velocity_dq, tangent, trial.residual
         )
         copy_vector(trial.displacement_before, x)
         combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
@@ -231,6 +231,8 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     s[WORK] += 0.5 * (model.dot(state.load_vector, dq) + model.dot(load_ahead, dq))
     combine(trial.vector, 1.0, state.v, 1.0, v1)
     s[DAMPING_DISSIPATION] += 0.5 * scheme.damping * model.dot(model.mass_times(trial.vector), dq)
+    if scheme.velocity_forces:
+        s[DAMPING_DISSIPATION] += 0.5 * model.dot(model.velocity_times(trial.vector), dq)
     interval = Interval(s[TIME], s[TIME] + h, scheme.alpha_f, scheme.discrete_gradient)
     accept_contact(contacts, interval, state)
     change = 2.0 / (h + s[LAST_STEP])

@@ -4,14 +4,14 @@ The step solves R(dq; q0, v0, a0, w0, p) = 0 for dq = q1 - q0, with F the mean c
 p the parameter:
 
     R = M (mass dq + inertia_v v0 + inertia_a a0)
-        + Gamma (gyroscopic dq + velocity_v v0 + velocity_a a0)
+        + D (velocity_dq dq + velocity_v v0 + velocity_a a0)
         + f_mean(q0, dq) + B F(x0, x1, w0, p) - load
 
 with the coefficients of `fenicsrom.online.step.StepCoefficients`. With x = B^T q and
-S = mass M + gyroscopic Gamma + df_mean/d(dq) + B dF/dx1 B^T
+S = mass M + velocity_dq D + df_mean/d(dq) + B dF/dx1 B^T
 
     S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
-                + Gamma (velocity_v dv0 + velocity_a da0)
+                + D (velocity_v dv0 + velocity_a da0)
                 + B (dF/dx0 + dF/dx1) dx0 + B dF/dw0 dw0 + dR/dp dp].
 
 One factorisation of S serves all columns. The end of the step follows from dq by the formulas of
@@ -77,7 +77,7 @@ def with_damping(scheme: Scheme, damping: complex) -> Scheme:
         scheme.weights,
         damping,
         scheme.linear,
-        scheme.gyroscopic,
+        scheme.velocity_forces,
     )
 
 
@@ -159,10 +159,10 @@ def add_structure(
             s.dq[i, c] = 0.0
     add_combined_rows(s.by_start, s.q, s.dq)
     add_term(model.mass, g.mass, g.inertia_v, g.inertia_a, with_a, s)
-    if scheme.gyroscopic:
+    if scheme.velocity_forces:
         add_term(
-            model.gyroscopic_matrix,
-            g.gyroscopic,
+            model.velocity_matrix,
+            g.velocity_dq,
             complex(g.velocity_v),
             g.velocity_a,
             with_a,

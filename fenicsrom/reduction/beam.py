@@ -20,9 +20,10 @@ from fenicsrom.online.load_histories import LoadHistories, of_loads
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.surfaces import frame
+from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Damping, Scene
 
 STATIC_ITERATIONS = 50
 """Largest number of Newton iterations of an equilibrium."""
@@ -87,7 +88,14 @@ class BeamStructure:
     gyroscopic = None
     comm = SerialCommunicator()
 
-    def __init__(self, beam: TimoshenkoBeam, places: BeamPlaces, mass_damping: float, source: str):
+    def __init__(
+        self,
+        beam: TimoshenkoBeam,
+        places: BeamPlaces,
+        mass_damping: float,
+        source: str,
+        damping: Damping = UNDAMPED,
+    ):
         """Factorise the stiffness.
 
         Args:
@@ -95,6 +103,7 @@ class BeamStructure:
             places: where loads and contacts act.
             mass_damping: α of the damping C = α M, 1/s.
             source: name of the scene file, for messages.
+            damping: the other damping.
         """
         self.beam, self.source, self.mass_damping = beam, source, mass_damping
         self.geometrically_nonlinear = not beam.linear
@@ -104,9 +113,11 @@ class BeamStructure:
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
         self.points, self.contact_rows = places.points, places.contact_rows
         self.probe_rows = places.probe_rows
-        self.equilibrium = self.rest_force = np.zeros(self.size)
+        self.equilibrium: Array = np.zeros(self.size)
+        self.rest_force = self.equilibrium
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
+        self.viscous = viscous_damping(self, damping)
 
     def full_model(self) -> DenseModel:
         """The full model for the time integration."""
@@ -123,6 +134,7 @@ class BeamStructure:
             np.zeros(self.contact_rows.shape[0]),
             self.probe_rows,
             np.zeros(self.probe_rows.shape[0]),
+            None if self.viscous is None else self.viscous.times(np.eye(self.size)),
             linear=linear,
             gauss_points=1 if linear else self.gauss_points,
         )
@@ -267,7 +279,7 @@ def beam_structure(scene: Scene) -> BeamStructure:
         ) from None
     _check_planar(scene)
     places = _places(scene, beam)
-    return BeamStructure(beam, places, scene.material.mass_damping, scene.source)
+    return BeamStructure(beam, places, scene.material.mass_damping, scene.source, scene.damping)
 
 
 def _check_planar(scene: Scene) -> None:

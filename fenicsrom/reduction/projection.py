@@ -43,7 +43,7 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
             np.zeros((0, 0)),
             np.zeros((0, 0)),
         )
-    return reduced_model(elastic=elastic, **_projected_terms(structure, r))
+    return reduced_model(elastic=elastic, **projected_terms(structure, r))
 
 
 def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel:
@@ -68,7 +68,7 @@ def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel
         energy=energy,
         linear=False,
         gauss_points=structure.gauss_points,
-        **_projected_terms(structure, r),
+        **projected_terms(structure, r),
     )
 
 
@@ -83,7 +83,21 @@ def projected_gyroscopic(structure: Structure, r: Array) -> Array:
     return np.asarray(structure.inner(r, structure.gyroscopic_times(r)))
 
 
-def _projected_terms(structure: Structure, r: Array) -> dict[str, Any]:
+def projected_velocity_matrix(structure: Structure, r: Array) -> Array:
+    """Project the gyroscopic matrix and the viscous damping on vectors R (local, n).
+
+    Returns:
+        Rᵀ D R (n, n), N s/m; (0, 0) without such forces.
+    """
+    found = projected_gyroscopic(structure, r)
+    if structure.viscous is None:
+        return found
+    viscous = np.asarray(structure.inner(r, structure.viscous.times(r)))
+    viscous = 0.5 * (viscous + viscous.T)
+    return found + viscous if found.size else viscous
+
+
+def projected_terms(structure: Structure, r: Array) -> dict[str, Any]:
     """All arguments of a reduced model except its elastic force, by their names."""
     u0, total = structure.equilibrium, structure.comm.allreduce
     return {
@@ -96,5 +110,5 @@ def _projected_terms(structure: Structure, r: Array) -> dict[str, Any]:
         "contact_offset": total(structure.contact_rows @ u0),
         "probe": total(structure.probe_rows @ r),
         "probe_offset": total(structure.probe_rows @ u0),
-        "gyroscopic_matrix": projected_gyroscopic(structure, r),
+        "velocity_matrix": projected_velocity_matrix(structure, r),
     }

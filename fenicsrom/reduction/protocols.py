@@ -42,6 +42,13 @@ class Inverse(Protocol):
         """The inverse times the columns of a block (local, k)."""
 
 
+class LinearMap(Protocol):
+    """A matrix that is known by its products."""
+
+    def times(self, block: Array) -> Array:
+        """The matrix times a block (local, k)."""
+
+
 class Structure(Protocol):
     """A clamped elastic structure in a static equilibrium, with its loads and contact points.
 
@@ -57,6 +64,7 @@ class Structure(Protocol):
         mass_damping: α of the damping C = α M, 1/s.
         factor: K⁻¹ at the equilibrium.
         gyroscopic: the gyroscopic matrix G of the Coriolis force −G u̇, or None without this force.
+        viscous: damping besides α M, or None without such damping.
         equilibrium: (local,) displacement u₀ under the static loads, m.
         rest_force: (local,) internal force at the equilibrium, N.
         load_vectors: (local, loads) load vectors of unit loads.
@@ -102,6 +110,10 @@ class Structure(Protocol):
     @property
     def gyroscopic(self) -> Any:
         """The gyroscopic matrix G, or None."""
+
+    @property
+    def viscous(self) -> LinearMap | None:
+        """The damping besides α M, or None."""
 
     def inner(self, a: Array, b: Array) -> Array:
         """Inner products aᵀ b over all ranks of two blocks (local, k) and (local, l): (k, l)."""

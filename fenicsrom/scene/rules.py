@@ -342,6 +342,32 @@ series = Rule(
     "s, –",
 )
 
+MOST_RATIOS = 1000
+
+
+def _read_ratios(value: Any, where: Where) -> float | tuple[float, ...]:
+    """Give one damping ratio, or one for each mode; ratios may be equal."""
+    ratio = number(least=0.0, below=1.0)
+    if is_number(value):
+        return float(ratio(value, where))
+    if not is_sequence(value) or not 1 <= len(value) <= MOST_RATIOS:
+        allowed = f"must be a number, or a list of 1 to {MOST_RATIOS} numbers"
+        raise where.refuse(value, allowed, ErrorKind.TYPE)
+    return tuple(float(ratio(entry, where.at(k))) for k, entry in enumerate(value))
+
+
+_RATIO = {"type": "number", "minimum": 0.0, "exclusiveMaximum": 1.0}
+ratios = Rule(
+    _read_ratios,
+    {
+        "oneOf": [
+            _RATIO,
+            {"type": "array", "items": _RATIO, "minItems": 1, "maxItems": MOST_RATIOS},
+        ]
+    },
+    "number from 0 to below 1, or a list of such numbers",
+)
+
 LABEL = r"([1-9][0-9]{0,5})([VS])([1-9][0-9]{0,5})([VS])"
 
 

@@ -75,6 +75,31 @@ class Material:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Damping:
+    """Viscous damping besides the mass-proportional damping of [material].
+
+    The damping matrix is C = α M + β K + Σ 2 ζ_k ω_k M φ_k φ_kᵀ M, where K is the stiffness at the
+    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised.
+
+    Attributes:
+        stiffness: factor β.
+        ratios: damping ratios ζ_k of the first normal modes, or one ratio for all of them.
+        modes: number of modes, if there is one ratio for all.
+    """
+
+    stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
+    ratios: Annotated[float | tuple[float, ...], rules.ratios] = ()
+    modes: Annotated[int, rules.integer(1, rules.MOST_RATIOS)] = 10
+
+    @property
+    def modal(self) -> tuple[float, ...]:
+        """The damping ratio of each damped mode."""
+        if isinstance(self.ratios, tuple):
+            return self.ratios
+        return (self.ratios,) * self.modes
+
+
+@dataclass(frozen=True, kw_only=True)
 class Surface:
     """A round rigid surface.
 
@@ -382,6 +407,7 @@ class Scene:
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
+        damping: damping besides that of the material.
         probe: where the amplitude is read in a scene without contact; by default the place of the
             first load.
         basis: the reduction basis.
@@ -403,6 +429,7 @@ class Scene:
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
+    damping: Annotated[Damping, table_of(Damping)] = Damping()
     probe: Annotated[Place | None, table_of(Place)] = None
     basis: Annotated[Basis, table_of(Basis)] = Basis()
     time: Annotated[Time, table_of(Time)] = field(default_factory=Time)
@@ -426,6 +453,16 @@ class Scene:
         if not frequencies or any(load.transient for load in self.loads):
             return None
         return 1.0 / min(frequencies)
+
+    @property
+    def viscous(self) -> bool:
+        """Whether there is damping besides the mass-proportional one."""
+        return self.damping.stiffness > 0.0 or any(self.damping.modal)
+
+    @property
+    def velocity_forces(self) -> bool:
+        """Whether forces besides the mass-proportional damping depend on the velocity."""
+        return self.viscous or (self.rotation is not None and self.rotation.coriolis)
 
     @property
     def static_only(self) -> bool:

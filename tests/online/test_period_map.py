@@ -169,7 +169,7 @@ def test_monodromy_of_open_stuck_and_pressed_points_matches_differences(
 def test_monodromy_of_gyroscopic_model_matches_differences(name: str) -> None:
     model, contacts = shaken(), one_contact(**RUB)
     skew = np.triu(np.random.default_rng(2).standard_normal((4, 4)), 1)
-    model = model._replace(gyroscopic_matrix=np.ascontiguousarray(skew - skew.T))
+    model = model._replace(velocity_matrix=np.ascontiguousarray(skew - skew.T))
     pmap = period_map(model, contacts, name)
     assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
 
