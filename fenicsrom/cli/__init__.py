@@ -7,6 +7,8 @@ Modules that need numpy, numba or dolfinx are imported by the command that uses 
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Sequence
 
 from fenicsrom.cli.parser import make_parser
@@ -17,7 +19,8 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
-    options = make_parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = make_parser().parse_args(words, argparse.Namespace(arguments=words))
     try:
         with terminable():
             return int(options.command(options))
@@ -34,6 +37,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             1,
         )
     except KeyboardInterrupt:
-        if is_terminated():
-            return stopped("terminated", 143)
-        return stopped("interrupted", 130)
+        how = getattr(options, "continuation", "")
+        word, code = ("terminated", 143) if is_terminated() else ("interrupted", 130)
+        return stopped(f"{word}; {how}" if how else word, code)

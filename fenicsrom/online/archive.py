@@ -50,7 +50,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
+from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
 FORMAT = "fenicsrom reduced model 3"
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
@@ -122,7 +122,8 @@ class StoredModel:
             SceneError: an override is wrong, or changes a key of the offline stage.
         """
         table, source = scene_table(self.scene), self.scene.source
-        return self.with_scene(parse_scene(override_table(table, overrides, source), source, None))
+        changed = titled(override_table(table, overrides, source), overrides, source)
+        return self.with_scene(parse_scene(changed, source, None))
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.

@@ -14,6 +14,7 @@ from fenicsrom.post.backbone_figures import NO_DAMPING, figure
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 
 def rows(found: Backbone) -> list[dict[str, Any]]:
@@ -159,7 +160,7 @@ def write(found: Backbone, folder: Path) -> list[Path]:
         *(("Nonlinear mode", [path]) for path in pictures),
         *([("Peaks of the forced response", [table])] if table else []),
     ]
-    title = f"{found.scene.title or found.scene.source}: nonlinear mode {found.table.mode}"
+    title = f"{scene_heading(found.scene)}: nonlinear mode {found.table.mode}"
     write_report(folder / "report.html", title, sections)
     return [folder / "report.html", folder / "backbone.json", folder / "backbone.csv", *pictures]
 

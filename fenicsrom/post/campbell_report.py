@@ -13,6 +13,7 @@ from fenicsrom.post.html_page import write_report
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -149,7 +150,7 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     if found.critical:
         sections.append(("Critical speeds", [critical_table(found)]))
     sections.append(("Frequencies", [frequency_table(found)]))
-    title = f"{found.scene.title or found.scene.source}: Campbell diagram"
+    title = f"{scene_heading(found.scene)}: Campbell diagram"
     write_report(folder / "report.html", title, sections)
     return [folder / "report.html", folder / "campbell.json", folder / "campbell.csv", *pictures]
 

@@ -20,6 +20,7 @@ from fenicsrom.post.html_page import write_report
 from fenicsrom.post.pictures import not_drawn
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
@@ -276,7 +277,7 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
         ("All combinations", [table(comparison), *warnings]),
         ("Timing", timing_note(comparison)),
     ]
-    title = f"{comparison.scene.title or comparison.scene.source}: error against run time"
+    title = f"{scene_heading(comparison.scene)}: error against run time"
     return [write_report(folder / "report.html", title, sections), *files]
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.post.origin import origin_table
 from fenicsrom.post.tables import cell_text, numeric_columns
 from fenicsrom.post.writers import write_text
 
@@ -18,10 +19,14 @@ def write_report(
 ) -> Path:
     """Write a report, see `html_report`; return its path.
 
+    The report ends with what was run, if the folder has the record of `fenicsrom.post.origin`.
+
     Raises:
         OSError: the file cannot be written.
     """
-    return write_text(path, html_report(title, sections))
+    run = origin_table(Path(path).parent)
+    last = [("What was run", [run])] if run else []
+    return write_text(path, html_report(title, [*sections, *last]))
 
 
 def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.record import Study
@@ -19,7 +19,7 @@ from fenicsrom.post.sentences import (
     response_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_heading
 
 REPORT = "report.html"
 
@@ -38,9 +38,8 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
-        ("Versions", [_versions()]),
     ]
-    title = study.scene.title or study.scene.source
+    title = scene_heading(study.scene)
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
@@ -62,7 +61,7 @@ def write_rerun_report(
         ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
         *((heading, [path]) for heading, path in pictures),
     ]
-    return write_report(folder / REPORT, scene.title or scene.source, sections)
+    return write_report(folder / REPORT, scene_heading(scene), sections)
 
 
 def _results(study: Study) -> list[Any]:
@@ -127,9 +126,3 @@ def _seconds(study: Study) -> list[list[str]]:
 def _left_out(study: Study) -> list[list[str]]:
     """Compose the table of what was not computed."""
     return [["stage", "reason"], *[line.split(": ", 1) for line in study.left_out]]
-
-
-def _versions() -> str:
-    """List the versions of the program and its libraries."""
-    made = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    return made or "this program, not installed as a package"

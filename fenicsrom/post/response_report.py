@@ -27,6 +27,7 @@ from fenicsrom.post.response_tables import (
     trust_table,
 )
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +99,7 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
         ("Estimated errors", [trust_table(found)]),
         ("Effort", [run_table(found)]),
     ]
-    title = f"{found.scene.title or found.scene.source}: response curves"
+    title = f"{scene_heading(found.scene)}: response curves"
     return write_report(folder / "report.html", title, sections)
 
 

@@ -15,6 +15,7 @@ from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.style import new_figure, styled
 from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
 
 COLOURS = {
@@ -179,8 +180,6 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
             sections.append((verdict.capitalize(), [table(chosen)]))
     if matrix.left_out:
         sections.append(("Left out", list(matrix.left_out)))
-    versions = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    sections.append(("Made by", [versions or "this program"]))
-    title = f"Stability: {matrix.scene.title or matrix.scene.source}"
+    title = f"Stability: {scene_heading(matrix.scene)}"
     write_report(files[0], title, sections)
     return [*files, picture]

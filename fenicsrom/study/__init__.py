@@ -2,6 +2,7 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
+`output_folder` guards the folder of the files.
 `stored` integrates a stored model again, `curves` computes response curves, and `backbones`
 computes nonlinear modes.
 """
@@ -10,6 +11,7 @@ from fenicsrom.study.backbones import backbone, backbone_of_model
 from fenicsrom.study.curves import response, response_of_model
 from fenicsrom.study.execution import build_model, execute, offline, run
 from fenicsrom.study.motions import check
+from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
@@ -28,6 +30,7 @@ __all__ = [
     "execute",
     "never",
     "offline",
+    "output_folder",
     "plan",
     "rerun",
     "response",

@@ -137,6 +137,8 @@ def test_command_writes_the_files_of_a_stored_model(
         "backbone.csv",
         "backbone.json",
         "backbone.png",
+        "provenance.json",
+        "scene.toml",
     }
     summary = json.loads((folder / "backbone.json").read_text())
     with open(folder / "backbone.csv") as file:

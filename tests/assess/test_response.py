@@ -214,11 +214,13 @@ def test_command_writes_the_files_of_a_stored_model(
         "harmonics.png",
         "motions.npz",
         "multipliers.png",
+        "provenance.json",
         "report.html",
         "response.csv",
         "response.json",
         "response.png",
         "response_state",
+        "scene.toml",
     }
     summary = json.loads((folder / "response.json").read_text())
     (curve,) = summary["curves"]

@@ -1,0 +1,100 @@
+"""The output folder of a command: its name, its record, and how to continue after an interrupt."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fenicsrom import study
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import Scene
+
+CONTAINER = "FENICSROM_CONTAINER"  # variable that is set where only mounted folders outlive a run
+MOUNTS = Path("/proc/self/mountinfo")
+
+
+@contextmanager
+def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Iterator[Path]:
+    """Open the output folder of a command, and say how to continue if it is interrupted.
+
+    Raises:
+        SceneError: the folder holds another run, is in use, or would vanish with the container.
+        OSError: the folder cannot be written.
+    """
+    folder = output_path(options)
+    _require_lasting(folder)
+    try:
+        with study.output_folder(folder, scene, comm, _origin(options), options.force):
+            yield folder
+    except KeyboardInterrupt:
+        options.continuation = _continuation(options, folder)
+        raise
+
+
+def output_path(options: argparse.Namespace) -> Path:
+    """The folder of --output, or out/ and the name of the scene or of the stored model."""
+    if options.output:
+        return Path(options.output)
+    source = options.scene or options.stored
+    return Path("out") / ("stability" if options.name == "stability" else Path(source).stem)
+
+
+def _origin(options: argparse.Namespace) -> Any:
+    """How the command was started, and how it is repeated in its folder."""
+    from fenicsrom.post.origin import SCENE_FILE, Origin
+
+    model = getattr(options, "stored", None)
+    resume = getattr(options, "resume", None)
+    repeat = ["fenicsrom", options.name, SCENE_FILE]
+    repeat += ["--from", Path(model).name] if model else []
+    repeat += ["--resume", Path(resume).name] if resume else []
+    for axis in getattr(options, "axis", []):
+        repeat += ["--axis", axis]
+    return Origin(
+        ("fenicsrom", *options.arguments),
+        repeat,
+        options.overrides,
+        Path(model) if model else None,
+        Path(resume) if resume else None,
+    )
+
+
+def _continuation(options: argparse.Namespace, folder: Path) -> str:
+    """Say how to go on after an interrupt."""
+    state = {"run": "checkpoint.npz", "response": "response_state"}.get(options.name)
+    if state is None or not (folder / state).exists():
+        return "nothing to continue from was kept; run the command again"
+    words = list(options.arguments)
+    for name in ("--resume", "--output"):
+        while name in words:
+            place = words.index(name)
+            del words[place : place + 2]
+        words = [word for word in words if not word.startswith(f"{name}=")]
+    words += ["--resume", str(folder / state), "--output", str(folder)]
+    return f"to continue: {shlex.join(['fenicsrom', *words])}"
+
+
+def _require_lasting(folder: Path) -> None:
+    """Check that the folder is on a mounted file system, inside a container.
+
+    Raises:
+        SceneError: it would vanish with the container.
+    """
+    if not os.environ.get(CONTAINER) or not MOUNTS.exists():
+        return
+    mounted = [Path(line.split()[4]) for line in MOUNTS.read_text("utf-8").splitlines()]
+    place = folder.resolve()
+    shared = [path for path in mounted if path != Path("/") and path in (place, *place.parents)]
+    if not shared:
+        raise SceneError(
+            f"--output {folder}: only mounted folders outlive the container, and {place} is in "
+            f"none of them; {os.environ[CONTAINER]}",
+            kind=ErrorKind.FILE,
+            key="--output",
+            source=str(folder),
+        )
