@@ -163,8 +163,8 @@ def checksum(path: Path) -> str:
 
 
 def _named(path: Path | None) -> dict[str, Any] | None:
-    """The absolute path of an input and its checksum."""
-    if path is None:
+    """The absolute path of an input and its checksum; None for an input that does not exist."""
+    if path is None or not path.exists():
         return None
     return {"file": str(path.absolute()), "sha256": checksum(path)}
 

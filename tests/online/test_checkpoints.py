@@ -366,7 +366,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
         "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
-        assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
+        assert main(["run", *call, "--output", str(tmp_path / "wrong")]) == 2
         assert sentence in capsys.readouterr().err
 
 
