@@ -37,11 +37,23 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
 
 
 def output_path(options: argparse.Namespace) -> Path:
-    """The folder of --output, or out/ and the name of the scene or of the stored model."""
-    if options.output:
-        return Path(options.output)
+    """The folder of --output, or out/ and the name of the scene or of the stored model.
+
+    Raises:
+        SceneError: a file has this name, or that of a folder that should hold it.
+    """
     source = options.scene or options.stored
-    return Path("out") / ("stability" if options.name == "stability" else Path(source).stem)
+    name = "stability" if options.name == "stability" else Path(source).stem
+    folder = Path(options.output) if options.output else Path("out") / name
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise SceneError(
+                f"--output {folder}: {place} is a file; must be a folder, or a new name",
+                kind=ErrorKind.FILE,
+                key="--output",
+                source=str(place),
+            )
+    return folder
 
 
 def _origin(options: argparse.Namespace) -> Any:

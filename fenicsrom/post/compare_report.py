@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,9 @@ from fenicsrom.post.compare_figures import (
     tip_error,
 )
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import not_drawn
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading
 
 SMALL = 9  # largest number of coordinates of a small basis
@@ -261,16 +262,16 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     ]
     warnings = list(comparison.warnings)
     pictures: list[tuple[str, list[Any]]] = []
-    if comparison.full is not None and any(
-        o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes
-    ):
-        if sentence := not_drawn([f"{name}.png" for name, *_ in PICTURES]):
-            warnings.append(sentence)
-        else:
-            for name, heading, words, draw in PICTURES:
-                path = write_figure(folder / f"{name}.png", draw(comparison))
-                pictures.append((heading, [path, words] if words else [path]))
-                files.append(path)
+    rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
+    if comparison.scene.output.pictures and comparison.full is not None and rated:
+        words = {heading: text for _, heading, text, _ in PICTURES}
+        listed = [
+            Picture(heading, f"{name}.png", partial(draw, comparison))
+            for name, heading, _, draw in PICTURES
+        ]
+        for heading, path in draw_pictures(listed, folder, warnings):
+            pictures.append((heading, [path, *filter(None, [words[heading]])]))
+            files.append(path)
     sections: list[tuple[str, list[Any]]] = [
         ("Results", sentences(comparison) or ["There is no full model to compare with."]),
         *pictures,

@@ -286,6 +286,21 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
     assert not (tmp_path / "nothing").exists()
 
 
+def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
+    from fenicsrom.post import pictures
+
+    def broken(*_):
+        raise ValueError("no axes")
+
+    monkeypatch.setattr(pictures, "plot_motion", broken)
+    model = str(results / "reduced_model.npz")
+    assert main(["run", "--from", model, "--output", str(tmp_path)]) == 0
+    sentence = "motion.png was not drawn: ValueError: no axes"
+    assert f"warning: {sentence}" in capsys.readouterr().out
+    assert sentence in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "motion.png").exists() and (tmp_path / "energy.png").exists()
+
+
 @pytest.mark.parametrize("stage", ["pictures", "report"])
 def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
     """The numbers are complete before the first picture is drawn."""
@@ -409,7 +424,7 @@ def test_failed_integration_keeps_motion_and_exits_1(tmp_path, capsys, monkeypat
 def test_output_folder_that_is_a_file_is_refused(tmp_path, capsys):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 1
+    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 2
     assert str(blocked) in capsys.readouterr().err
 
 
