@@ -31,7 +31,7 @@ def run(options: argparse.Namespace) -> int:
     with opened(options, scene, comm) as folder:
         found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
         if comm.rank == 0:
-            table = sentences.response_table(found.motions, found.sizes)
+            table = sentences.response_table(found.motions, found.sizes, scene)
             lines = sentences.study_sentences(found)
             print_results(scene, table, found.warnings, lines, found.files)
         return _end(comm, found.unfinished[1] if found.unfinished else None)
@@ -54,7 +54,8 @@ def _rerun(options: argparse.Namespace) -> int:
         found = study.rerun(
             stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
         )
-        table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
+        sizes = {"reduced": stored.size}
+        table = sentences.response_table({"reduced": found.motion}, sizes, scene)
         lines = sentences.rerun_sentences(found.motion, model.points)
         print_results(scene, table, found.warnings, lines, found.files)
         return _end(None, found.unfinished)

@@ -32,6 +32,21 @@ ERRORS = {
     "dissipated_per_period": "energy per period",
     "state": "wrong state",
 }
+SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
+SHORT_HEADS = {
+    "derivatives": "deriv.",
+    "speed-up": "times faster",
+    "tip amplitude %": "tip %",
+    "time history %": "history %",
+    "peak normal force %": "force %",
+    "energy per period %": "energy %",
+    "indicator": "indicator",
+}
+REPORT_ONLY = ("±", "break-even", "axial amplitude %", "wrong state %")
+TERMINAL_NOTE = (
+    "CB is Craig–Bampton. The errors are those of the tip amplitude, the time history, the peak "
+    "normal force and the energy per period; report.html and comparison.csv have more."
+)
 
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -106,7 +121,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 
 def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal and the report; the first row is the header."""
+    """Compose the table of the report; the first row is the header."""
     several = {
         "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
@@ -147,6 +162,20 @@ def table(comparison: Comparison) -> list[list[Any]]:
             line += [_three(outcome.errors.get(name)) for name in ERRORS]
         found.append([*line, _three(outcome.indicator)])
     return found
+
+
+def terminal_table(comparison: Comparison) -> list[list[Any]]:
+    """Compose the table of the terminal: the columns that decide, and errors with two digits."""
+    long, *lines = table(comparison)
+    wanted = [name for name in long if name not in REPORT_ONLY]
+    head = [SHORT_HEADS.get(name, name) for name in wanted]
+    rows = [dict(zip(long, line, strict=True)) for line in lines]
+    for row in rows:
+        row["method"] = SHORT_METHODS[row["method"]]
+        for name in SHORT_HEADS:
+            if isinstance(row.get(name), float):
+                row[name] = float(f"{row[name]:.2g}")
+    return [head, *([row[name] for name in wanted] for row in rows)]
 
 
 def _three(value: float | None) -> float | int | None:
@@ -284,4 +313,6 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
 
 def terminal(comparison: Comparison) -> str:
     """Compose the table and the sentences for the terminal."""
-    return "\n".join([text_table(table(comparison)), "", *sentences(comparison)])
+    rows = terminal_table(comparison)
+    keys = rows[0].index("size")
+    return "\n".join([text_table(rows, keys), "", TERMINAL_NOTE, *sentences(comparison)])

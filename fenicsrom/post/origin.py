@@ -129,7 +129,7 @@ def origin_table(folder: Path) -> list[list[Any]]:
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
         ["to repeat", f"{record['repeat']} (in this folder)"],
     ]
-    return [["", "what was run"], *rows]
+    return [["item", "value"], *rows]
 
 
 _INPUTS = (("mesh", "mesh"), ("stored model", "model"), ("resumed from", "resumed_from"))

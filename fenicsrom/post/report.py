@@ -56,7 +56,7 @@ def write_rerun_report(
     Raises:
         OSError: the file cannot be written.
     """
-    rows = response_rows({"reduced": motion}, {"reduced": stored.size})
+    rows = response_rows({"reduced": motion}, {"reduced": stored.size}, scene)
     sections: list[Section] = [
         ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
         *((heading, [path]) for heading, path in pictures),
@@ -68,7 +68,7 @@ def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
     if study.motions:
-        found += [response_rows(study.motions, study.sizes), RESPONSE_NOTE]
+        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.deflection is not None:
