@@ -29,7 +29,7 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
     folder = output_path(options)
     _require_lasting(folder)
     try:
-        with study.output_folder(folder, scene, comm, _origin(options), options.force):
+        with study.output_folder(folder, scene, comm, _origin(options, folder), options.force):
             yield folder
     except KeyboardInterrupt:
         options.continuation = _continuation(options, folder)
@@ -56,39 +56,56 @@ def output_path(options: argparse.Namespace) -> Path:
     return folder
 
 
-def _origin(options: argparse.Namespace) -> Any:
+VARIATIONS = {"axis": "--axis", "over": "--over", "together": "--zip"}  # options that vary a scene
+STATES = {"run": "checkpoint.npz", "response": "response_state", "sweep": "runs"}
+
+
+def _origin(options: argparse.Namespace, folder: Path) -> Any:
     """How the command was started, and how it is repeated in its folder."""
     from fenicsrom.post.origin import SCENE_FILE, Origin
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
-    repeat = ["fenicsrom", options.name, SCENE_FILE]
+    if resume is True:  # a sweep continues in its own folder
+        resume = folder / STATES["sweep"]
+    elif resume:
+        resume = Path(resume)
+    varied = [
+        word
+        for name, option in VARIATIONS.items()
+        for value in getattr(options, name, [])
+        for word in (option, value)
+    ]
+    repeat = ["fenicsrom", options.name, SCENE_FILE, *varied]
     repeat += ["--from", Path(model).name] if model else []
-    repeat += ["--resume", Path(resume).name] if resume else []
-    for axis in getattr(options, "axis", []):
-        repeat += ["--axis", axis]
+    repeat += ["--resume", resume.name] if resume and options.name != "sweep" else []
     return Origin(
         ("fenicsrom", *options.arguments),
         repeat,
+        (options.name, *varied),
         options.overrides,
         Path(model) if model else None,
-        Path(resume) if resume else None,
+        resume or None,
     )
 
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
     """Say how to go on after an interrupt."""
-    state = {"run": "checkpoint.npz", "response": "response_state"}.get(options.name)
+    state = STATES.get(options.name)
     if state is None or not (folder / state).exists():
         return "nothing to continue from was kept; run the command again"
+    flag = options.name == "sweep"
     words = list(options.arguments)
-    for name in ("--resume", "--output"):
+    for name in ("--output",) if flag else ("--resume", "--output"):
         while name in words:
             place = words.index(name)
             del words[place : place + 2]
         words = [word for word in words if not word.startswith(f"{name}=")]
-    words += ["--resume", str(folder / state), "--output", str(folder)]
-    return f"to continue: {shlex.join(['fenicsrom', *words])}"
+    if flag:
+        words += [] if "--resume" in words else ["--resume"]
+    else:
+        words += ["--resume", str(folder / state)]
+    return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
 
 
 def _require_lasting(folder: Path) -> None:

@@ -39,6 +39,7 @@ class Origin:
     Attributes:
         command: the words of the command.
         repeat: the words that repeat it in the output folder.
+        task: the name of the command, and the options that vary the scene.
         overrides: the values of `--set`.
         model: the stored model, or None.
         resume: the checkpoint or state that the run continues, or None.
@@ -46,6 +47,7 @@ class Origin:
 
     command: Sequence[str]
     repeat: Sequence[str]
+    task: Sequence[str] = ("run",)
     overrides: Sequence[str] = ()
     model: Path | None = None
     resume: Path | None = None
@@ -79,6 +81,7 @@ def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict
         "model": _named(origin.model),
         "resumed_from": _named(origin.resume),
         "repeat": shlex.join(origin.repeat),
+        "task": list(origin.task),
         "results": None,
     }
     table = scene_table(scene)

@@ -101,9 +101,9 @@ def _held_folder(
             reason = f"it holds a {SCENE_FILE}, which the run would replace; choose another folder"
             raise _refused(folder, reason)
         earlier = [] if continued else _earlier_results(folder, record)
-        if not continued:
-            _require_replaceable(folder, record, earlier, scene, overwrite)
-        same = record is not None and _is_same_run(folder, record, scene)
+        same = record is not None and _is_same_run(folder, record, scene, origin)
+        if not (continued or overwrite or same):
+            _require_free(folder, record, earlier)
         _put_aside(folder, earlier, kept)
         before = _stamps(folder)
         _held.add(place)
@@ -155,33 +155,31 @@ def _recorded(
             _restore(folder, {name for name in own if name and name not in before})
 
 
-def _require_replaceable(
-    folder: Path, record: dict[str, Any] | None, earlier: list[str], scene: Scene, overwrite: bool
-) -> None:
-    """Check that the results in a folder may be replaced.
+def _require_free(folder: Path, record: dict[str, Any] | None, earlier: list[str]) -> None:
+    """Check that a folder holds no results.
 
     Raises:
-        SceneError: they belong to another scene or mesh, and nobody asked to replace them.
+        SceneError: it holds some.
     """
-    if overwrite:
-        return
     if record is None:
         unnamed = [name for name in UNNAMED_RESULTS if (folder / name).exists()]
         if unnamed:
             reason = f"it holds {unnamed[0]} of a run without provenance.json"
             raise _refused(folder, f"{reason}; choose another folder, or add --force")
-    elif earlier and not _is_same_run(folder, record, scene):
+    elif earlier:
         what = f"{record['command']}, {record['began']}"
         raise _refused(
             folder, f"it holds another run ({what}); choose another folder, or add --force"
         )
 
 
-def _is_same_run(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
-    """Whether the folder holds a run of the same scene on the same mesh file."""
+def _is_same_run(folder: Path, record: dict[str, Any], scene: Scene, origin: Origin) -> bool:
+    """Whether the folder holds the same task on the same scene and the same mesh file."""
     from fenicsrom.post.origin import SCENE_FILE, checksum
     from fenicsrom.scene import scene_table
 
+    if record.get("task") != list(origin.task):
+        return False
     try:
         found = tomllib.loads((folder / SCENE_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -16,7 +16,9 @@ from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
 from fenicsrom.study import output_folder
 
 DEMO = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
-ORIGIN = Origin(("fenicsrom", "run", "a b.toml"), ("fenicsrom", "run", "scene.toml"), ("x=1",))
+ORIGIN = Origin(
+    ("fenicsrom", "run", "a b.toml"), ("fenicsrom", "run", "scene.toml"), ("run",), ("x=1",)
+)
 
 
 def scene(*overrides: str) -> Scene:
@@ -73,6 +75,16 @@ def test_another_scene_is_replaced_only_on_request(tmp_path: Path) -> None:
     run(tmp_path, other, "report.html", overwrite=True)
     assert names(tmp_path) == RECORDS | {"report.html"}
     assert (tmp_path / "report.html").read_text() == other.title
+
+
+def test_another_command_is_another_run(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    modes = Origin(ORIGIN.command, ORIGIN.repeat, ("modes",))
+    with (
+        refusal(ErrorKind.FILE, "--output", tmp_path.name),
+        output_folder(tmp_path, scene(), None, modes),
+    ):
+        pass
 
 
 def test_changed_mesh_file_is_another_run(tmp_path: Path) -> None:
