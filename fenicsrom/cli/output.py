@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
+from fenicsrom.cli.printing import progress
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene
 
@@ -26,10 +27,16 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
         SceneError: the folder holds another run, is in use, or would vanish with the container.
         OSError: the folder cannot be written.
     """
+    from fenicsrom.online.compilation import announced
+
     folder = output_path(options)
     _require_lasting(folder)
+    quiet = comm is not None and comm.rank > 0
     try:
-        with study.output_folder(folder, scene, comm, _origin(options, folder), options.force):
+        with (
+            study.output_folder(folder, scene, comm, _origin(options, folder), options.force),
+            announced((lambda line: None) if quiet else progress),
+        ):
             yield folder
     except KeyboardInterrupt:
         options.continuation = _continuation(options, folder)

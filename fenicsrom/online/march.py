@@ -63,6 +63,7 @@ from fenicsrom.online.steady import (
     prepare,
 )
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.progress import tell
 
 
 def integrate(
@@ -135,7 +136,7 @@ def integrate(
         if by_newton and not run.found and (is_due(span - 1) or (start is not None and span == 1)):
             _try_newton(run, settings, span - 1)
         q0 = run.state.q.copy()
-        status, stopped = _run_span(run, span, checkpoint, stop)
+        status, stopped = _run_span(run, span, spans, checkpoint, stop)
         if status == FAILED or period is None:
             break
         before = run.history[-2] if run.reference is None else run.reference
@@ -167,6 +168,7 @@ def integrate(
 def _run_span(
     run: MarchRun,
     span: int,
+    spans: int,
     checkpoint: Callable[[Checkpoint], None] | None,
     stop: Callable[[], bool] | None,
 ) -> tuple[int, bool]:
@@ -188,6 +190,7 @@ def _run_span(
             )
             pieces.append(copied_rows(run.record, count))
             counts.append(count)
+            tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
             if run.period is None and count:
                 if checkpoint is not None:
                     checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))

@@ -22,6 +22,7 @@ from fenicsrom.post.figures import (
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.rendering import animate, picture_modes
 from fenicsrom.post.writers import write_figure
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -115,7 +116,7 @@ def draw_pictures(
         notes.append(sentence)
         return []
     written = []
-    for picture in pictures:
+    for picture in tracked(pictures):
         with softly(picture.name, notes):
             written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
     return written
