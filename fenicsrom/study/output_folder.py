@@ -108,8 +108,11 @@ def _held_folder(
         before = _stamps(folder)
         _held.add(place)
         try:
-            ranks = 1 if comm is None else comm.size
-            written = write_origin(folder, scene, origin, ranks)
+            try:
+                written = write_origin(folder, scene, origin, 1 if comm is None else comm.size)
+            except BaseException:
+                _restore(folder, set(_stamps(folder)) - set(before))
+                raise
             own = _earlier_results(folder, record) if continued else []
             with _recorded(folder, written, before, own, same):
                 yield
