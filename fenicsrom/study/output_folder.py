@@ -231,19 +231,17 @@ def _stamps(folder: Path) -> Stamps:
 
 
 def _put_aside(folder: Path, names: list[str], kept: set[Path]) -> None:
-    """Move results into the waiting folder; copy the record and the inputs of the new run."""
+    """Move the record and the results, but no input of the new run, into the waiting folder."""
     from fenicsrom.post.origin import RECORD, SCENE_FILE
 
     waiting = folder / WAITING
     if not waiting.exists():
         waiting.mkdir()
-    for name in (SCENE_FILE, RECORD):
-        if (folder / name).exists():
-            shutil.copy2(folder / name, waiting / name)
-    for name in names:
+    for name in dict.fromkeys((SCENE_FILE, RECORD, *names)):
         path = folder / name
+        own = name in (SCENE_FILE, RECORD)  # the new run writes these again
         inside = any(path.resolve() in (file, *file.parents) for file in kept)
-        if not inside:
+        if path.exists() and (own or not inside):
             os.replace(path, waiting / name)
     if not any(waiting.iterdir()):
         waiting.rmdir()
