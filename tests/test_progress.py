@@ -45,7 +45,7 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
             now += 2.0
     assert lines[0] == "derivatives .."
     ends = ["30%, about 14 s left", "60%, about 8 s left", "90%, about 2 s left"]
-    assert lines[1:] == [f"  derivatives: {end}" for end in ends]
+    assert lines[1:] == [f"  derivatives: {end} at most" for end in ends]
     assert watch.seconds["derivatives"] == 20.0
 
 

@@ -48,10 +48,11 @@ class Stopwatch:
         begin = self._last = clock.perf_counter()
 
         def report(fraction: float) -> None:
+            """Say how far the stage is; a motion that settles early ends it earlier."""
             now = clock.perf_counter()
             if now - self._last > SILENCE and 0.0 < fraction < 1.0:
                 self._last = now
-                self.say(f"  {stage}: {fraction:.0%}, {time_left(now - begin, fraction)}")
+                self.say(f"  {stage}: {fraction:.0%}, {time_left(now - begin, fraction)} at most")
 
         with listening(report):
             yield
