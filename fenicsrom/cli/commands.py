@@ -251,8 +251,20 @@ def _changed_model(options: argparse.Namespace, stored: Any) -> Any:
 
 
 def _folder(options: argparse.Namespace, source: str) -> Path:
-    """Choose the output folder: the one of --output, or out/ and the name of the source."""
-    return Path(options.output) if options.output else Path("out") / Path(source).stem
+    """Choose the output folder: the one of --output, or out/ and the name of the source.
+
+    Raises:
+        SceneError: a file has this name, or that of a folder that should hold it.
+    """
+    folder = Path(options.output) if options.output else Path("out") / Path(source).stem
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise SceneError(
+                f"--output {folder}: {place} is a file; must be a folder, or a new name",
+                kind=ErrorKind.FILE,
+                source=str(place),
+            )
+    return folder
 
 
 def _make_folder(options: argparse.Namespace, source: str) -> Path:
