@@ -117,6 +117,7 @@ def _follow_branch(
         if new is None:
             follow(*found, None, origin, periods)
             new = parts[-1]
+        if not new.points[0].kind:
             new.points.insert(0, point)
         # the motions on both sides of a period doubling differ by a shift in time
         if point.kind == "period doubling" or new.reason == "closed":
@@ -124,9 +125,9 @@ def _follow_branch(
 
 
 def _begins_at(part: Piece, begin: CurvePoint) -> bool:
-    """Whether a branch, which starts at its bifurcation, has this point next."""
-    apart = float(np.linalg.norm(part.points[1].s - begin.s))
-    return apart <= SAME_START * float(np.linalg.norm(begin.s))
+    """Whether a branch has this point first, or next after its bifurcation."""
+    size = SAME_START * float(np.linalg.norm(begin.s))
+    return any(float(np.linalg.norm(point.s - begin.s)) <= size for point in part.points[:2])
 
 
 def follow_isolated(

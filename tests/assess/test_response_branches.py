@@ -20,7 +20,7 @@ from fenicsrom.assess.response_results import ResponseCurve
 from fenicsrom.assess.trust import RicherModel, transfer
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
@@ -75,7 +75,8 @@ def test_branch_of_period_doubling_is_a_piece_of_two_periods(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("before_the_end", [1, 3])
 def test_interrupted_branch_is_followed_again(tmp_path: Path, before_the_end: int) -> None:
-    stored = holmes()
+    save_model(tmp_path / "model.npz", holmes())
+    stored = load_model(tmp_path / "model.npz")
     asked, limit = 0, 10_000
 
     def stop() -> bool:
