@@ -2,7 +2,8 @@
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
-Modules that need numpy, numba or dolfinx are imported by the command that uses them.
+Modules that need numpy, numba or dolfinx are imported by the command that uses them. `main` imports
+the commands, so that an interrupt during these imports ends with a sentence too.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fenicsrom.cli.parser import make_parser
 from fenicsrom.cli.ranks import refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
@@ -20,8 +20,11 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    options = make_parser().parse_args(words, argparse.Namespace(arguments=words))
+    options = argparse.Namespace(arguments=words)
     try:
+        from fenicsrom.cli.parser import make_parser
+
+        options = make_parser().parse_args(words, options)
         with terminable():
             return int(options.command(options))
     except SceneError as error:

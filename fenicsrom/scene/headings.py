@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.scene.overrides import override_path
+from fenicsrom.scene.overrides import names_of
 from fenicsrom.scene.tables import plain
 from fenicsrom.scene.writing import toml_value
 
@@ -37,7 +37,7 @@ def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str
     if not isinstance(title, str):
         return dict(table)
     for override in [overrides] if isinstance(overrides, str) else overrides:
-        path = override_path(override)
+        path = names_of(override.partition("=")[0])
         if path[0] not in WITHOUT_EFFECT and f"{{{'.'.join(path)}}}" not in title:
             name = ".".join(path)
             title = f"{title or PurePath(source).stem}, {name} = {{{name}}}"

@@ -421,11 +421,32 @@ def test_failed_integration_keeps_motion_and_exits_1(tmp_path, capsys, monkeypat
         assert "beam_time" in history
 
 
-def test_output_folder_that_is_a_file_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize("below", [(), ("folder",)])
+def test_output_folder_that_is_a_file_or_in_one_is_refused(tmp_path, capsys, below):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 2
-    assert str(blocked) in capsys.readouterr().err
+    assert main(["run", str(SCENE), "--output", str(blocked.joinpath(*below)), *QUICK]) == 2
+    printed = capsys.readouterr().err
+    assert str(blocked) in printed and len(printed.splitlines()) == 1
+
+
+def test_interrupt_during_the_imports_ends_with_a_sentence():
+    """The commands are imported when the program starts, which takes a fifth of a second."""
+    program = (
+        "import sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'fenicsrom.cli.commands':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from fenicsrom.cli import main\n"
+        "sys.exit(main(['plan', sys.argv[1]]))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(SCENE)], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 130
+    assert done.stderr == "fenicsrom: interrupted\n"
 
 
 @pytest.mark.parametrize("command", [["--version"], ["--help"], ["plan", str(SCENE)]])
