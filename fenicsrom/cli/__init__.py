@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fenicsrom.cli.parser import make_parser
-from fenicsrom.cli.ranks import refuse, stopped
+from fenicsrom.cli.ranks import abort_all, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
@@ -37,3 +37,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if is_terminated():
             return stopped("terminated", 143)
         return stopped("interrupted", 130)
+    except Exception:  # a defect of the program
+        abort_all()
+        raise

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
@@ -52,6 +53,20 @@ def stopped(word: str, code: int) -> int:
     """Say on the first rank that the run was stopped; return the exit code."""
     comm = all_ranks()
     return _say(word, code) if comm is None or comm.rank == 0 else code
+
+
+def abort_all() -> None:
+    """End all ranks after an unexpected exception of this one, whose traceback it prints first.
+
+    The others would wait for this rank forever. With one rank this does nothing.
+    """
+    comm = all_ranks()
+    if comm is None:
+        return
+    traceback.print_exc()
+    sys.stderr.flush()
+    time.sleep(1.0)  # mpirun forwards no output after the abort
+    comm.Abort(1)
 
 
 def _say(sentence: str, code: int) -> int:
