@@ -86,14 +86,35 @@ def check_basis_error(scene: Scene, estimate: float) -> None:
     )
 
 
-def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
-    """The error of a motion that fails a check without a second run, or None."""
+def checked(
+    model: Any, scene: Scene, motion: Motion
+) -> tuple[dict[str, float], AccuracyError | None]:
+    """Check the energy balance of a motion, and estimate its error due to the time step.
+
+    Args:
+        model: the model that was integrated.
+        scene: the scene of the motion.
+        motion: the motion.
+
+    Returns:
+        Estimated relative errors by their names, of "time step" and, with contacts, of "peak force
+        by the time step"; and the error of the check that the motion fails, or None.
+    """
+    errors: dict[str, float] = {}
     try:
         check_energy(motion)
-        check_time_error(scene, step_errors(model, scene, motion).amplitude, is_unsteady(motion))
+        errors["time step"], force = step_errors(model, scene, motion)
+        if scene.contacts:
+            errors["peak force by the time step"] = force
+        check_time_error(scene, errors["time step"], is_unsteady(motion))
     except AccuracyError as error:
-        return error
-    return None
+        return errors, error
+    return errors, None
+
+
+def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
+    """The error of a motion that `checked` rejects, or None."""
+    return checked(model, scene, motion)[1]
 
 
 def recommended_step(scene: Scene, estimate: float) -> Scene:

@@ -7,18 +7,20 @@ Modules that need numpy, numba or dolfinx are imported by the command that uses 
 
 from __future__ import annotations
 
+from argparse import Namespace
 from collections.abc import Sequence
 
 from fenicsrom.cli.parser import make_parser
 from fenicsrom.cli.ranks import abort_all, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     options = make_parser().parse_args(arguments)
     try:
+        _check_arguments(options)
         with terminable():
             return int(options.command(options))
     except SceneError as error:
@@ -40,3 +42,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except Exception:  # a defect of the program
         abort_all()
         raise
+
+
+def _check_arguments(options: Namespace) -> None:
+    """Check that no argument contains a NUL character, which no path can contain.
+
+    Raises:
+        SceneError: an argument contains one.
+    """
+    for name, value in vars(options).items():
+        if isinstance(value, str) and "\0" in value:
+            raise SceneError(
+                f"argument {name} = {value}: must not contain a NUL character",
+                kind=ErrorKind.FILE,
+                key=name,
+            )

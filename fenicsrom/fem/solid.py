@@ -155,6 +155,9 @@ class Solid(ElasticBody):
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
         self.load_vectors[self.clamped] = 0.0
+        for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
+            if not moves:
+                raise self._places.clamped(f"loads[{k}]")
         self.load_histories = of_loads(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +11,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.rules import show
 from fenicsrom.scene.tables import without_alternatives
 from fenicsrom.scene.times import Time
+from fenicsrom.scene.toml import parse_toml
 
 DEEPEST = 20  # names in the path of a key
 
@@ -66,8 +66,8 @@ def _parsed(override: str, source: str) -> tuple[list[str], Any]:
     if not equals or not all(names) or len(names) > DEEPEST:
         raise _refuse(override, source, "must be a key, = and a value")
     try:
-        value = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        value = parse_toml(f"value = {text}")
+    except ValueError:
         value = {}
     if list(value) != ["value"]:
         reason = "the value must be written as in TOML, text in quotes"

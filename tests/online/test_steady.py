@@ -27,6 +27,7 @@ from fenicsrom.online.simulate import simulate
 from fenicsrom.online.steady import _Problem, fractions_of
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.post.figures import plot_energy
+from fenicsrom.post.record import Rerun
 from fenicsrom.post.report import write_rerun_report
 from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
 from fenicsrom.post.summary import write_history
@@ -322,7 +323,8 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
     stored: Any = SimpleNamespace(size=4)
-    page = write_rerun_report(stored, beam_scene(2), motion, [], [], tmp_path).read_text()
+    record = Rerun(motion, None, {}, [], [])
+    page = write_rerun_report(stored, beam_scene(2), record, [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]
     stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
