@@ -11,7 +11,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 from fenicsrom.cli.parser import make_parser
-from fenicsrom.cli.ranks import abort_all, refuse, stopped
+from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 
@@ -21,6 +21,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(arguments)
     try:
         _check_arguments(options)
+        if getattr(options, "stored", None) and is_idle():
+            return 0
         with terminable():
             return int(options.command(options))
     except SceneError as error:

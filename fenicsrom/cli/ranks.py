@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 import traceback
 from collections.abc import Sequence
 from typing import Any
 
+RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")  # in which mpirun tells a process its rank
 REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
 PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
 
@@ -31,6 +33,12 @@ def refuse(sentence: str, code: int) -> int:
     for request in sent:
         request.wait()
     return code
+
+
+def is_idle() -> bool:
+    """Whether mpirun started this process beside a first one, which runs a stored model alone."""
+    ranks = (os.environ[name] for name in RANKS if name in os.environ)
+    return next(ranks, "0") != "0"
 
 
 def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:

@@ -53,7 +53,8 @@ def rerun(
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
-    warnings, errors = rerun_warnings(scene), {}
+    warnings = rerun_warnings(scene)
+    errors: dict[str, float] = {}
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         stop_where_asked(stop)

@@ -1,4 +1,4 @@
-"""What a command prints of the user's texts, and arguments that no file can have."""
+"""What a command prints of the user's texts and on which rank; arguments that no file can have."""
 
 from __future__ import annotations
 
@@ -32,3 +32,13 @@ def test_argument_with_nul_character_is_refused(
 ) -> None:
     assert main(arguments) == 2
     assert r"\x00" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["run", "response", "backbone"])
+def test_stored_model_runs_on_the_first_rank_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    for rank, code in (("0", 2), ("1", 0)):
+        monkeypatch.setenv("OMPI_COMM_WORLD_RANK", rank)
+        assert main([command, "--from", "no_such_model.npz"]) == code
+        assert bool(capsys.readouterr().err) is (rank == "0")
