@@ -9,7 +9,11 @@ import traceback
 from collections.abc import Sequence
 from typing import Any
 
-RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK")  # in which mpirun tells a process its rank
+RANKS = (
+    "OMPI_COMM_WORLD_RANK",
+    "PMIX_RANK",
+    "PMI_RANK",
+)  # in which mpirun tells a process its rank
 REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
 PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
 

@@ -52,7 +52,10 @@ def summary(study: Study) -> dict[str, Any]:
         "left_out": study.left_out,
     }
     if study.deflection is not None:
-        found["equilibrium"] = {"displacement_m": study.deflection}
+        found["equilibrium"] = {
+            "displacement_m": study.deflection,
+            "unstable_directions": study.solid.unstable,
+        }
     found |= motions_summary(study.motions, study.solid.points)
     found |= _reliability(study.errors, study.unfinished)
     found["warnings"] = study.warnings
