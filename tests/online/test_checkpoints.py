@@ -22,7 +22,7 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online import archive, simulate
 from fenicsrom.online import checkpoints as restart
-from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.checkpoints import fingerprint, load_checkpoint, save_checkpoint
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
 from fenicsrom.online.march import integrate
 from fenicsrom.online.model import ReducedModel
@@ -215,6 +215,21 @@ def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
         model, contacts, settings, PERIOD, 2, lambda here: save_checkpoint(path, model, scene, here)
     )
     return path, model, scene
+
+
+def test_fingerprint_depends_on_every_array_of_the_model() -> None:
+    model, _ = rubbing("plane")
+    model = model._replace(gyroscopic_matrix=np.zeros_like(model.mass))
+    known = {fingerprint(model)}
+    for name in ("mass", "loads", "contact_rows", "contact_offset", "probe", "probe_offset"):
+        known.add(fingerprint(model._replace(**{name: getattr(model, name) + 1.0})))
+    known.add(fingerprint(model._replace(gyroscopic_matrix=model.gyroscopic_matrix + 1.0)))
+    for field in ("elastic", "points"):
+        part = getattr(model, field)
+        for name, array in part._asdict().items():
+            changed = part._replace(**{name: np.append(array, np.ones_like(array[:1]), axis=0)})
+            known.add(fingerprint(model._replace(**{field: changed})))
+    assert len(known) == 1 + 7 + len(model.elastic) + len(model.points)
 
 
 def test_checkpoint_of_another_model_or_scene_is_refused(
