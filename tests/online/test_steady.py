@@ -269,7 +269,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
     assert whole.search is not None and whole.newton_from is not None
     after += 0 if case == "rubbing" else whole.search.marched - 5
     kept: list[Any] = []
-    scene = beam_scene(2)
+    scene = beam_scene(2, (f"loads.0.frequency={1.0 / period!r}",))
     path = tmp_path / "checkpoint.npz"
 
     def keep(here: Any) -> None:
