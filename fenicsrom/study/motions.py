@@ -42,6 +42,13 @@ def integrate(run: Run, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
+def check_beam(study: Study) -> None:
+    """Check that the 1D beam stands for the solid."""
+    from fenicsrom.assess import beam_check
+
+    beam_check.check_beam(study.solid, study.scene)
+
+
 def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
