@@ -88,7 +88,9 @@ def check_stability(body: Solid) -> int:
             "it: the loads are beyond the buckling load"
         )
         return unstable
-    body.set_equilibrium(stable)
+    body.equilibrium = stable
+    body.tangent(stable, body.stiffness)
+    body.factor.update()
     body.warnings.append(
         f"the static loads buckle the body: the equilibrium that they reach from the undeformed "
         f"body displaces the probe by {first} and is unstable in {directions}, so the run takes a "

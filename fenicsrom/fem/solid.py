@@ -135,7 +135,7 @@ class Solid(ElasticBody):
         if self.loaded:
             if geometrically_nonlinear or spinning:
                 linear = self.factor.solve(self.static_load[:, None])[:, 0]
-                self.set_equilibrium(self.static(self.static_load))
+                self._set_equilibrium(self.static(self.static_load))
                 self.unstable = check_stability(self)
                 if not (spinning or self.unstable):
                     check_snap(self, linear)
@@ -281,12 +281,12 @@ class Solid(ElasticBody):
         assert self.rotation is not None
         square = self.rotation.omega_squared
         self.rotation.set_speed(omega)
-        self.set_equilibrium(
+        self._set_equilibrium(
             self._follow(self.equilibrium, self.static_load, self.static_load, square)
         )
         self.gyroscopic = self.rotation.gyroscopic()
 
-    def set_equilibrium(self, equilibrium: Array) -> None:
+    def _set_equilibrium(self, equilibrium: Array) -> None:
         """Set the equilibrium (local,); K and its factor follow."""
         self.equilibrium = equilibrium
         self.tangent(equilibrium, self.stiffness)
