@@ -89,7 +89,9 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
         f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
     ]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
-    return f"Error of the reduced model against the full one: {listed}."
+    left = [ERROR_NAMES[name] for name, value in errors.items() if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
