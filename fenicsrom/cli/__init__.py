@@ -12,9 +12,9 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from fenicsrom.cli.ranks import refuse, stopped
+from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -25,6 +25,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from fenicsrom.cli.parser import make_parser
 
         options = make_parser().parse_args(words, options)
+        _check_arguments(options)
+        if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
+            return 0
         with terminable():
             return int(options.command(options))
     except SceneError as error:
@@ -43,3 +46,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         how = getattr(options, "continuation", "")
         word, code = ("terminated", 143) if is_terminated() else ("interrupted", 130)
         return stopped(f"{word}; {how}" if how else word, code)
+    except Exception:  # a defect of the program
+        abort_all()
+        raise
+
+
+def _check_arguments(options: argparse.Namespace) -> None:
+    """Check that no argument contains a NUL character, which no path can contain.
+
+    Raises:
+        SceneError: an argument contains one.
+    """
+    for name, value in vars(options).items():
+        if isinstance(value, str) and "\0" in value:
+            raise SceneError(
+                f"argument {name} = {value}: must not contain a NUL character",
+                kind=ErrorKind.FILE,
+                key=name,
+            )

@@ -57,7 +57,7 @@ def _rerun(options: argparse.Namespace) -> int:
         )
         sizes = {"reduced": stored.size}
         table = sentences.response_table({"reduced": found.motion}, sizes, scene)
-        lines = sentences.rerun_sentences(found.motion, model.points)
+        lines = sentences.rerun_sentences(found, model.points)
         print_results(scene, table, found.warnings, lines, found.files)
         return _end(None, found.unfinished)
 

@@ -94,7 +94,7 @@ class Factorisation:
         b = _dense(self.matrix, block)
         x = _dense(self.matrix, np.zeros_like(block))
         self._ksp.matSolve(b, x)
-        out = np.array(x.getDenseArray(), order="C", copy=True)
+        out = _values(x)
         b.destroy()
         x.destroy()
         return out
@@ -122,7 +122,7 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
     else:
         x = _dense(matrix, block)
         y = matrix.matMult(x)
-        found = np.array(y.getDenseArray(), order="C", copy=True)
+        found = _values(y)
     x.destroy()
     y.destroy()
     return np.asarray(found)
@@ -135,6 +135,14 @@ def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
     dense = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=matrix.comm)
     dense.assemble()
     return dense
+
+
+def _values(dense: PETSc.Mat) -> Array:
+    """The rows (local, k) of a dense matrix on this rank, which may have none."""
+    rows, columns = dense.getLocalSize()[0], dense.getSize()[1]
+    if rows == 0:
+        return np.zeros((0, columns))
+    return np.array(dense.getDenseArray(), order="C", copy=True)
 
 
 class _Preconditioner:
@@ -199,7 +207,13 @@ def eigenmodes(
     if count == 0:
         return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
     eps = _eigensolver(stiffness, mass, inverse, count, prefix)
-    eps.solve()
+    try:
+        eps.solve()
+    except PETSc.Error as error:
+        raise ConvergenceError(
+            f"the modes were not found: SLEPc failed with error code {error.ierr}; the numbers of "
+            "the scene may be too large or too small"
+        ) from None
     if eps.getConverged() < count:
         raise ConvergenceError(
             f"only {eps.getConverged()} of {count} modes converged in "

@@ -18,6 +18,7 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply
 from fenicsrom.fem.loads import load_vector
@@ -61,6 +62,8 @@ class Solid(ElasticBody):
         gyroscopic: G of the Coriolis force −G u̇, skew, N s/m; None without this force.
         static_load: (local,) sum of the static loads, N.
         loaded: whether static loads or rotation deform the body.
+        unstable: number of directions in which the equilibrium that the loads reach from the
+            undeformed body is unstable; without contacts the body then is in a stable one nearby.
         equilibrium: (local,) displacement under the static loads, at speed, m.
         contact_rows: Bᵀ (m, local): contact displacements in the local frames [normal, tangents],
             point by point.
@@ -128,9 +131,14 @@ class Solid(ElasticBody):
         spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
         self.loaded = spinning or bool(pushed)
+        self.unstable = 0
         if self.loaded:
             if geometrically_nonlinear or spinning:
+                linear = self.factor.solve(self.static_load[:, None])[:, 0]
                 self._set_equilibrium(self.static(self.static_load))
+                self.unstable = check_stability(self)
+                if not (spinning or self.unstable):
+                    check_snap(self, linear)
             else:
                 self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
 
@@ -155,6 +163,9 @@ class Solid(ElasticBody):
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
         self.load_vectors[self.clamped] = 0.0
+        for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
+            if not moves:
+                raise self._places.clamped(f"loads[{k}]")
         self.load_histories = of_loads(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)

@@ -9,7 +9,7 @@ from typing import Any
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.record import Study
+from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
     equilibrium_sentence,
@@ -17,6 +17,7 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+    unreliable_sentence,
 )
 from fenicsrom.post.summary import errors_of
 from fenicsrom.scene import Scene, scene_heading
@@ -46,19 +47,24 @@ def write_study_report(study: Study, folder: Path) -> Path:
 def write_rerun_report(
     stored: StoredModel,
     scene: Scene,
-    motion: Motion,
+    found: Rerun,
     pictures: Sequence[tuple[str, Path]],
-    warnings: Sequence[str],
     folder: Path,
 ) -> Path:
-    """Write the report of a motion of a stored model.
+    """Write the report of a run of a stored model.
 
     Raises:
         OSError: the file cannot be written.
     """
+    motion, error = found.motion, found.unfinished
     rows = response_rows({"reduced": motion}, {"reduced": stored.size}, scene)
+    results = [rows, RESPONSE_NOTE, *_periodic(motion)]
+    if found.errors:
+        results.append(estimate_sentence(found.errors, motion))
+    if error:
+        results.append(unreliable_sentence("reduced", error))
     sections: list[Section] = [
-        ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
+        ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
@@ -78,8 +84,7 @@ def _results(study: Study) -> list[Any]:
     if study.errors:
         found.append(estimate_sentence(study.errors, study.motions["reduced"]))
     if study.unfinished:
-        name, error = study.unfinished
-        found.append(f"The {name} model has no reliable result: {error}")
+        found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
 
 

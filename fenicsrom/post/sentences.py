@@ -22,7 +22,7 @@ from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESPONSE_HEAD = (
@@ -95,7 +95,9 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
         f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
     ]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
-    return f"Error of the reduced model against the full one: {listed}."
+    left = [ERROR_NAMES[name] for name, value in errors.items() if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
@@ -130,10 +132,17 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
     )
 
 
-def rerun_sentences(motion: Motion, points: ContactPoints) -> list[str]:
+def unreliable_sentence(name: str, error: Exception) -> str:
+    """State why the motion of a model cannot be relied on."""
+    return f"The {name} model has no reliable result: {error}."
+
+
+def rerun_sentences(run: Rerun, points: ContactPoints) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
+    motion = run.motion
     found = [resumed_sentence(motion), periodic_sentence(motion)]
-    return [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    sentences = [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    return [*sentences, *([estimate_sentence(run.errors, motion)] if run.errors else [])]
 
 
 def resumed_sentence(motion: Motion) -> str | None:

@@ -104,7 +104,8 @@ class BeamStructure:
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
         self.points, self.contact_rows = places.points, places.contact_rows
         self.probe_rows = places.probe_rows
-        self.equilibrium = self.rest_force = np.zeros(self.size)
+        self.equilibrium: Array = np.zeros(self.size)
+        self.rest_force: Array = np.zeros(self.size)
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
 

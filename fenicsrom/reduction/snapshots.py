@@ -29,6 +29,13 @@ STATIC_LEVELS = 10
 SNAPSHOT_STEADINESS = 1e-3
 """The linear transient ends if its relative change over a period is smaller."""
 
+SNAPSHOT_PERIODS = 200
+"""Largest number of periods of the linear transient.
+
+The number does not depend on `time.periods`: a run that continues with more periods has the same
+basis.
+"""
+
 
 class Snapshots:
     """The snapshots of a structure; each set is computed when it is first read."""
@@ -78,9 +85,10 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    time, tolerance = scene.time, scene.time.steady_tolerance
-    if tolerance is not None:
-        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS), steady="march")
+    time = scene.time
+    if scene.period is not None:
+        steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
+        time = time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
     model = project(structure, basis, nonlinear=False)
     motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None

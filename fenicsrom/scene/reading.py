@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +26,7 @@ from fenicsrom.scene.times import (
     StepsPerPeriod,
     Time,
 )
-
-DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
+from fenicsrom.scene.toml import parse_toml
 
 
 def read_scene(
@@ -110,17 +108,9 @@ def _read_toml(source: str) -> dict[str, Any]:
         return SceneError(f"{source}: {reason}", kind=kind, source=source)
 
     try:
-        text = Path(source).read_text(encoding="utf-8-sig")
-        unquoted = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'", "", text)
-        if any(piece.count(".") > DEEPEST for piece in re.split(r"[\n=,{]", unquoted)):
-            raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT)
-        return tomllib.loads(text)
+        return parse_toml(Path(source).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise failure(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
-    except RecursionError:
-        raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT) from None
-    except SceneError:
-        raise
     except ValueError as error:
         raise failure(f"is not TOML: {error}", ErrorKind.FORMAT) from None
 

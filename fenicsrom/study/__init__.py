@@ -15,12 +15,11 @@ from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
-from fenicsrom.study.stored import Rerun, rerun
+from fenicsrom.study.stored import rerun
 from fenicsrom.study.sweeps import sweep
 
 __all__ = [
     "Item",
-    "Rerun",
     "Run",
     "Stage",
     "Stopwatch",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,24 +13,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
+    from fenicsrom.post.record import Rerun
     from fenicsrom.scene import Scene
-
-
-@dataclass(frozen=True, eq=False)
-class Rerun:
-    """The record of a run of a stored model.
-
-    Attributes:
-        motion: the motion; up to the failure if there was one.
-        unfinished: the error of the integration or of a check, or None.
-        warnings: warnings for the user.
-        files: the written files.
-    """
-
-    motion: Motion
-    unfinished: ConvergenceError | AccuracyError | None
-    warnings: list[str]
-    files: list[Path]
 
 
 def rerun(
@@ -61,8 +44,9 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.verdicts import rejection_reason
+    from fenicsrom.assess.verdicts import checked
     from fenicsrom.online.checkpoints import load_checkpoint
+    from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import motion_warnings, rerun_warnings
 
     watch = Stopwatch(say)
@@ -70,13 +54,15 @@ def rerun(
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = rerun_warnings(scene)
+    errors: dict[str, float] = {}
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         stop_where_asked(stop)
         with watch("checks"):
-            unfinished = rejection_reason(model, scene, motion)
-    files = _write(stored, scene, motion, warnings, folder, watch, stop)
-    return Rerun(motion, unfinished, warnings, files)
+            errors, unfinished = checked(model, scene, motion)
+    found = Rerun(motion, unfinished, errors, warnings, [])
+    found.files.extend(_write(stored, scene, found, folder, watch, stop))
+    return found
 
 
 def _integrate(
@@ -115,8 +101,7 @@ def _integrate(
 def _write(
     stored: StoredModel,
     scene: Scene,
-    motion: Motion,
-    warnings: list[str],
+    found: Rerun,
     folder: Path,
     watch: Stopwatch,
     stop: Callable[[], bool],
@@ -131,10 +116,10 @@ def _write(
 
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(stored, scene, motion, warnings, folder)
+        files = write_rerun_numbers(stored, scene, found, folder)
     stop_where_asked(stop)
-    pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
+    pictures = motion_pictures({"reduced": found.motion}) if scene.output.pictures else []
     with watch("pictures"):
-        written = draw_pictures(pictures, folder, warnings)
-    report = write_rerun_report(stored, scene, motion, written, warnings, folder)
+        written = draw_pictures(pictures, folder, found.warnings)
+    report = write_rerun_report(stored, scene, found, written, folder)
     return [report, *files, *(path for _, path in written)]

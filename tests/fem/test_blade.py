@@ -161,7 +161,7 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     rotation, density = scene.rotation, scene.material.density
     u, w, test = fem.Function(solid.space), fem.Function(solid.space), ufl.TestFunction(solid.space)
     axis, point = ufl.as_vector(rotation.axis), ufl.as_vector(rotation.point)
-    dx = ufl.dx(metadata={"quadrature_degree": 4})
+    dx = solid.dx
 
     def out_of_axis(x: Any) -> Any:
         return x - ufl.dot(axis, x) * axis

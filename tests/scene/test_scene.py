@@ -1190,3 +1190,19 @@ def test_heading_follows_overrides() -> None:
     )
     del gone["time"]["step"]
     assert scene_heading(parse_scene(gone, "s", None)) == "slip and lift-off, 40 N, 3.2 Hz"
+
+
+@pytest.mark.parametrize(
+    "override",
+    ["loads.0.pulse={duration=0.05}", "loads.0.table=[[0, 0], [1, 1]]"],
+)
+def test_override_of_history_removes_the_one_before(override: str) -> None:
+    """As the scene of a stored model, which names every default."""
+    table = scene_table(parse(RUBBING))
+    assert "frequency" in table["loads"][0] and "steps_per_period" in table["time"]
+    for order in (1, -1):
+        changes = [override, "time.duration=1.0", "time.step=1e-2"][::order]
+        scene = parse_scene(override_table(table, changes, "test"), "test", None)
+        assert scene.loads[0].transient and scene.loads[0].frequency is None
+        assert (scene.time.duration, scene.time.step) == (1.0, 1e-2)
+        assert "frequency" in table["loads"][0] and "steps_per_period" in table["time"]

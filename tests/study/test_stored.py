@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from support import beam_scene, linear_model
 
 from fenicsrom import study
+from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.simulate import load_histories
 
@@ -51,3 +53,28 @@ def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
 def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -> None:
     named = [text for text in warnings_of(stored(f"{key}=true"), tmp_path) if key in text]
     assert len(named) == 1
+
+
+def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
+    """With so long a step, the run with twice the step gives another motion."""
+    model = stored("time.steps_per_period=6", "time.periods=40")
+    found = study.rerun(model, model.model, model.scene, tmp_path)
+    assert isinstance(found.unfinished, AccuracyError)
+    assert found.unfinished.kind is ErrorKind.TIME_STEP
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["unfinished"] == {"model": "reduced", "reason": str(found.unfinished)}
+    assert summary["estimated_error_percent"]["time step"] == pytest.approx(
+        100.0 * found.errors["time step"]
+    )
+    page = html.unescape((tmp_path / "report.html").read_text())
+    assert str(found.unfinished) in page and "no reliable result" in page
+
+
+def test_summary_and_report_of_good_run_give_the_estimate(tmp_path: Path) -> None:
+    model = stored("time.periods=40", "time.steps_per_period=200")
+    found = study.rerun(model, model.model, model.scene, tmp_path)
+    assert found.unfinished is None and 0.0 < found.errors["time step"] < 0.1
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "unfinished" not in summary
+    assert summary["estimated_error_percent"]["time step"] > 0.0
+    assert "due to the time step" in (tmp_path / "report.html").read_text()
