@@ -104,7 +104,7 @@ def shortest_swing(rows: Rows, small: float = SMALL_SWING) -> float:
 
 
 def _turns(values: Sequence[float], small: float) -> list[int]:
-    """The rows in which values turn round, with both ends; turns by at most `small` do not count."""
+    """The rows in which values turn round, with both ends; smaller turns do not count."""
     turns: list[int] = []
     way, low, high = 0, 0, 0  # 1 upwards, -1 downwards; the extremes since the last turn
     for k, value in enumerate(values):

@@ -122,7 +122,7 @@ class Contact:
         surface: a round surface instead of the plane.
         preload: normal force at the undeformed position; with at = "nodes" it is given per area,
             length or node, and so are both stiffnesses.
-        gap: initial distance; with at = "nodes" that of the nearest node.
+        gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
         approach: distances by which the surface has moved towards the body, linear between the
             times; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal.

@@ -18,9 +18,10 @@ ROUNDING = 1e-5
 
 def step_problems(scene: Scene) -> Problems:
     """Yield the step of a completed scene if an excitation is too fast for it."""
-    key, period = min(excitations(scene), key=lambda found: found.period, default=("", math.inf))
-    if math.isinf(period):
+    fastest = min(excitations(scene), key=lambda found: found.period, default=None)
+    if fastest is None or math.isinf(fastest.period):
         return
+    key, period = fastest
     shortest = f"the shortest period of {key}, {period:.6g} s"
     match scene.time.stepping:
         case FixedStep(step=step) if step > (1.0 + ROUNDING) * period / STEPS:
