@@ -23,6 +23,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration.
     """
+    if wanted.basis.modes == "auto":  # a stored model keeps its modes
+        wanted = replace(wanted, basis=replace(wanted.basis, modes=made.basis.modes))
     names = ("geometrically_nonlinear", "geometry", "supports", "rotation", "probe", "basis")
     if (name := first_difference(made, wanted, names)) is not None:
         return name

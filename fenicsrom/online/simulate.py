@@ -112,8 +112,8 @@ def _require_touch(contacts: Contacts, points: ContactPoints, scene: Scene) -> N
         if min(gaps) > TOUCH * contacts.radius[points.contact == k][0]:
             key = f"contacts[{k}].surface.radius"
             raise SceneError(
-                f"{scene.source}: {key} = {contact.surface.radius:.9g}: not allowed with a preload, "
-                "which is the force at the undeformed position: the surface is "
+                f"{scene.source}: {key} = {contact.surface.radius:.9g}: not allowed with a "
+                "preload, which is the force at the undeformed position: the surface is "
                 f"{min(gaps):.3g} m from the nearest contact point",
                 kind=ErrorKind.CONFLICT,
                 key=key,

@@ -85,6 +85,7 @@ class BeamStructure:
 
     gauss_points = 5
     gyroscopic = None
+    excitation = 0.0
     comm = SerialCommunicator()
 
     def __init__(self, beam: TimoshenkoBeam, places: BeamPlaces, mass_damping: float, source: str):

@@ -72,8 +72,8 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         modes.method,
         modes.masters,
         modes.rows,
-        modes.normal,
-        labels,
+        np.concatenate([modes.normal, modes.loads.vectors], axis=1),
+        [*labels, *modes.loads.labels],
         structure.mass_inner,
         structure.comm.allreduce,
     )

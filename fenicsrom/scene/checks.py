@@ -28,6 +28,7 @@ from fenicsrom.scene.times import (
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 INTERFACE_MODES = 10  # number of interface modes for more points
+LEAST_MODES = 3  # number of normal modes with modes = "auto"
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
@@ -237,7 +238,7 @@ def default_masters(scene: Scene) -> str | int:
 def _basis_problems(scene: Scene) -> Problems:
     basis = scene.basis
     if not scene.contacts:
-        if basis.modes < 1:
+        if basis.modes == 0:
             allowed = "must be at least 1 in a scene without contact"
             yield Problem("basis.modes", basis.modes, allowed)
         if basis.masters is not None:
@@ -253,11 +254,12 @@ def _basis_problems(scene: Scene) -> Problems:
     )
     each = dimension if masters == "all" else 1
     static = points * each if isinstance(masters, str) else min(masters, points * dimension)
-    available = {"V": basis.modes, "S": static}
+    available = {"V": LEAST_MODES if isinstance(basis.modes, str) else basis.modes, "S": static}
     for index, label in enumerate(basis.derivatives):
         modes = re.findall(r"([0-9]+)([VS])", label)
         if any(int(count) > available[kind] for count, kind in modes):
-            allowed = f"the basis has {basis.modes} normal (V) and {static} static (S) modes"
+            normal = f"at least {LEAST_MODES}" if basis.modes == "auto" else basis.modes
+            allowed = f"the basis has {normal} normal (V) and {static} static (S) modes"
             yield Problem(f"basis.derivatives[{index}]", label, allowed)
 
 

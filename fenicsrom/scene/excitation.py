@@ -21,6 +21,12 @@ from fenicsrom.scene.schema import Rotation, Scene, Surface
 SMALL_SWING = 1e-3
 """Swings of a table below this part of its range are noise: they change the load by less."""
 
+HIGHEST_MODE = 2.0
+"""Frequency of the last mode of basis.modes = "auto", relative to the highest excited frequency."""
+
+LARGE_SWING = 0.1
+"""Swings of a table above this part of its range determine the highest frequency."""
+
 Rows = Sequence[Sequence[float]]
 
 
@@ -68,6 +74,35 @@ def shortest_period(load: Load) -> float:
         case Table() as history:
             return 2.0 * shortest_swing(history.rows)
     return math.inf
+
+
+def highest_frequency(scene: Scene) -> float:
+    """The highest frequency in Hz that a scene excites; 0 if nothing oscillates.
+
+    Most of the spectrum of an impact of duration D lies below 1/D. The swings of a table above
+    `LARGE_SWING` of its range count. A response curve over the frequency changes all frequencies in
+    proportion. Contacts excite more; their static modes follow them without inertia.
+    """
+    found = [0.0]
+    for load in scene.loads:
+        if load.size == 0.0:
+            continue
+        match load.history:
+            case Pulse(pulse=pulse):
+                found.append(1.0 / pulse.duration)
+            case Table() as history:
+                found.append(0.5 / shortest_swing(history.rows, LARGE_SWING))
+            case _:
+                found.append(1.0 / shortest_period(load))
+    for contact in scene.contacts:
+        if contact.approach:
+            found.append(0.5 / shortest_swing(contact.approach, LARGE_SWING))
+        if contact.surface is not None and contact.surface.waves:
+            found.append(1.0 / _wave_period(contact.surface, scene.rotation))
+    scale, response = 1.0, scene.response
+    if response is not None and response.parameter == "frequency" and scene.period is not None:
+        scale = max(response.last * scene.period, 1.0)
+    return scale * max(found)
 
 
 def surface_spin(surface: Surface, rotation: Rotation | None) -> float:

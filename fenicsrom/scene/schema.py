@@ -173,7 +173,8 @@ class Basis:
 
     Attributes:
         method: method of component mode synthesis.
-        modes: number of normal modes.
+        modes: number of normal modes; "auto" takes the modes up to twice the highest frequency that
+            loads, surfaces and [response] excite, but at least 3.
         derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
         masters: contact forces for which static modes are computed: in all directions of every
             point, along the normals only, or this number of interface modes (the combinations of
@@ -187,7 +188,7 @@ class Basis:
     """
 
     method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
-    modes: Annotated[int, integer(0, 1000)] = 3
+    modes: Annotated[str | int, rules.modes] = "auto"
     masters: Annotated[str | int | None, rules.masters] = None
     derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "mmi-nls"
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4

@@ -30,12 +30,16 @@ def solid(run: Run) -> None:
 
 def modes(run: Run) -> None:
     """Compute the component modes."""
-    from fenicsrom.reduction.modes import component_modes
+    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.reduction.modes import component_modes, with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 
     study = run.study
     study.modes = component_modes(study.solid, study.scene.basis)
+    study.scene = with_mode_count(study.scene, study.modes)
+    if (sentence := missing_modes(study.solid.excitation, study.modes.frequencies_hz)) is not None:
+        study.warnings.append(sentence)
     run.snapshots = Snapshots(study.solid, study.scene, study.modes)
     run.reduction = Reduction(
         study.solid, study.scene, lambda stage: nullcontext(), study.modes, run.snapshots
