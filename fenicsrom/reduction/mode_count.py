@@ -23,7 +23,7 @@ MOST_MODES = 12
 """Most modes of "auto" in a nonlinear scene: its derivatives grow with the square of the modes."""
 
 MOST_LINEAR_MODES = 100
-"""Most modes of "auto" in a linear scene."""
+"""Most modes of "auto" in a linear scene; at most half of the free unknowns in any scene."""
 
 EXTRA_MODES = 2
 """Modes computed beyond those asked for, so that the last group of close modes is complete."""
@@ -57,39 +57,25 @@ def solve_eigenmodes(
             key="basis.modes",
             source=structure.source,
         )
+    most = MOST_MODES if structure.geometrically_nonlinear else MOST_LINEAR_MODES
+    most = max(count, min(most, free // 2))  # all modes would leave no flexibility to static modes
     while True:
         solved = count + min(EXTRA_MODES, free - count) if count else 0
         omega_squared, modes = structure.eigenmodes(inverse, solved)
         if not isinstance(wanted, str):
             return omega_squared, modes, count
-        needed = _needed(structure, omega_squared)
-        if needed < solved or solved == free:
+        frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
+        needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation))
+        if needed < solved or count == most:
             break
-        most = MOST_MODES if structure.geometrically_nonlinear else MOST_LINEAR_MODES
-        if count >= most:
-            break
-        count = min(2 * count, most, free)
-    return omega_squared, modes, _automatic_count(structure, omega_squared, needed)
-
-
-def _needed(structure: Structure, omega_squared: Array) -> int:
-    """The number of modes up to `HIGHEST_MODE` times the highest excited frequency."""
-    frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
-    return int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation))
-
-
-def _automatic_count(structure: Structure, omega_squared: Array, needed: int) -> int:
-    """The number of modes of "auto"; a warning if it is limited."""
-    most = MOST_MODES if structure.geometrically_nonlinear else MOST_LINEAR_MODES
-    count = max(min(needed, most), min(LEAST_MODES, omega_squared.size))
+        count = min(2 * count, most)
     if needed > most:
         structure.warnings.append(
-            f'basis.modes = "auto" keeps {most} modes, up to '
-            f"{np.sqrt(omega_squared[most - 1]) / (2.0 * np.pi):.5g} Hz; the scene excites up to "
-            f"{structure.excitation:.5g} Hz: set basis.modes to a larger number if the estimates "
-            "ask for it"
+            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz; the '
+            f"scene excites up to {structure.excitation:.5g} Hz: set basis.modes to a larger "
+            "number to include more"
         )
-    return count
+    return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
 
 def missing_modes(highest: float, frequencies: Array) -> str | None:

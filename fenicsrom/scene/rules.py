@@ -372,7 +372,9 @@ def word_or_integer(*words: str, least: int, most: int) -> Rule:
             return str(value)
         if not isinstance(value, int) or isinstance(value, bool):
             kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-            raise where.refuse(value, f"must be {allowed}", kind)
+            quoted = isinstance(value, str) and value.isdecimal()
+            hint = _unquoted(value) if quoted else ""
+            raise where.refuse(value, f"must be {allowed}{hint}", kind)
         if not least <= value <= most:
             raise where.refuse(value, f"must be {allowed}")
         return int(value)

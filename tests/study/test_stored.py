@@ -32,7 +32,7 @@ def stored(*overrides: str) -> StoredModel:
         loads=[[1.0]],
         load_histories=load_histories(scene),
     )
-    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6]), {})
+    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6, 22.0]), {})
 
 
 def warnings_of(model: StoredModel, folder: Path) -> list[str]:
