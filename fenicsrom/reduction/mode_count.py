@@ -1,9 +1,9 @@
 """How many normal modes a basis has, and the solve for them.
 
 With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highest frequency that the
-scene excites (`fenicsrom.scene.excitation`), but at least `LEAST_MODES`. A mode at twice the
-frequency of a load answers with at most 1/(1 − 1/4) = 1.3 times its static response; the responses
-of the higher modes are smaller and nearly static.
+scene excites (`fenicsrom.scene.excitation`) and the next one, but at least `LEAST_MODES`. A mode
+above twice the frequency of a load answers with at most 1/(1 − 1/4) = 1.3 times its static
+response, so the responses of the modes that are left out are small and nearly static.
 """
 
 from __future__ import annotations
@@ -65,11 +65,11 @@ def solve_eigenmodes(
         if not isinstance(wanted, str):
             return omega_squared, modes, count
         frequencies = np.sqrt(np.maximum(omega_squared, 0.0)) / (2.0 * np.pi)
-        needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation))
-        if needed < solved or count == most:
+        needed = int(np.sum(frequencies <= HIGHEST_MODE * structure.excitation)) + 1
+        if needed <= solved or count == most:
             break
         count = min(2 * count, most)
-    if needed > most:
+    if needed - 1 > most:
         structure.warnings.append(
             f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz; the '
             f"scene excites up to {structure.excitation:.5g} Hz: set basis.modes to a larger "

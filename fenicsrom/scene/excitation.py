@@ -22,7 +22,7 @@ SMALL_SWING = 1e-3
 """Swings of a table below this part of its range are noise: they change the load by less."""
 
 HIGHEST_MODE = 2.0
-"""Frequency of the last mode of basis.modes = "auto", relative to the highest excited frequency."""
+"""With basis.modes = "auto", all modes up to this multiple of the highest frequency are kept."""
 
 LARGE_SWING = 0.1
 """Swings of a table above this part of its range determine the highest frequency."""

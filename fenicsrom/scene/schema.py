@@ -174,7 +174,8 @@ class Basis:
     Attributes:
         method: method of component mode synthesis.
         modes: number of normal modes; "auto" takes the modes up to twice the highest frequency that
-            loads, surfaces and [response] excite, but at least 3.
+            loads, surfaces and [response] excite and the next one, at least 3 and at most 12 (100
+            in a linear scene).
         derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
         masters: contact forces for which static modes are computed: in all directions of every
             point, along the normals only, or this number of interface modes (the combinations of

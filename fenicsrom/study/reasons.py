@@ -64,7 +64,7 @@ def _normal_modes_reason(scene: Scene) -> str:
     highest = highest_frequency(scene)
     return (
         f"{modes} up to {HIGHEST_MODE * highest:.5g} Hz, {HIGHEST_MODE:g} times the highest "
-        f"frequency that the scene excites, but at least {LEAST_MODES}"
+        f"frequency that the scene excites, and the next one, but at least {LEAST_MODES}"
     )
 
 

@@ -75,14 +75,14 @@ def test_highest_frequency_is_that_of_the_fastest_excitation(
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
-@pytest.mark.parametrize("frequency", [3.2, 57.0, 114.0])
+@pytest.mark.parametrize("frequency", [3.2, 30.0, 114.0])
 def test_automatic_modes_reach_twice_the_frequency_of_the_loads(
     method: str, frequency: float
 ) -> None:
     scene = scene_with(f"basis.method='{method}'", f"loads.0.frequency={frequency}")
     structure = beam_structure(scene)
     many = component_modes(structure, replace(scene.basis, modes=12)).frequencies_hz
-    wanted = max(3, int(np.sum(many <= 2.0 * frequency)))
+    wanted = max(3, int(np.sum(many <= 2.0 * frequency)) + 1)
     found = component_modes(structure, scene.basis)
     np.testing.assert_allclose(found.frequencies_hz, many[:wanted], rtol=1e-9)
     assert with_mode_count(scene, found).basis.modes == wanted

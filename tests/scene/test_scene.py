@@ -167,7 +167,7 @@ def test_demos_match_the_cases_of_the_paper() -> None:
         )
         assert (scene.basis.method, scene.basis.modes, scene.basis.derivatives) == (
             "rubin",
-            3,
+            "auto",
             "mmi-nls",
         )
         assert scene.basis.threshold == 1e-4

@@ -11,6 +11,7 @@ from support import beam_scene, linear_model
 
 from fenicsrom import study
 from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories
 
 SHORT = (
@@ -45,6 +46,20 @@ def warnings_of(model: StoredModel, folder: Path) -> list[str]:
 def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
     (warning,) = warnings_of(stored(), tmp_path)
     assert "within 2 periods" in warning
+
+
+def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> None:
+    """The modes at 3.6 and 22 Hz follow a load up to 14.7 Hz."""
+    for frequency, warned in ((14.6, 0), (14.8, 1)):
+        fast = stored().with_overrides(f"loads.0.frequency={frequency}")
+        named = [text for text in warnings_of(fast, tmp_path) if "basis.modes" in text]
+        assert len(named) == warned
+
+
+def test_stored_model_keeps_its_modes_where_a_scene_leaves_them_open() -> None:
+    made = stored("basis.modes=1").scene
+    assert changed_key(made, stored().scene) is None
+    assert changed_key(made, stored("basis.modes=2").scene) == "basis"
 
 
 @pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
