@@ -625,6 +625,7 @@ def test_scene_of_demo_survives_stored_model() -> None:
     blade."""
     from fenicsrom.online.surfaces import spin_of
     from fenicsrom.scene import parse_scene, scene_table
+    from fenicsrom.scene.excitation import surface_spin
 
     scene = blade()
     again = parse_scene(json.loads(json.dumps(scene_table(scene))), scene.source, None)
@@ -632,3 +633,9 @@ def test_scene_of_demo_survives_stored_model() -> None:
     assert spin_of(scene, scene.contacts[0].surface) == pytest.approx(
         -2.0 * np.pi * 50.0, rel=1e-12
     )
+    for change in ("surface.axis=[0, 1, 0]", "surface.spin=3.0", "surface.axis=[-1, 0, 0]"):
+        other = blade(f"contacts.0.{change}")
+        surface = other.contacts[0].surface
+        assert surface is not None
+        found = surface_spin(surface, other.rotation)
+        assert found == pytest.approx(spin_of(other, surface), rel=1e-12)

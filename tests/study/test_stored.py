@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, linear_model, refusal
 
 from fenicsrom import study
+from fenicsrom.errors import ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories
@@ -54,6 +55,13 @@ def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> Non
         fast = stored().with_overrides(f"loads.0.frequency={frequency}")
         named = [text for text in warnings_of(fast, tmp_path) if "basis.modes" in text]
         assert len(named) == warned
+
+
+def test_load_that_the_stored_step_misses_is_refused() -> None:
+    fourth, fifth = (f"loads.0.harmonics=[[1, 1.0, 0.0], [{n}, 1.0, 0.0]]" for n in (4, 5))
+    assert stored().with_overrides(fourth).scene.time.steps_per_period == 40
+    with refusal(ErrorKind.CONFLICT, "time.steps_per_period", names="at least 50"):
+        stored().with_overrides(fifth)
 
 
 def test_stored_model_keeps_its_modes_where_a_scene_leaves_them_open() -> None:
