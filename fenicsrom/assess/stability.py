@@ -343,6 +343,8 @@ def stability(
                 kind=ErrorKind.UNKNOWN_KEY,
                 key=axis,
             )
+    from fenicsrom.reduction.modes import with_mode_count
+
     table, scene = load(path, changes)
     if scene.static_only:
         raise SceneError(
@@ -353,7 +355,10 @@ def stability(
             source=scene.source,
         )
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
-    scales = scales_of(build(polynomial, "reduced")[0], polynomial)
+    model, built, _ = build(polynomial, "reduced")
+    assert built is not None
+    scales = scales_of(model, polynomial)
+    scene = with_mode_count(scene, built.modes)
     wanted, left_out = cases_of(scene, scales, axes)
     for sentence in left_out:
         say(sentence)

@@ -32,6 +32,7 @@ from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, s
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Region, Rotation, Scene
+from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 25
 """Largest number of Newton iterations of a load step."""
@@ -72,6 +73,7 @@ class Solid(ElasticBody):
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
         gauss_points: Gauss points along a straight line of states that integrate the elastic force
             exactly; it is a cubic.
     """
@@ -91,6 +93,7 @@ class Solid(ElasticBody):
         probe: Place | None = None,
         geometrically_nonlinear: bool = True,
         source: str = "",
+        excitation: float = 0.0,
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
@@ -106,6 +109,7 @@ class Solid(ElasticBody):
                 without contacts, of the first load.
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
+            excitation: the highest frequency that the scene excites, Hz.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
@@ -115,6 +119,7 @@ class Solid(ElasticBody):
         super().__init__(mesh, geometry, material, supports, rotation, source)
         self.geometrically_nonlinear = geometrically_nonlinear
         self.mass_damping = material.mass_damping
+        self.excitation = excitation
         self.loads = tuple(loads)
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
@@ -375,6 +380,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         probe=scene.probe,
         geometrically_nonlinear=scene.geometrically_nonlinear,
         source=scene.source,
+        excitation=highest_frequency(scene),
     )
 
 

@@ -187,8 +187,8 @@ def _run_span(
     counts: list[int] = []
     status, stopped = DONE, False
     origin = (span - 1) * run.horizon
-    for instant in run.stops:
-        end = (span - 1 + instant / run.horizon) * run.horizon
+    stops = run.stops(span)
+    for end in stops:
         status = FULL
         while status == FULL and not stopped:
             status, count = run.advance(
@@ -200,7 +200,7 @@ def _run_span(
             if run.period is None and count:
                 if checkpoint is not None:
                     checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
-                is_over = status == FAILED or (status == DONE and instant == run.stops[-1])
+                is_over = status == FAILED or (status == DONE and end == stops[-1])
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
             break

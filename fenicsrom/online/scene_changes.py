@@ -24,6 +24,8 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration. The mesh file may be in another folder.
     """
+    if wanted.basis.modes == "auto":  # a stored model keeps its modes
+        wanted = replace(wanted, basis=replace(wanted.basis, modes=made.basis.modes))
     if _without_folder(made.geometry) != _without_folder(wanted.geometry):
         return "geometry"
     names = ("geometrically_nonlinear", "supports", "rotation", "probe", "basis")

@@ -23,6 +23,7 @@ from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
 from fenicsrom.scene import Scene
+from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
 """Largest number of Newton iterations of an equilibrium."""
@@ -87,7 +88,14 @@ class BeamStructure:
     gyroscopic = None
     comm = SerialCommunicator()
 
-    def __init__(self, beam: TimoshenkoBeam, places: BeamPlaces, mass_damping: float, source: str):
+    def __init__(
+        self,
+        beam: TimoshenkoBeam,
+        places: BeamPlaces,
+        mass_damping: float,
+        source: str,
+        excitation: float = 0.0,
+    ):
         """Factorise the stiffness.
 
         Args:
@@ -95,7 +103,9 @@ class BeamStructure:
             places: where loads and contacts act.
             mass_damping: α of the damping C = α M, 1/s.
             source: name of the scene file, for messages.
+            excitation: the highest frequency that the scene excites, Hz.
         """
+        self.excitation = excitation
         self.beam, self.source, self.mass_damping = beam, source, mass_damping
         self.geometrically_nonlinear = not beam.linear
         self.mass, self.stiffness = beam.mass, beam.stiffness
@@ -268,7 +278,8 @@ def beam_structure(scene: Scene) -> BeamStructure:
         ) from None
     _check_planar(scene)
     places = _places(scene, beam)
-    return BeamStructure(beam, places, scene.material.mass_damping, scene.source)
+    damping, excitation = scene.material.mass_damping, highest_frequency(scene)
+    return BeamStructure(beam, places, damping, scene.source, excitation)
 
 
 def _check_planar(scene: Scene) -> None:

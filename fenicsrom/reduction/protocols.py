@@ -61,6 +61,7 @@ class Structure(Protocol):
         rest_force: (local,) internal force at the equilibrium, N.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
         points: the contact points.
         contact_rows: Bᵀ (m, local), contact displacements in the local frames [normal, tangents].
         probe_rows: (d, local) displacement of the probe.
@@ -75,6 +76,7 @@ class Structure(Protocol):
     equilibrium: Array
     load_vectors: Array
     load_histories: LoadHistories
+    excitation: float
     points: ContactPoints
     contact_rows: Array
     probe_rows: Array

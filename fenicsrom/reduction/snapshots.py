@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.simulate import simulate
@@ -22,6 +23,9 @@ from fenicsrom.scene import Scene
 
 SNAPSHOTS = 200
 """Largest number of snapshots of the linear transient."""
+
+RESOLVED = 10
+"""Snapshots in a period of the excitation that resolve it."""
 
 STATIC_LEVELS = 10
 """Number of load levels of the nonlinear statics."""
@@ -80,8 +84,8 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         modes.method,
         modes.masters,
         modes.rows,
-        modes.normal,
-        labels,
+        np.concatenate([modes.normal, modes.loads.vectors], axis=1),
+        [*labels, *modes.loads.labels],
         structure.mass_inner,
         structure.comm.allreduce,
     )
@@ -92,8 +96,32 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
     model = project(structure, basis, nonlinear=False)
     motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None
-    step = -(-motion.coordinates.shape[0] // SNAPSHOTS)
-    return basis.vectors @ motion.coordinates[::step].T
+    assert motion.coordinate_time is not None
+    rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
+    return basis.vectors @ motion.coordinates[rows].T
+
+
+def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray[np.int64]:
+    """Choose at most `SNAPSHOTS` rows of a motion, and the extremes of fast ones.
+
+    Equal distances between the rows may miss fast motions at their zeros. If fewer than `RESOLVED`
+    rows lie in a period of the excitation, the rows follow the fractional parts of the multiples of
+    the golden ratio, which repeat with no period, and the rows join them in which a coordinate is
+    largest.
+
+    Args:
+        coordinates: (k, n) of the motion.
+        time: (k,) s.
+        excitation: the highest frequency that the scene excites, Hz.
+    """
+    count = coordinates.shape[0]
+    stride = -(-count // SNAPSHOTS)
+    equal = np.arange(0, count, stride)
+    if stride == 1 or equal.size > RESOLVED * excitation * (time[-1] - time[0]):
+        return equal
+    spread = np.mod(np.arange(SNAPSHOTS) * (np.sqrt(5.0) - 1.0) / 2.0, 1.0)
+    extremes = np.argmax(np.abs(coordinates), axis=0)
+    return np.unique(np.concatenate([(count * spread).astype(np.int64), extremes]))
 
 
 def static_snapshots(structure: Structure, linear: Array) -> Array:

@@ -17,6 +17,7 @@ from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.paths import shared_meshes
 from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.step_checks import step_problems
 from fenicsrom.scene.tables import plain, read_table
 from fenicsrom.scene.times import (
     GENERALISED_ALPHA,
@@ -92,7 +93,10 @@ def parse_scene(
     scene = replace(scene, source=source)
     for problem in problems(scene):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
-    return _complete(scene, folder, folder if mesh else None)
+    scene = _complete(scene, folder, folder if mesh else None)
+    for problem in step_problems(scene):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return scene
 
 
 def scene_table(scene: Scene) -> dict[str, Any]:

@@ -381,23 +381,29 @@ def _read_label(value: Any, where: Where) -> str:
     return "".join(f"{count}{'VS'[kind]}" for kind, count in pair)
 
 
-def _read_masters(value: Any, where: Where) -> str | int:
-    allowed = 'must be "all", "normal" or an integer from 1 to 1000'
-    if value in ("all", "normal"):
-        return str(value)
-    if not isinstance(value, int) or isinstance(value, bool):
-        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-        raise where.refuse(value, allowed, kind)
-    if not 1 <= value <= 1000:
-        raise where.refuse(value, allowed)
-    return int(value)
+def word_or_integer(*words: str, least: int, most: int) -> Rule:
+    """Make the rule of a key that takes one of these words or an integer."""
+    listed = " or ".join(f'"{word}"' for word in words)
+    allowed = f"{listed} or integer from {least} to {most}"
+
+    def read(value: Any, where: Where) -> str | int:
+        if value in words:
+            return str(value)
+        if not isinstance(value, int) or isinstance(value, bool):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            quoted = isinstance(value, str) and value.isdecimal()
+            hint = _unquoted(value) if quoted else ""
+            raise where.refuse(value, f"must be {allowed}{hint}", kind)
+        if not least <= value <= most:
+            raise where.refuse(value, f"must be {allowed}")
+        return int(value)
+
+    number = {"type": "integer", "minimum": least, "maximum": most}
+    return Rule(read, {"oneOf": [{"enum": list(words)}, number]}, allowed)
 
 
-masters = Rule(
-    _read_masters,
-    {"oneOf": [{"enum": ["all", "normal"]}, {"type": "integer", "minimum": 1, "maximum": 1000}]},
-    '"all" or "normal" or integer from 1 to 1000',
-)
+masters = word_or_integer("all", "normal", least=1, most=1000)
+modes = word_or_integer("auto", least=0, most=1000)
 
 SELECTIONS = ("none", "all", "mmi", "mmi-nls")
 

@@ -48,6 +48,8 @@ def rerun(
     from fenicsrom.online.checkpoints import load_checkpoint
     from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import motion_warnings, rerun_warnings
+    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.scene.excitation import highest_frequency
 
     watch = Stopwatch(say)
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
@@ -55,6 +57,8 @@ def rerun(
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = rerun_warnings(scene)
     errors: dict[str, float] = {}
+    too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
+    warnings += [too_few] if too_few is not None else []
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         stop_where_asked(stop)
