@@ -144,13 +144,11 @@ def mesh_from_dolfinx(
     if cell_tags is not None:
         check_tags(domain, cell_tags, d, "cell_tags", source)
     present = set().union(*domain.comm.allgather(set(facet_tags.values.tolist())))
-    named = {
-        name: (d - 1, group_tags(name, tags, present, source)) for name, tags in groups.items()
-    }
+    named = {name: group_tags(name, tags, present, source) for name, tags in groups.items()}
     if cell_tags is None:
         cells = np.arange(domain.topology.index_map(d).size_local, dtype=np.int32)
         cell_tags = dolfinx.mesh.meshtags(domain, d, cells, np.ones_like(cells))
-    return Mesh(domain, cell_tags, facet_tags, named, source)
+    return Mesh(domain, cell_tags, facet_tags, named, {}, source)
 
 
 def _distributed(
@@ -184,9 +182,11 @@ def _distributed(
         raise failure
     domain, cell_tags, facet_tags = compat.model_to_mesh(model, comm, geometry.dimension)
     domain.topology.create_entities(geometry.dimension - 1)
-    groups, warnings = _groups_on_cells(source, clean, facet_tags, domain)
+    facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
     nodes = _local_node_groups(clean.nodes, domain)
-    return Mesh(domain, cell_tags, facet_tags, groups, source, warnings, nodes)
+    return Mesh(
+        domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings, nodes
+    )
 
 
 def _local_node_groups(
@@ -228,18 +228,17 @@ def _keys(pairs: Ints) -> Ints:
     return pairs[:, 0].astype(np.int64) * 2**31 + pairs[:, 1].astype(np.int64)
 
 
-def _groups_on_cells(
+def _facet_groups_on_cells(
     source: str, clean: CleanModel, facet_tags: dolfinx.mesh.MeshTags, domain: dolfinx.mesh.Mesh
-) -> tuple[dict[str, tuple[int, tuple[int, ...]]], tuple[str, ...]]:
+) -> tuple[dict[str, tuple[int, ...]], tuple[str, ...]]:
     """Leave out facets that do not belong to a cell; give groups and warnings. Collective."""
     below = domain.topology.dim - 1
     tags = facet_tags.values[facet_tags.indices < domain.topology.index_map(below).size_local]
-    number = domain.comm.allreduce(
-        np.bincount(tags, minlength=1 + max(max(t) for _, t in clean.groups.values()))
-    )
-    groups, warnings = dict(clean.groups), list(clean.warnings)
+    highest = max((max(tags) for tags in clean.facet_groups.values()), default=0)
+    number = domain.comm.allreduce(np.bincount(tags, minlength=1 + highest))
+    groups, warnings = dict(clean.facet_groups), list(clean.warnings)
     for name, size in clean.facets.items():
-        lost = size - int(number[list(groups[name][1])].sum())
+        lost = size - int(number[list(groups[name])].sum())
         if lost:
             what = f"{lost} of {size} facets are not facets of a cell and are left out"
             warnings.append(f"{source}: group {name!r}: {what}")
