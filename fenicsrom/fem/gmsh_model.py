@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.conformity import check_conforming
 from fenicsrom.fem.gmsh_checks import check_cells, check_facets
 from fenicsrom.fem.gmsh_queries import (
     FACETS,
@@ -87,7 +88,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
 
     cells, cell_tags, cell_groups = _solid_cells(gmsh, d, in_cells, cell)
     used = np.unique(cells)
-    corners = np.unique(cells[:, : gmsh.model.mesh.getElementProperties(kind)[5]])
+    vertices = gmsh.model.mesh.getElementProperties(kind)[5]
+    corners = np.unique(cells[:, :vertices])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
     if sets:
@@ -101,6 +103,7 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         raise _mesh_error(source, f"facet groups {named}: at least one facet must touch the cells")
     numbers, points = model_nodes(gmsh)
     points = points * geometry.scale
+    check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)
     warnings += left_out
     if apart := _coincident(points[np.searchsorted(numbers, corners)]):
         what = f"{apart} nodes coincide with another node: the cells there are not joined"

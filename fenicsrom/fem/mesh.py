@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,8 +59,9 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
 
         def draft() -> tuple[CleanModel, Any]:
             gmsh = stack.enter_context(open_gmsh())
-            sets = load_file(gmsh, geometry)
-            return clean_model(gmsh, geometry, sets), gmsh.model
+            loaded = load_file(gmsh, geometry)
+            clean = clean_model(gmsh, geometry, loaded.node_sets)
+            return replace(clean, warnings=(*loaded.warnings, *clean.warnings)), gmsh.model
 
         return _distributed(draft, geometry, comm)
 

@@ -368,7 +368,7 @@ def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str) -> None:
 def test_file_without_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rubbish.msh"
     path.write_text("rubbish\n")
-    with refusal(ErrorKind.MESH, file="rubbish.msh"):
+    with refusal(ErrorKind.FORMAT, file="rubbish.msh"):
         read(path)
 
 
