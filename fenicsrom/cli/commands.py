@@ -69,7 +69,7 @@ def plan(options: argparse.Namespace) -> int:
 
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
-    comm, say, scene, folder = _start(options)
+    comm, say, scene, folder = _start(options, unloaded=True)
     from fenicsrom.post import sentences
 
     found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
@@ -93,7 +93,7 @@ def compare(options: argparse.Namespace) -> int:
 
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
-    comm, say, scene, folder = _start(options)
+    comm, say, scene, folder = _start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
 
@@ -261,8 +261,10 @@ def _require_scene(options: argparse.Namespace) -> None:
     raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
 
 
-def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
+def _start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene, Path]:
     """Give the communicator, the progress callback, the scene and the output folder.
+
+    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
 
     MPI starts first, so that only one rank prints an error in the scene. The folder is made before
     the computation, so that a run is not lost because its folder cannot be made.
@@ -270,7 +272,7 @@ def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    scene = read_scene(options.scene, options.overrides)
+    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
     folder = _folder(options, options.scene)
     if comm.rank == 0:
         folder.mkdir(parents=True, exist_ok=True)

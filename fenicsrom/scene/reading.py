@@ -30,12 +30,15 @@ from fenicsrom.scene.times import (
 DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
 
 
-def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()) -> Scene:
+def read_scene(
+    path: str | os.PathLike[str], overrides: str | Sequence[str] = (), *, unloaded: bool = False
+) -> Scene:
     """Read a scene from a TOML file.
 
     Args:
         path: the file.
         overrides: values to replace, see `override_table`.
+        unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
 
     Returns:
         The scene, with every default filled in.
@@ -45,7 +48,7 @@ def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()
     """
     source = os.fspath(path)
     table = override_table(_read_toml(source), overrides, source)
-    return parse_scene(table, source, Path(path).parent)
+    return parse_scene(table, source, Path(path).parent, unloaded=unloaded)
 
 
 def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
@@ -65,7 +68,9 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
     )
 
 
-def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:
+def parse_scene(
+    table: Mapping[str, Any], source: str, folder: Path | None, *, unloaded: bool = False
+) -> Scene:
     """Make a scene from plain data.
 
     Args:
@@ -73,6 +78,7 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
         source: name of the data in messages, usually that of the file.
         folder: folder to which the path of the mesh is relative; None to take the path as it is,
             without looking for the file (a reduced model needs no mesh).
+        unloaded: whether the scene may be without loads, contacts and probe.
 
     Returns:
         The scene, with every default filled in.
@@ -85,7 +91,7 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
         raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
     scene = read_table(Scene, _with_frequencies(table, where), where)
     scene = replace(scene, source=source)
-    for problem in problems(scene):
+    for problem in problems(scene, unloaded):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
     return _complete(scene, folder)
 
@@ -149,7 +155,8 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
     """Give the scene with its files found and the defaults that depend on other keys filled in."""
     probe = scene.probe
     if probe is None and not scene.contacts:
-        probe = next(load.place for load in scene.loads if load.kind != "acceleration")
+        places = (load.place for load in scene.loads if load.kind != "acceleration")
+        probe = next(places, None)
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:
         rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)
