@@ -46,6 +46,12 @@ FILES = [
     for suffix in (".inp", ".bdf", ".vtu")
     if (kind, suffix) not in (("hexahedron27", ".inp"), ("hexahedron27", ".bdf"))
 ]
+FILES += [
+    ("quad8", ".msh"),
+    ("hexahedron20", ".msh"),
+    ("hexahedron20", ".unv"),
+    ("tetra10", ".vtk"),
+]
 
 
 def read(path: Path, dimension: int = 3, **keys: Any) -> Mesh:
@@ -96,6 +102,13 @@ def write_msh(path: Path, kind: str, incomplete: bool, straight: bool = False) -
 def convert(source: Path, path: Path, kind: str) -> Path:
     """The same mesh in another format; root and tip become node sets, shells with a property, or
     integer fields."""
+    if path.suffix in (".msh", ".unv"):
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.merge(str(source))
+        gmsh.write(str(path))
+        gmsh.finalize()
+        return path
     mesh = meshio.read(source)
     cells = np.concatenate([block.data for block in mesh.cells if block.type == kind])
     used, cells = np.unique(cells, return_inverse=True)
@@ -105,7 +118,7 @@ def convert(source: Path, path: Path, kind: str) -> Path:
     if path.suffix == ".inp":
         meshio.Mesh(points, blocks, point_sets=sets).write(path)
         path.write_text(path.read_text().replace("CAX4P", "CPS4"))
-    elif path.suffix == ".vtu":
+    elif path.suffix in (".vtu", ".vtk"):
         data = {
             name: np.isin(np.arange(len(points)), nodes).astype(np.int32)
             for name, nodes in sets.items()
@@ -349,6 +362,25 @@ def test_nastran_without_begin_bulk_is_read_and_empty_file_is_refused(tmp_path: 
         path.write_text(text)
         with refusal(ErrorKind.FORMAT, file="two.bdf", names="no cells"):
             read(path)
+
+
+def test_contact_on_a_node_set_that_is_an_element_set_too_takes_areas(tmp_path: Path) -> None:
+    path = cube(tmp_path / "two.inp", point_sets={"root": np.arange(4), "tip": np.arange(8, 12)})
+    path.write_text(path.read_text() + "*ELSET, ELSET=tip\n2\n*ELSET, ELSET=root\n1\n")
+    contact = {
+        "group": "tip",
+        "at": "nodes",
+        "normal": [1, 0, 0],
+        "normal_stiffness": 1e6,
+        "tangential_stiffness": 1e6,
+        "friction": 0.3,
+    }
+    made = table(path, {"group": "root"}, {"group": "tip"}) | {"contacts": [contact]}
+    solid = solid_of(parse_scene(made, "s.toml", tmp_path), read(path))
+    assert solid.points.tributary_area.sum() == pytest.approx(1.0, rel=1e-12)
+    assert len(solid.mesh.cells("tip")) == 1 and len(solid.mesh.facets("tip")) == 1
+    with refusal(ErrorKind.PLACE, file="two.inp", names="root, solid, tip"):
+        solid.mesh.cells("rot")
 
 
 @pytest.mark.parametrize("suffix", [".inp", ".bdf", ".vtu", ".step", ".msh"])

@@ -71,17 +71,18 @@ def _check_not_doubled(path: Path, cells: list[Block]) -> None:
     Raises:
         SceneError: two cells have.
     """
-    for block in cells:
-        corners = np.sort(block.nodes[:, : SHAPES[block.kind].corners], axis=1)
+    for number in {SHAPES[block.kind].corners for block in cells}:
+        blocks = [block for block in cells if SHAPES[block.kind].corners == number]
+        corners = np.sort(np.concatenate([block.nodes[:, :number] for block in blocks]), axis=1)
         _, first, which = np.unique(corners, axis=0, return_index=True, return_inverse=True)
         again = np.flatnonzero(first[which.ravel()] != np.arange(len(corners)))
         if len(again):
-            one, other = first[which.ravel()[again[0]]], again[0]
-            names = block.labels[[one, other]] if block.labels is not None else (one + 1, other + 1)
+            labels = np.concatenate([block.labels for block in blocks if block.labels is not None])
+            one, other = labels[[first[which.ravel()[again[0]]], again[0]]]
             raise refuse(
                 path,
                 f"{len(again)} cells have the same nodes as another cell, such as the elements "
-                f"{names[0]} and {names[1]}; delete the doubled elements",
+                f"{one} and {other}; delete the doubled elements",
             )
 
 
