@@ -76,11 +76,11 @@ def _hanging(facets: Ints, points: Floats) -> Ints:
 
 
 def _on_segment(a: Floats, b: Floats, place: Floats, size: Floats) -> Ints:
-    """Whether places (k, 3) lie on the segments from a to b (k, 3)."""
+    """Whether places (k, 3) in the ball around a segment from a to b (k, 3) lie on it."""
     along = b - a
     t = np.einsum("ki,ki->k", place - a, along) / np.einsum("ki,ki->k", along, along)
     off = np.linalg.norm(place - a - t[:, None] * along, axis=1)
-    return (off <= ON_FACET * size) & (t > 0.0) & (t < 1.0)
+    return off <= ON_FACET * size
 
 
 def _on_triangle(a: Floats, b: Floats, c: Floats, place: Floats, size: Floats) -> Ints:

@@ -138,6 +138,7 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
         check_survival(source, link)
         if form == "mesh":
             gmsh.merge(link)
+            _check_numbers(gmsh, source)
         else:
             gmsh.option.setString("Geometry.OCCTargetUnit", "M")
             gmsh.model.occ.importShapes(link)
@@ -268,6 +269,19 @@ def mesh_of_model(gmsh: Any) -> MeshFile:
 def _has_serendipity_cells(gmsh: Any) -> bool:
     """Whether cells of the current model lack the nodes in the middle of faces."""
     return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
+
+
+def _check_numbers(gmsh: Any, source: str) -> None:
+    """Check that gmsh found each node number once; it would keep the first node only.
+
+    Raises:
+        SceneError: a number was given twice.
+    """
+    for line in gmsh.logger.get():
+        if match := re.search(r"duplicate node (\d+)", line):
+            raise SceneError(
+                f"{source}: node {match[1]} is given twice", kind=ErrorKind.FORMAT, source=source
+            )
 
 
 @contextmanager

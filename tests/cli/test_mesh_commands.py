@@ -79,8 +79,10 @@ def test_mesh_that_cannot_be_used_is_described_and_refused(
     assert "3 hexahedra" in said.out and "bar.inp" in said.err
 
 
-@pytest.mark.parametrize("text", ["0", "-1", "abc", "inf", "nan"])
-@pytest.mark.parametrize("option", ["density", "scale", "size"])
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("density", "0"), ("density", "inf"), ("scale", "-1"), ("scale", "abc"), ("size", "nan")],
+)
 def test_option_that_is_no_positive_number_is_refused(
     tmp_path: Path, option: str, text: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -247,6 +247,7 @@ def test_missing_or_endless_include_is_refused(tmp_path: Path) -> None:
         ("*NODE\n1, 0., 0., 0.5\n", "node 1"),
         ("*NODE\nx, 0., 0.\n", "'x, 0., 0.'"),
         ("*ELEMENT, TYPE=C3D8\n1, 1,2,3,4,5,6,7,12\n", "element 1"),
+        ("*ELEMENT, TYPE=C3D8R\n1, 1,2,3,4,5,6,7,12\n", "element 1"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,8\n", "1 and 3"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6\n", "element 3"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,99\n", "99"),

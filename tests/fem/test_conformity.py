@@ -68,6 +68,13 @@ def test_hanging_nodes_of_hexahedra_are_found() -> None:
     check_conforming("m", 5, rows, points, 3)
 
 
+def test_crack_between_hexahedra_is_no_hanging_node() -> None:
+    rows, points = cubes((0, 0, 0, 1))
+    check_conforming(
+        "m", 5, np.concatenate([rows, rows + 8]), np.concatenate([points, points + np.eye(3)[0]]), 3
+    )
+
+
 def test_hanging_node_of_tetrahedra_is_found() -> None:
     points = np.array(
         [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2), (0, 0, -2), (0.5, 0.5, 0)], float

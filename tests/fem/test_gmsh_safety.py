@@ -41,8 +41,11 @@ def write_box(path: Path, incomplete: bool = False) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".msh", ".unv", ".step", ".stp", ".MSH"])
-@pytest.mark.parametrize("before", ["", "\n", "// $MeshFormat\n", "# $MeshFormat\n"])
+@pytest.mark.parametrize(
+    ("suffix", "before"),
+    [(suffix, "") for suffix in (".msh", ".unv", ".step", ".MSH")]
+    + [(".msh", "\n"), (".msh", "// $MeshFormat\n"), (".msh", "# $MeshFormat\n")],
+)
 def test_script_with_the_suffix_of_data_does_not_run(
     tmp_path: Path, suffix: str, before: str
 ) -> None:
@@ -79,8 +82,24 @@ def test_hexahedra_of_20_nodes_are_completed(tmp_path: Path) -> None:
         kinds = {int(kind) for kind in opened.model.mesh.getElementTypes()}
         names = {opened.model.getPhysicalName(*group) for group in opened.model.getPhysicalGroups()}
         numbers, points, _ = opened.model.mesh.getNodes()
+        local = opened.model.mesh.getElementProperties(12)[4]
+        _, weights, _ = opened.model.mesh.getBasisFunctions(5, local, "Lagrange")
+        rows = opened.model.mesh.getElementsByType(12)[1].reshape(-1, 27)
     assert {10, 12} <= kinds and not {16, 17} & kinds and names == {"body", "root"}
-    assert len(numbers) == 125 and np.allclose(points * 4, np.round(points * 4))
+    x = points.reshape(-1, 3)[np.argsort(numbers)][np.searchsorted(np.sort(numbers), rows)]
+    assert len(numbers) == 125
+    assert np.allclose(np.einsum("pn,cni->cpi", weights.reshape(27, 8), x[:, :8]), x)
+
+
+def test_node_number_given_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.msh"
+    nodes = "1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n4 0 2 0\n"
+    path.write_text(
+        f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n{nodes}$EndNodes\n"
+        "$Elements\n1\n1 3 2 1 1 1 2 3 4\n$EndElements\n"
+    )
+    with refusal(ErrorKind.FORMAT, file="a.msh", names="node 4"):
+        inspect(path)
 
 
 def test_message_names_the_file_and_not_its_link(tmp_path: Path) -> None:
