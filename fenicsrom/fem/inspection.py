@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.formats.mesh_file import Floats, Ints
@@ -68,6 +70,7 @@ class Inspection:
         nodes: number of nodes.
         low: the lowest coordinates (d,), m.
         high: the highest coordinates (d,), m.
+        pieces: number of pieces of the mesh that share no node; 0 if the mesh cannot be used.
         volume: volume in m³, in 2D area in m²; 0 if the mesh cannot be used.
         groups: the groups, largest dimension first.
         warnings: sentences for the user, one of them on what is not read.
@@ -82,6 +85,7 @@ class Inspection:
     nodes: int
     low: Floats
     high: Floats
+    pieces: int = 0
     volume: float = 0.0
     groups: tuple[Group, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -168,6 +172,7 @@ def _described(
     entities = [entity for _, entity in gmsh.model.getEntities(d)]
     given = next(int(k) for e in entities for k in gmsh.model.mesh.getElementTypes(d, e))
     kind = straight_kind(gmsh, given)
+    cells = np.searchsorted(numbers, elements_of(gmsh, d, entities, kind))
     groups = []
     for dim, names in ((d, clean.cell_groups), (d - 1, clean.facet_groups)):
         element = kind if dim == d else FACETS[kind]
@@ -188,12 +193,22 @@ def _described(
         shown = elements_of(gmsh, d, entities, kind)
     return replace(
         found,
+        pieces=_pieces(cells),
         volume=sum(_measure(gmsh, d, entity) for entity in entities),
         groups=tuple(groups),
         warnings=(*warnings, *clean.warnings),
         points=points,
         boundary=np.searchsorted(numbers, shown),
     )
+
+
+def _pieces(cells: Ints) -> int:
+    """Number of connected pieces of cells with corners (k, corners)."""
+    used, rows = np.unique(cells, return_inverse=True)
+    rows = rows.reshape(cells.shape)
+    first = np.repeat(rows[:, 0], rows.shape[1])
+    graph = coo_array((np.ones(rows.size), (first, rows.ravel())), shape=(len(used), len(used)))
+    return int(connected_components(graph, directed=False)[0])
 
 
 def _group(

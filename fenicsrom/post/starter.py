@@ -76,7 +76,9 @@ def _geometry_lines(found: Inspection) -> list[str]:
 
 def _support_lines(found: Inspection) -> list[str]:
     """The table of one support, and the names of the other groups that could be one."""
-    facets = [group for group in found.groups if group.kind == "facets"]
+    assert found.boundary is not None
+    most = len(found.boundary) // 2  # larger groups are probably the whole boundary
+    facets = [group for group in found.groups if group.kind == "facets" and group.number <= most]
     likely = [group for group in facets if CLAMPED.search(group.name)]
     lines = ["[[supports]] # clamps a part of the boundary"]
     others = [group.name for group in facets]
@@ -90,6 +92,8 @@ def _support_lines(found: Inspection) -> list[str]:
         lines.append(f"group = {_quoted(others.pop(0))}")
     else:
         lines.append(f"box = {_end_box(found)} # an end of the body")
+    if found.pieces > 1:
+        lines.append(f"# the mesh has {found.pieces} pieces that share no node; clamp each of them")
     if others:
         lines.append(f"# other groups of facets: {', '.join(map(_quoted, others))}")
     return lines

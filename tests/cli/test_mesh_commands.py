@@ -42,7 +42,7 @@ def bar(path: Path, number: int = 3, size: float = 0.1, sets: str = "") -> Path:
 def test_inspection_gives_cells_box_volume_groups_and_what_is_not_read(tmp_path: Path) -> None:
     sets = "*NSET, NSET=bar\n1, 2, 3, 4\n*NSET, NSET=corner\n13\n*SURFACE, NAME=side\nbar, S3\n"
     found = inspect(bar(tmp_path / "bar.inp", sets=sets))
-    assert found.cells == {"hexahedra": 3} and found.nodes == 16
+    assert found.cells == {"hexahedra": 3} and found.nodes == 16 and found.pieces == 1
     assert found.volume == pytest.approx(3e-3, rel=1e-12)
     assert found.low.tolist() == [0, 0, 0] and found.high == pytest.approx((0.1, 0.1, 0.3))
     groups = {(group.name, group.kind): (group.number, group.size) for group in found.groups}

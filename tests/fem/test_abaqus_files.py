@@ -125,11 +125,13 @@ def test_tetrahedron_on_two_lines_has_its_nodes_on_its_edges(tmp_path: Path, nam
 
 def test_surface_of_element_faces_is_a_facet_group(tmp_path: Path) -> None:
     surface = (
-        "*Surface, type=ELEMENT, name=Skin\nBody, S3\n1, S1\n*SURFACE, NAME=N, TYPE=NODE\nNALL\n"
+        "*Elset, elset=_Skin_S3, internal\nBody\n*Surface, type=ELEMENT, name=Skin\n"
+        "_Skin_S3, S3\n1, S1\n*SURFACE, NAME=N, TYPE=NODE\nNALL\n"
     )
     mesh = model(tmp_path, NODES + CELLS + surface)
     assert facet_corners(mesh, "Skin") == [[1, 2, 3, 4], [1, 2, 5, 6], [5, 6, 9, 10]]
     assert len(mesh.node_groups["N"]) == 12 and mesh.not_read == ()
+    assert not any("_Skin_S3" in block.groups for block in mesh.blocks)
 
 
 @pytest.mark.parametrize("face", range(1, 7))

@@ -231,6 +231,10 @@ def _set(path: Path, part: Part, keyword: Keyword) -> None:
     sets = part.node_sets if is_node_set else part.element_sets
     name = keyword.parameters.get(keyword.name, "")
     instance = keyword.parameters.get("INSTANCE", "")
+    if "INTERNAL" not in keyword.parameters:
+        part.internal.discard((keyword.name, name.upper()))
+    elif known_name(sets, name) not in sets:
+        part.internal.add((keyword.name, name.upper()))
     if is_node_set and "ELSET" in keyword.parameters:
         items: tuple[int | str, ...] = (OF_ELEMENTS + keyword.parameters["ELSET"],)
         add_to_set(sets, name, Entry(instance, items))

@@ -166,7 +166,12 @@ def _names(
     keyword: str,
 ) -> list[tuple[str, str, str]]:
     """Instance, name and name in this program of each set."""
-    every = [(instance, name) for instance, part, _ in placements for name in names(part)]
+    every = [
+        (instance, name)
+        for instance, part, _ in placements
+        for name in names(part)
+        if (keyword, name.upper()) not in part.internal
+    ]
     found = []
     for instance, name in every:
         shown = name

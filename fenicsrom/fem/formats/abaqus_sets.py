@@ -45,6 +45,7 @@ class Part:
         node_sets: entries of each node set by its name.
         element_sets: entries of each element set by its name.
         surfaces: sides of each surface by its name.
+        internal: keyword and name of the sets that Abaqus/CAE made for itself, which are no groups.
     """
 
     nodes: dict[int, tuple[float, float, float]] = field(default_factory=dict)
@@ -52,6 +53,7 @@ class Part:
     node_sets: dict[str, list[Entry]] = field(default_factory=dict)
     element_sets: dict[str, list[Entry]] = field(default_factory=dict)
     surfaces: dict[str, list[Side]] = field(default_factory=dict)
+    internal: set[tuple[str, str]] = field(default_factory=set)
 
 
 def add_to_set(sets: dict[str, list[Entry]], name: str, entry: Entry) -> None:
