@@ -36,11 +36,11 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
     the physical groups, by their names or numbers.
 
     A .step file is converted to metres and meshed with simplices of `geometry.size`; its faces are
-    groups by their names or numbers. The groups of other files are: element sets and node sets in
-    .inp; the elements of each property, by its number, in .bdf; and in .vtu each integer field of
-    cells or points that is 0 or 1, and `name:value` for each value of the other integer fields.
-    If a node set contains all nodes of some boundary facets, these facets are a facet group of the
-    same name.
+    groups by their names or numbers. The groups of other files are: node sets, element sets and
+    surfaces in .inp; the elements of each property, by its number, in .bdf; components in .cdb; and
+    in .vtu each integer field of cells or points that is 0 or 1, and `name:value` for each value of
+    the other integer fields. If a node set contains all nodes of some boundary facets, these facets
+    are a facet group of the same name. A group of cells may have the name of a group of facets.
 
     Args:
         geometry: the [geometry] of the scene.
@@ -51,8 +51,8 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
 
     Raises:
         SceneError: on every rank, if the file cannot be read or meshed; a parameter is unknown or
-            refused; cells are mixed, inverted, or of another dimension or kind than those of the
-            scene; a group is empty; or meshio is missing.
+            refused; cells are mixed, inverted, overlapping, or of another dimension or kind than
+            those of the scene; a node hangs; a group is empty; or meshio is missing.
         RuntimeError: gmsh is in use in this process.
     """
     with ExitStack() as stack:
