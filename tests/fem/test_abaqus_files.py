@@ -259,6 +259,7 @@ def test_missing_or_endless_include_is_refused(tmp_path: Path) -> None:
         ("*ELEMENT, TYPE=SC8R\n3, 1,2,3,4,5,6,7,8\n", "SC8R"),
         ("*NSET, NSET=a\nb\n*NSET, NSET=b\na\n", "contains itself"),
         ("*NSET, NSET=a, GENERATE\n1\n", "GENERATE"),
+        ("*NSET, NSET=a, GENERATE\n1, 1000000000000\n", "GENERATE"),
         ("*INSTANCE, NAME=i, PART=p\n*END INSTANCE\n", "no part"),
     ],
 )

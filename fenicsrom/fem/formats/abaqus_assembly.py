@@ -31,12 +31,14 @@ def placed(path: Path, keyword: Keyword) -> Floats:
         if len(rows) < 2:
             return np.column_stack([np.eye(3), shift])
         start, end, angle = np.array(rows[1][:3]), np.array(rows[1][3:6]), np.radians(rows[1][6])
-        axis = (end - start) / np.linalg.norm(end - start)
+        length = float(np.linalg.norm(end - start))
+        if not 0.0 < length < np.inf:
+            raise ValueError
     except (ValueError, IndexError):
         raise refuse(
             path, f"*INSTANCE: {keyword.lines[:2]} must be a translation and a rotation"
         ) from None
-    across = np.cross(np.eye(3), axis)  # across @ x = axis × x
+    across = np.cross(np.eye(3), (end - start) / length)  # across @ x = axis × x
     turn = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across  # Rodrigues
     return np.column_stack([turn, turn @ (shift - start) + start])
 

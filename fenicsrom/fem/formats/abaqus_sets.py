@@ -11,6 +11,7 @@ import numpy as np
 
 from fenicsrom.fem.formats.abaqus_keywords import Keyword, fields, unquoted
 from fenicsrom.fem.formats.mesh_file import Ints, refuse
+from fenicsrom.fem.formats.text import numbers_between
 
 OF_ELEMENTS = "*ELSET="
 """Prefix of an item of a node set: all nodes of the element set of this name."""
@@ -79,7 +80,7 @@ def read_set(path: Path, keyword: Keyword) -> tuple[int | str, ...]:
     for line in keyword.lines:
         try:
             first, last, step = ([int(word) for word in fields(line)] + [1])[:3]
-            found += range(first, last + 1, step)
+            found += numbers_between(first, last, step)
         except ValueError:
             reason = "must be first, last and step (1 if left out)"
             raise refuse(path, f"*{keyword.name}, GENERATE: {line!r}: {reason}") from None

@@ -16,10 +16,13 @@ import numpy as np
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.formats.mesh_file import Block, Floats, Ints, MeshFile, refuse
 from fenicsrom.fem.formats.shapes import FROM_VTK, SHAPES
-from fenicsrom.fem.formats.text import read_lines
+from fenicsrom.fem.formats.text import numbers_between, read_lines
 
 SOLIDS = {45, 185, 64, 95, 186, 92, 187, 285, 72, 73, 5, 62}
 """Numbers of element types that are solids with 4 to 20 nodes."""
+
+TETRAHEDRA = {72, 92, 187, 285}
+"""Numbers of the solids that have 4 or 10 nodes; the others have 8 or 20."""
 
 PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
 """Numbers of element types with the nodes of a plane cell or of a facet."""
@@ -153,7 +156,7 @@ def _expanded(members: list[int]) -> list[int]:
     """The numbers of a component, in which a negative one ends a range."""
     found: list[int] = []
     for member in members:
-        found += range(found[-1] + 1, -member + 1) if member < 0 else [member]
+        found += numbers_between(found[-1] + 1, -member) if member < 0 else [member]
     return found
 
 
@@ -164,6 +167,10 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
     left: Counter[str] = Counter()
     for label, type_, nodes in archive.elements:
         number = archive.types.get(type_, 0)
+        allowed = range(4, 11) if number in TETRAHEDRA else range(8, 21)
+        if number in SOLIDS and len(nodes) not in allowed:
+            reason = f"has {len(nodes)} nodes; the file may be damaged"
+            raise refuse(path, f"element {label} of type {number} {reason}")
         kind, own = _shape(number, nodes)
         if kind:
             found.setdefault((kind, f"type {number}"), []).append((label, own))
@@ -205,7 +212,7 @@ def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
     """
     if number in SOLIDS:
         corners, middles = nodes[:8], nodes[8:20]
-        if number in (92, 187) or len(nodes) in (4, 10):
+        if number in TETRAHEDRA:
             return (11, (nodes + [0] * 10)[:10]) if len(nodes) > 4 else (4, nodes[:4])
         if len(set(corners)) == 8:
             full = any(middles)

@@ -15,6 +15,7 @@ from fenicsrom.fem.formats.nastran_cards import Card, read_cards
 from fenicsrom.fem.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.fem.formats.nastran_systems import Systems, read_systems
 from fenicsrom.fem.formats.shapes import SHAPES, TETRA_FROM_VTK
+from fenicsrom.fem.formats.text import numbers_between
 
 CUBE_FROM_NASTRAN = (*range(9), 11, 12, 9, 13, 10, 14, 15, 16, 19, 17, 18)
 """Gmsh's order of the nodes of a hexahedron of 20 nodes, as indices in Nastran's order.
@@ -79,7 +80,10 @@ def read_nastran(path: Path) -> MeshFile:
         points = np.concatenate([points, np.array(extra)])
         what = f"{len(extra)} nodes on edges that the file leaves out are put in the middle"
         notes = (what,)
-    nodes = _constrained(cards, numbers)
+    try:
+        nodes = _constrained(cards, numbers)
+    except ValueError as error:
+        raise refuse(path, f"an SPC or SPC1 is damaged: {error}") from None
     return MeshFile(points, blocks, nodes, not_read, notes)
 
 
@@ -214,7 +218,7 @@ def _constrained(cards: list[Card], numbers: dict[int, int]) -> dict[str, Ints]:
             words = [word for word in card.fields[2:] if word]
             grids: list[int] = []
             if len(words) == 3 and words[1].upper() == "THRU":
-                grids = list(range(int(words[0]), int(words[2]) + 1))
+                grids = list(numbers_between(int(words[0]), int(words[2])))
             else:
                 grids = [int(word) for word in words if word.isdigit()]
         elif card.name == "SPC":

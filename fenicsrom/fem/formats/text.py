@@ -11,6 +11,22 @@ DEEPEST = 16
 """Files may include files to this depth; a file that includes itself would never end."""
 
 
+MOST_NUMBERS = 10_000_000
+"""A range of more numbers is damaged, and would fill the memory."""
+
+
+def numbers_between(first: int, last: int, step: int = 1) -> range:
+    """The numbers from the first to the last one, included.
+
+    Raises:
+        ValueError: the step is 0, or the range is too long.
+    """
+    found = range(first, last + 1, step)
+    if last - first > MOST_NUMBERS * abs(step):
+        raise ValueError(f"{first} to {last}: more than {MOST_NUMBERS} numbers")
+    return found
+
+
 def read_lines(path: Path) -> list[str]:
     """The lines of a text file, without the ends of the lines."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
