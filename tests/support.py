@@ -32,6 +32,11 @@ from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 Array = NDArray[np.float64]
 
 
+def group_names(mesh: Any) -> set[str]:
+    """The names of the cell and facet groups of a mesh."""
+    return set(mesh.cell_groups) | set(mesh.facet_groups)
+
+
 def assert_tangent(
     f: Callable[[Array], Any],
     df: Callable[[Array], Any],

@@ -72,7 +72,7 @@ def plan(options: argparse.Namespace) -> int:
 
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
-    comm, say, scene = _start(options)
+    comm, say, scene = _start(options, unloaded=True)
     from fenicsrom.post import sentences
 
     with opened(options, scene, comm) as folder:
@@ -98,7 +98,7 @@ def compare(options: argparse.Namespace) -> int:
 
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
-    comm, say, scene = _start(options)
+    comm, say, scene = _start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
 
@@ -277,15 +277,16 @@ def _require_scene(options: argparse.Namespace) -> None:
     raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
 
 
-def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene]:
+def _start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
     """Give the communicator, the progress callback and the scene.
 
+    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
     MPI starts first, so that only one rank prints an error in the scene.
     """
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    scene = read_scene(options.scene, options.overrides)
+    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
 
     def say(line: str) -> None:
         if comm.rank == 0:

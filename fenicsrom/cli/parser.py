@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom import __version__
-from fenicsrom.cli import commands
+from fenicsrom.cli import commands, mesh_commands
 
 
 class Argument:
@@ -113,6 +113,10 @@ OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/N
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
 )
+MESH = Argument("mesh", help="mesh or geometry file")
+DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
+SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
+SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
 
 COMMANDS = (
@@ -133,6 +137,18 @@ COMMANDS = (
         "compute only the modes and modal derivatives, for ParaView",
         commands.modes,
         (SCENE, SET, OUTPUT, FORCE),
+    ),
+    Command(
+        "inspect",
+        "describe a mesh file: cells, box, volume, mass, groups and what is not read",
+        mesh_commands.inspect,
+        (MESH, DENSITY, SCALE, SIZE, OUTPUT),
+    ),
+    Command(
+        "init",
+        "write a starter scene for a mesh file",
+        mesh_commands.init,
+        (MESH, SCALE, SIZE, FILE),
     ),
     Command(
         "compare",

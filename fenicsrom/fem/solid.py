@@ -69,7 +69,7 @@ class Solid(ElasticBody):
         contact_rows: Bᵀ (m, local): contact displacements in the local frames [normal, tangents],
             point by point.
         points: the contact points.
-        probe_rows: (d, local) displacement of the probe in global axes.
+        probe_rows: (d, local) displacement of the probe in global axes; (0, local) without one.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
@@ -106,7 +106,7 @@ class Solid(ElasticBody):
             contacts: the contacts.
             rotation: rotation of the frame of the scene, or None.
             probe: place whose displacement is observed; by default that of the first contact or,
-                without contacts, of the first load.
+                without contacts, of the first load; nothing is observed without any of them.
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
@@ -125,8 +125,11 @@ class Solid(ElasticBody):
         self._places = Places(self)
         self._set_contacts(contacts)
         self._set_loads()
-        observed = probe or (contacts[0].place if contacts else None) or loads[0].place
-        self.probe_rows, self.probe_position = self._places.find(observed, "probe")
+        observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
+        observed += [load.place for load in loads if load.kind != "acceleration"]
+        self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
+        if observed:
+            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
 
         self.equilibrium = np.zeros(self.local)
         self.mass = self.matrix(self.mass_form, 0.0)

@@ -33,7 +33,7 @@ def draw_shapes() -> None:
         camera.show(grid, vectors, 0.15 * camera.length / largest, largest)
         images.append(camera.photograph())
     camera.plotter.close()
-    shape_panels(task["labels"], _cropped(images)).savefig(task["picture"])
+    shape_panels(task["labels"], cropped(images)).savefig(task["picture"])
 
 
 def draw_motion() -> None:
@@ -63,7 +63,7 @@ def draw_motion() -> None:
         images.append(camera.photograph())
     camera.plotter.close()
     scale = "displacements to scale" if factor == 1.0 else f"displacements × {factor:g}"
-    frames = film_frames(_cropped(images), motion.time_values, scale, largest, points is not None)
+    frames = film_frames(cropped(images), motion.time_values, scale, largest, points is not None)
     _write_gif(task["picture"], frames)
 
 
@@ -199,7 +199,7 @@ class Camera:
         return np.asarray(self.plotter.screenshot(return_img=True))
 
 
-def _cropped(images: Sequence[np.ndarray]) -> list[np.ndarray]:
+def cropped(images: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Cut off the margin that is white in all pictures, except for 20 pixels."""
     drawn = np.array([(image < 250).any(axis=2) for image in images]).any(axis=0)
     rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))

@@ -121,7 +121,7 @@ def _draw(
         given = task(scratch)
         if comm.rank == 0:
             drawn = scratch / Path(picture).name
-            reason = _run_drawing(draw, drawn, given)
+            reason = run_drawing(draw, drawn, given)
             if reason:
                 warnings.warn(f"{picture} was not drawn: {reason}.", stacklevel=3)
             else:
@@ -139,11 +139,23 @@ def _draw(
     return None if reason else Path(picture)
 
 
-def _run_drawing(draw: str, picture: Path, task: Mapping[str, Any]) -> str | None:
-    """Run a drawing function in a separate process; return the reason of a failure, or None."""
+def run_drawing(
+    draw: str, picture: Path, task: Mapping[str, Any], module: str = "drawing"
+) -> str | None:
+    """Run a drawing function in a separate process.
+
+    Args:
+        draw: name of the function.
+        picture: the file that it writes.
+        task: its input, as JSON.
+        module: the module of this package that has the function.
+
+    Returns:
+        The reason of a failure, or None.
+    """
     if reason := missing_module("pyvista", "matplotlib"):
         return reason
-    program = f"from fenicsrom.post.drawing import {draw}; {draw}()"
+    program = f"from fenicsrom.post.{module} import {draw}; {draw}()"
     command = [sys.executable, "-c", program, json.dumps({"picture": str(picture), **task})]
     if server := shutil.which("xvfb-run"):
         command = [server, "-a", *command]

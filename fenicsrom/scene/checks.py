@@ -52,8 +52,11 @@ class Problem(NamedTuple):
 Problems = Iterator[Problem]
 
 
-def problems(scene: Scene) -> Problems:
-    """Yield the keys of a scene that do not agree with each other, in the order of the checks."""
+def problems(scene: Scene, unloaded: bool = False) -> Problems:
+    """Yield the keys of a scene that do not agree with each other, in the order of the checks.
+
+    A scene that is `unloaded` may be without loads, contacts and probe.
+    """
     yield from _geometry_problems(scene.geometry)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
@@ -62,7 +65,8 @@ def problems(scene: Scene) -> Problems:
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
-    if not (scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))):
+    seen = scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))
+    if not seen and not unloaded:
         what = "without contacts and without a load at a place"
         yield Problem("probe", MISSING, f"must be a table in a scene {what}")
     yield from _basis_problems(scene)

@@ -31,7 +31,11 @@ from fenicsrom.scene.toml import parse_toml
 
 
 def read_scene(
-    path: str | os.PathLike[str], overrides: str | Sequence[str] = (), *, mesh: bool = True
+    path: str | os.PathLike[str],
+    overrides: str | Sequence[str] = (),
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
 ) -> Scene:
     """Read a scene from a TOML file.
 
@@ -39,6 +43,7 @@ def read_scene(
         path: the file.
         overrides: values to replace, see `override_table`. The title names them.
         mesh: find the mesh file; False takes its path as it is, since a stored model needs no mesh.
+        unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
 
     Returns:
         The scene, with every default filled in.
@@ -48,7 +53,8 @@ def read_scene(
     """
     source = os.fspath(path)
     table = override_table(_read_toml(source), overrides, source)
-    return parse_scene(titled(table, overrides, source), source, Path(path).parent, mesh=mesh)
+    table, folder = titled(table, overrides, source), Path(path).parent
+    return parse_scene(table, source, folder, mesh=mesh, unloaded=unloaded)
 
 
 def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
@@ -69,7 +75,12 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
 
 
 def parse_scene(
-    table: Mapping[str, Any], source: str, folder: Path | None, *, mesh: bool = True
+    table: Mapping[str, Any],
+    source: str,
+    folder: Path | None,
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
 ) -> Scene:
     """Make a scene from plain data.
 
@@ -79,6 +90,7 @@ def parse_scene(
         folder: folder to which the path of the mesh is relative; None to take the path as it is,
             without looking for the file (a reduced model needs no mesh).
         mesh: False does not look for the mesh file, although tables are read from the folder.
+        unloaded: whether the scene may be without loads, contacts and probe.
 
     Returns:
         The scene, with every default filled in.
@@ -91,7 +103,7 @@ def parse_scene(
         raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
     scene = read_table(Scene, _with_frequencies(table, where), where)
     scene = replace(scene, source=source)
-    for problem in problems(scene):
+    for problem in problems(scene, unloaded):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
     scene = _complete(scene, folder, folder if mesh else None)
     for problem in step_problems(scene):
@@ -150,7 +162,8 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     """Give the scene with its files found and the defaults that depend on other keys filled in."""
     probe = scene.probe
     if probe is None and not scene.contacts:
-        probe = next(load.place for load in scene.loads if load.kind != "acceleration")
+        places = (load.place for load in scene.loads if load.kind != "acceleration")
+        probe = next(places, None)
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:
         rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)

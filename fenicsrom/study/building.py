@@ -23,7 +23,7 @@ def solid(run: Run) -> None:
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
-    if body.loaded:
+    if body.loaded and len(body.probe_rows):
         deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
         run.study.deflection = np.asarray(deflection)
 
