@@ -25,6 +25,7 @@ from collections.abc import Iterator, Sequence
 import basix.ufl
 import dolfinx.fem.petsc
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
@@ -255,21 +256,41 @@ class ElasticBody:
         self._set(self._y, y)
         return self._vector(self._derivative_form)
 
-    def tabulate(self, fields: Array, about: Array) -> Iterator[tuple[Array, Array]]:
-        """Tabulate displacement gradients at the quadrature points, in chunks of owned cells.
+    def owned_cells(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the cells that this rank owns."""
+        topology = self.mesh.domain.topology
+        return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+
+    def quadrature_points(self, degree: int) -> Array:
+        """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
+        domain = self.mesh.domain
+        points, _ = basix.make_quadrature(domain.basix_cell(), degree)
+        place = fem.Expression(ufl.SpatialCoordinate(domain), points)
+        return np.asarray(place.eval(domain, self.owned_cells())).reshape(-1, self.dimension)
+
+    def tabulate(
+        self,
+        fields: Array,
+        about: Array,
+        degree: int = QUADRATURE_DEGREE,
+        cells: npt.NDArray[np.int32] | None = None,
+    ) -> Iterator[tuple[Array, Array]]:
+        """Tabulate displacement gradients at the quadrature points, in chunks of cells.
 
         Args:
             fields: (local, n) displacement fields.
             about: (local,) one more displacement, which comes first.
+            degree: degree of the quadrature rule.
+            cells: local numbers of the cells; by default all that this rank owns.
 
         Yields:
             Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
         """
         domain, d = self.mesh.domain, self.dimension
-        points, weights = basix.make_quadrature(domain.basix_cell(), QUADRATURE_DEGREE)
+        points, weights = basix.make_quadrature(domain.basix_cell(), degree)
         gradient = fem.Expression(ufl.grad(self._x), points)
         volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
-        cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+        cells = self.owned_cells() if cells is None else cells
         n = fields.shape[1]
         columns = 1 + n + n * (n + 1) // 2
         chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
