@@ -31,18 +31,18 @@ def stress_table(
     rule = 2 * (degree - 1) if simplex else 2 * degree - 1
     chunks = list(solid.tabulate(vectors, equilibrium, rule))
     volume = np.concatenate([weights for weights, _ in chunks])
-    gradients = np.concatenate([values for _, values in chunks])
+    gradients = np.concatenate([values for _, values in chunks]).swapaxes(0, 1)
     nodes = _vertex_nodes(solid)
     used, cells = np.unique(nodes, return_inverse=True)
     columns = [solid.field(column).x.array for column in (equilibrium, *vectors.T)]
     d = solid.dimension
-    moved = np.stack([column.reshape(-1, d)[used] for column in columns], axis=1)
+    moved = np.array([column.reshape(-1, d)[used] for column in columns])
     names = solid.space.dofmap.index_map.local_to_global(used.astype(np.int32))
     every = solid.comm.allgather(names)
     order, first = np.unique(np.concatenate(every), return_index=True)
 
-    def joined(values: Array) -> Array:
-        return np.concatenate(solid.comm.allgather(values))
+    def joined(values: Array, axis: int = 0) -> Array:
+        return np.concatenate(solid.comm.allgather(values), axis=axis)
 
     places = solid.space.tabulate_dof_coordinates()[used, :d]
     mine = np.searchsorted(order, names)[cells.reshape(nodes.shape)].astype(np.int64)
@@ -51,10 +51,10 @@ def stress_table(
         StressLaw.of(scene),
         joined(solid.quadrature_points(rule)),
         joined(volume),
-        joined(gradients),
+        joined(gradients, 1),
         joined(mine),
         joined(places)[first],
-        joined(moved)[first],
+        joined(moved, 1)[:, first],
         _extrapolation(cell, degree, points),
     )
 

@@ -166,10 +166,10 @@ class StressTable:
         law: how stresses follow from them.
         position: (P, d) places in the undeformed body, m.
         volume: (P,) volume that a point stands for, m³.
-        gradients: (P, 1 + n, d, d) gradients of u₀ and of every φ.
+        gradients: (1 + n, P, d, d) gradients of u₀ and of every φ.
         cells: (C, v) vertices of each cell, in the order of dolfinx.
         vertex_position: (N, d) places of the vertices in the undeformed body, m.
-        vertex_displacement: (N, 1 + n, d) displacements of u₀ (m) and of every φ at the vertices.
+        vertex_displacement: (1 + n, N, d) displacements of u₀ (m) and of every φ at the vertices.
         extrapolation: (v, g) from the Gauss points of a cell to its vertices.
     """
 
@@ -185,7 +185,7 @@ class StressTable:
     @property
     def size(self) -> int:
         """Number of coordinates n."""
-        return self.gradients.shape[1] - 1
+        return self.gradients.shape[0] - 1
 
     @cached_property
     def recovery(self) -> csr_array:
@@ -201,26 +201,31 @@ class StressTable:
         return csr_array((weights, (rows, columns)), shape=shape)
 
     def stress(self, q: Array, measure: str = SECOND_PIOLA_KIRCHHOFF) -> Array:
-        """Stresses (P, 6) at the Gauss points, Pa.
+        """Stresses (..., P, 6) at the Gauss points, Pa.
 
         Args:
-            q: (n,) coordinates.
+            q: (..., n) coordinates.
             measure: one of `MEASURES`.
         """
-        start = self.gradients[:, 0]
-        change = np.tensordot(q, self.gradients[:, 1:], axes=(0, 1))
+        change = np.tensordot(q, self.gradients[1:], axes=1)
         if measure == CAUCHY:
-            return self.law.cauchy(start, change)
-        return self.law.second_piola(start, change)
+            return self.law.cauchy(self.gradients[0], change)
+        return self.law.second_piola(self.gradients[0], change)
 
     def modal_stress(self, direction: Array) -> Array:
-        """Derivative (P, 6) of the second Piola-Kirchhoff stress along q = direction (n,), Pa."""
-        change = np.tensordot(direction, self.gradients[:, 1:], axes=(0, 1))
-        return self.law.modal(self.gradients[:, 0], change)
+        """Derivative (..., P, 6) of the second Piola-Kirchhoff stress at q = 0, Pa.
+
+        Args:
+            direction: (..., n) directions in the coordinates.
+        """
+        change = np.tensordot(direction, self.gradients[1:], axes=1)
+        return self.law.modal(self.gradients[0], change)
 
     def at_vertices(self, values: Array) -> Array:
-        """Recover values (P, m) at the Gauss points to the vertices, (N, m)."""
-        return np.asarray(self.recovery @ values)
+        """Recover values (..., P, m) at the Gauss points to the vertices, (..., N, m)."""
+        first = np.moveaxis(values, -2, 0)
+        found = self.recovery @ first.reshape(first.shape[0], -1)
+        return np.moveaxis(found.reshape(-1, *first.shape[1:]), 0, -2)
 
     def in_cells(self, values: Array) -> Array:
         """Mean values (C, m) in the cells of values (P, m) at the Gauss points, by volume."""
@@ -230,9 +235,9 @@ class StressTable:
         return np.asarray(sums / weights.sum(axis=1))
 
     def displacement(self, q: Array) -> Array:
-        """Displacements (N, d) of the vertices at coordinates q (n,), m."""
+        """Displacements (..., N, d) of the vertices at coordinates q (..., n), m."""
         moved = self.vertex_displacement
-        return np.asarray(moved[:, 0] + np.tensordot(q, moved[:, 1:], axes=(0, 1)))
+        return np.asarray(moved[0] + np.tensordot(q, moved[1:], axes=1))
 
 
 def components(tensor: Array, across: Array) -> Array:

@@ -11,12 +11,12 @@ from support import STOCKY, beam_scene, enriched, make_solid, random_field, scen
 
 pytest.importorskip("dolfinx")
 
-import basix  # noqa: E402
-import ufl  # noqa: E402
-from dolfinx import fem  # noqa: E402
+import basix
+import ufl
+from dolfinx import fem
 
-from fenicsrom.fem.stress_points import stress_table  # noqa: E402
-from fenicsrom.online.stress import (  # noqa: E402
+from fenicsrom.fem.stress_points import stress_table
+from fenicsrom.online.stress import (
     CAUCHY,
     MEASURES,
     StressTable,

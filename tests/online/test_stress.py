@@ -40,10 +40,10 @@ def point(stress_law: StressLaw, start: Array, *directions: Array) -> StressTabl
         stress_law,
         np.zeros((1, d)),
         np.ones(1),
-        np.array([[start, *directions]]),
+        np.array([start, *directions])[:, None],
         np.zeros((1, 1), dtype=np.int64),
         np.zeros((1, d)),
-        np.zeros((1, 1 + len(directions), d)),
+        np.zeros((1 + len(directions), 1, d)),
         np.ones((1, 1)),
     )
 
