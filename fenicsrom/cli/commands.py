@@ -53,7 +53,7 @@ def _rerun(options: argparse.Namespace) -> int:
         stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
     )
     table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    lines = sentences.rerun_sentences(found.motion, model.points)
+    lines = sentences.rerun_sentences(found.motion, model.points, found.stresses)
     print_results(scene, table, found.warnings, lines, found.files)
     return _end(None, found.unfinished)
 

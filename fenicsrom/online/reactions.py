@@ -19,16 +19,13 @@ Moments are about the centroid of the clamped nodes of the support.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_forces import contact_forces
-from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.load_histories import factors
-from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress import StressLaw
 from fenicsrom.scene import Scene
@@ -82,7 +79,7 @@ class ReactionTable:
             - self.centrifugal[:, None, :, 0]
             - factor @ self.loads.transpose(0, 2, 1)
         ).transpose(1, 0, 2)
-        change = np.tensordot(q, self.gradients[1:], axes=1)
+        change = np.asarray(np.tensordot(q, self.gradients[1:], axes=1), np.float64)
         stress = law.first_piola(self.gradients[0], change)
         count, d = self.centre.shape
         found = smooth[:, :count].copy()
@@ -146,36 +143,32 @@ def equilibrium_reactions(table: ReactionTable, scene: Scene) -> Reactions:
     return Reactions(support_names(scene), np.zeros(1), values, total)
 
 
-def motion_reactions(
-    table: ReactionTable, scene: Scene, model: ReducedModel, motion: Motion
-) -> Reactions:
-    """The reactions during the last period of a motion.
+def motion_reactions(table: ReactionTable, scene: Scene, model: Any, motion: Motion) -> Reactions:
+    """The mean reactions of each time step of the last period of a motion.
+
+    The mean of a step does not contain the oscillations from step to step of waves that the time
+    step does not resolve. The mean of the stresses is exact, by two Gauss points along the step;
+    that of the inertia is the change of momentum. With the discrete gradient these are the terms of
+    the balance that the step fulfils.
 
     Args:
         table: the table of the model.
         scene: the scene of the motion.
         model: the reduced model.
-        motion: its motion, with coordinates.
+        motion: its motion, with coordinates at two instants or more.
     """
     q, v, time = motion.coordinates, motion.velocity, motion.coordinate_time
     assert q is not None and v is not None and time is not None
-    factor = np.array([factors(model.load_histories, float(t)) for t in time])
-    factor = factor.reshape(time.size, len(scene.loads))
-    normal, friction = contact_forces(contacts_of(scene, model.points), motion)
-    force = (normal + friction)[-time.size :]
-    inertia = _inertia(model, q, v, factor, force)
-    values, total = table.evaluate(StressLaw.of(scene), q, v, inertia, factor)
+    middle, half = 0.5 * (q[1:] + q[:-1]), (q[1:] - q[:-1]) / (2.0 * np.sqrt(3.0))
+    velocity = 0.5 * (v[1:] + v[:-1])
+    inertia = np.diff(v, axis=0) / np.diff(time)[:, None] + model.damping * velocity
+    instant = np.array([factors(model.load_histories, float(t)) for t in time])
+    factor = 0.5 * (instant[1:] + instant[:-1]).reshape(time.size - 1, len(scene.loads))
+    law = StressLaw.of(scene)
+    ends = [
+        table.evaluate(law, middle + side * half, velocity, inertia, factor) for side in (-1.0, 1.0)
+    ]
+    values, total = (0.5 * (one + other) for one, other in zip(*ends, strict=True))
+    force = motion.mean_force[1 - time.size :]
     contact = np.einsum("kpi,pix->kx", force, model.points.frame)
-    return Reactions(support_names(scene), time, values, total + contact)
-
-
-def _inertia(model: ReducedModel, q: Array, v: Array, factor: Array, force: Array) -> Array:
-    """Accelerations plus α v (k, n) by the equations of motion of the reduced model.
-
-    The schemes do not all give the acceleration at the end of a step.
-    """
-    elastic = np.array([model.elastic_at(row)[0].copy() for row in q])
-    right = factor @ model.loads.T - elastic - force.reshape(q.shape[0], -1) @ model.contact_rows
-    if model.gyroscopic:
-        right -= v @ model.gyroscopic_matrix.T
-    return np.asarray(scipy.linalg.solve(model.mass, right.T, assume_a="pos").T)
+    return Reactions(support_names(scene), 0.5 * (time[1:] + time[:-1]), values, total + contact)

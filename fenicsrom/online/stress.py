@@ -207,7 +207,7 @@ class StressTable:
             q: (..., n) coordinates.
             measure: one of `MEASURES`.
         """
-        change = np.tensordot(q, self.gradients[1:], axes=1)
+        change = np.asarray(np.tensordot(q, self.gradients[1:], axes=1), np.float64)
         if measure == CAUCHY:
             return self.law.cauchy(self.gradients[0], change)
         return self.law.second_piola(self.gradients[0], change)
@@ -218,7 +218,7 @@ class StressTable:
         Args:
             direction: (..., n) directions in the coordinates.
         """
-        change = np.tensordot(direction, self.gradients[1:], axes=1)
+        change = np.asarray(np.tensordot(direction, self.gradients[1:], axes=1), np.float64)
         return self.law.modal(self.gradients[0], change)
 
     def at_vertices(self, values: Array) -> Array:
@@ -271,7 +271,7 @@ def von_mises(stress: Array) -> Array:
 
 def principal(stress: Array) -> Array:
     """Principal stresses (..., 3) of components (..., 6), the largest first."""
-    return np.linalg.eigvalsh(tensors(stress))[..., ::-1]
+    return np.asarray(np.linalg.eigvalsh(tensors(stress))[..., ::-1], np.float64)
 
 
 def _symmetric(gradient: Array) -> Array:

@@ -12,8 +12,10 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.measures import has_contact
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.reactions import Reactions
+from fenicsrom.online.reactions import Reactions, equilibrium_reactions, motion_reactions
+from fenicsrom.online.recovery import Recovery
 from fenicsrom.online.stress import StressTable, principal, von_mises
+from fenicsrom.scene import Scene
 
 CHUNK_BYTES = 50e6  # memory of the gradients of one block of instants
 
@@ -59,19 +61,48 @@ class Stresses:
         peaks: of the equilibrium, of the motion and at marked instants.
         modes: of the modes about the equilibrium.
         reactions: of the supports in the equilibrium.
-        motion_reactions: the same during the last period, or None.
+        motion_reactions: the same during the last period; None without a motion.
     """
 
     measure: str
     peaks: tuple[Peak, ...]
-    modes: tuple[Peak, ...] = ()
-    reactions: Reactions | None = None
-    motion_reactions: Reactions | None = None
+    modes: tuple[Peak, ...]
+    reactions: Reactions
+    motion_reactions: Reactions | None
 
     @property
     def largest(self) -> Peak:
         """The peak with the largest von Mises stress."""
         return max(self.peaks, key=lambda peak: peak.von_mises)
+
+
+def find_stresses(
+    recovery: Recovery, scene: Scene, model: object, motion: Motion | None, modes: int
+) -> Stresses:
+    """The stresses and reactions of the equilibrium, of the lowest modes and of a motion.
+
+    Args:
+        recovery: the tables of the model.
+        scene: the scene; its [output] gives the stress and the marked instants.
+        model: the model; its modes are found if it is a `ReducedModel`.
+        motion: its motion, or None. The stresses of a motion need its coordinates.
+        modes: number of modes.
+    """
+    table, measure = recovery.stress, scene.output.stresses
+    peaks = [equilibrium_peak(table, measure)]
+    moving = None
+    if motion is not None and motion.coordinates is not None:
+        fractions = scene.output.stress_fractions or ()
+        peaks += motion_peaks(table, motion, measure, fractions)
+        if motion.coordinates.shape[0] > 1:
+            moving = motion_reactions(recovery.reactions, scene, model, motion)
+    modal: tuple[Peak, ...] = ()
+    if isinstance(model, ReducedModel) and modes:
+        frequencies, vectors = reduced_modes(model, modes)
+        names = [f"mode {k + 1}" for k in range(frequencies.size)]
+        modal = modal_peaks(table, frequencies, vectors, names)
+    rest = equilibrium_reactions(recovery.reactions, scene)
+    return Stresses(measure, tuple(peaks), modal, rest, moving)
 
 
 def peak(

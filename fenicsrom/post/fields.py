@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_forces import contact_forces
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.surfaces import Contacts
+from fenicsrom.online.surfaces import Contacts, unit_normals
 from fenicsrom.post.vtk import write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
@@ -62,10 +61,16 @@ def contact_vectors(
     frames = np.zeros((points.frame.shape[0], d, 3))
     frames[:, :, :d] = points.frame
     contacts = contacts_of(scene, points) if contacts is None else contacts
-    normal, friction = contact_forces(contacts, motion)
+    normals = unit_normals(contacts, motion.displacement, motion.time)
+    normal = -motion.force[:, :, :1] * normals
+    # the forces are given in the frames of the current normals: rotate them back
+    friction = motion.force.copy()
+    friction[:, :, 0] = 0.0
+    across = np.sum(friction * normals, axis=2, keepdims=True)
+    friction -= across / (1.0 + normals[:, :, :1]) * (normals + np.eye(d)[0])
     moved, normal, friction = (
         np.einsum("spk,pkx->spx", values, frames)
-        for values in (motion.displacement, -normal, -friction)
+        for values in (motion.displacement, normal, -friction)
     )
     return contact_places(points) + moved, normal, friction
 

@@ -20,13 +20,15 @@ from fenicsrom.post.figures import (
     plot_points,
 )
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.rendering import animate, picture_modes
+from fenicsrom.post.rendering import animate, picture_modes, picture_stress
 from fenicsrom.post.writers import write_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
@@ -137,7 +139,7 @@ def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list
     if study.solid.comm.rank == 0:
         figure = plot_modes(list(fields), positions, values)
         pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
-    with _warnings_kept(study):
+    with _kept(study.warnings):
         bodies = picture_modes(folder / "shapes.png", space, fields)
     return pictures + ([("Shapes", bodies)] if bodies is not None else [])
 
@@ -151,15 +153,30 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     motion, solid = study.motions["reduced"], study.solid
     marks = contact_points(study, motion) if study.scene.contacts else None
     times = motion.time[frame_rows(motion)]
-    with _warnings_kept(study):
+    with _kept(study.warnings):
         film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
     return [("Animation", film)] if film is not None else []
 
 
+def write_stress_picture(
+    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with _kept(notes):
+        picture = picture_stress(
+            folder / "stress.png", recovery.stress, stresses.largest, stresses.measure
+        )
+    return [("Von Mises stress", picture)] if picture is not None else []
+
+
 @contextmanager
-def _warnings_kept(study: Study) -> Iterator[None]:
-    """Add Python warnings to the warnings of the study."""
+def _kept(notes: list[str]) -> Iterator[None]:
+    """Add Python warnings to a list."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    study.warnings.extend(str(warning.message) for warning in caught)
+    notes.extend(str(warning.message) for warning in caught)

@@ -12,6 +12,8 @@ from fenicsrom.reduction.selection import Selection
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
@@ -37,6 +39,8 @@ class Study:
             and the "basis", and of the "peak force by the time step".
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
+        recovery: tables of the stresses and reactions, if the scene asks for them.
+        stresses: the largest stresses, and the reactions.
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
         pictures: headings and files of the written pictures.
@@ -54,6 +58,8 @@ class Study:
     left_out: list[str] = field(default_factory=list)
     errors: dict[str, float] = field(default_factory=dict)
     deflection: Array | None = None
+    recovery: Recovery | None = None
+    stresses: Stresses | None = None
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[tuple[str, Path]] = field(default_factory=list)

@@ -8,6 +8,7 @@ from typing import Any
 
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.record import Study
 from fenicsrom.post.sentences import (
@@ -17,6 +18,15 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+)
+from fenicsrom.post.stress_tables import (
+    MEASURE_NAMES,
+    MODAL_NOTE,
+    RECOVERY_NOTE,
+    modal_rows,
+    reaction_note,
+    reaction_rows,
+    stress_rows,
 )
 from fenicsrom.post.summary import errors_of
 from fenicsrom.scene import Scene
@@ -35,6 +45,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
     sections = [
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
+        *_stresses(study.stresses),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
@@ -51,6 +62,7 @@ def write_rerun_report(
     pictures: Sequence[tuple[str, Path]],
     warnings: Sequence[str],
     folder: Path,
+    stresses: Stresses | None = None,
 ) -> Path:
     """Write the report of a motion of a stored model.
 
@@ -61,8 +73,24 @@ def write_rerun_report(
     sections: list[Section] = [
         ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
         *((heading, [path]) for heading, path in pictures),
+        *_stresses(stresses),
     ]
     return write_report(folder / REPORT, scene.title or scene.source, sections)
+
+
+def _stresses(stresses: Stresses | None) -> list[Section]:
+    """Compose the tables of stresses and reactions, if there are any."""
+    if stresses is None:
+        return []
+    name = MEASURE_NAMES[stresses.measure]
+    tables: list[Any] = [f"Von Mises and principal values of the {name}."]
+    tables += [stress_rows(stresses.peaks), RECOVERY_NOTE]
+    if stresses.modes:
+        tables += [modal_rows(stresses.modes), MODAL_NOTE]
+    return [
+        ("Stresses", tables),
+        ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
+    ]
 
 
 def _results(study: Study) -> list[Any]:

@@ -16,11 +16,13 @@ from fenicsrom.online.measures import (
     search_summary,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene
 
@@ -124,10 +126,13 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
     )
 
 
-def rerun_sentences(motion: Motion, points: ContactPoints) -> list[str]:
+def rerun_sentences(
+    motion: Motion, points: ContactPoints, stresses: Stresses | None = None
+) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
     found = [resumed_sentence(motion), periodic_sentence(motion)]
-    return [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    listed = [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    return listed + ([] if stresses is None else stress_sentences(stresses))
 
 
 def resumed_sentence(motion: Motion) -> str | None:
@@ -214,6 +219,8 @@ def study_sentences(study: Study) -> list[str]:
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     found.append(speed_sentence(study.motions))
+    if study.stresses is not None:
+        found += stress_sentences(study.stresses)
     return [sentence for sentence in found if sentence]
 
 

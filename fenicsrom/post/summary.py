@@ -20,8 +20,10 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.fields import contact_places
 from fenicsrom.post.record import Study
+from fenicsrom.post.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.writers import write_arrays, write_summary
 from fenicsrom.scene import Scene
 
@@ -57,6 +59,8 @@ def summary(study: Study) -> dict[str, Any]:
     found["estimated_error_percent"] = {
         name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
     }
+    if study.stresses is not None:
+        found |= stress_summary(study.stresses)
     if study.unfinished:
         found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.warnings
@@ -65,7 +69,11 @@ def summary(study: Study) -> dict[str, Any]:
 
 
 def rerun_summary(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str]
+    stored: StoredModel,
+    scene: Scene,
+    motion: Motion,
+    warnings: list[str],
+    stresses: Stresses | None = None,
 ) -> dict[str, Any]:
     """Collect the contents of `summary.json` for a motion of a stored model."""
     return {
@@ -80,6 +88,7 @@ def rerun_summary(
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
+        **({} if stresses is None else stress_summary(stresses)),
         "warnings": warnings,
         "provenance": stored.provenance,
     }
@@ -147,11 +156,12 @@ def stored_model(study: Study) -> StoredModel:
         study.solid.free,
         study.modes.frequencies_hz,
         provenance(),
+        study.recovery,
     )
 
 
 def write_numbers(study: Study, folder: Path) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz`, as far as the study has them.
+    """Write the summary, the history, the checkpoint and the stresses that the study has.
 
     Raises:
         OSError: a file cannot be written.
@@ -162,19 +172,27 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
         files += write_checkpoint(folder, study.model, study.scene, motion)
+    if study.stresses is not None:
+        files += write_stresses(study.stresses, folder)
     return files
 
 
 def write_rerun_numbers(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str], folder: Path
+    stored: StoredModel,
+    scene: Scene,
+    motion: Motion,
+    warnings: list[str],
+    folder: Path,
+    stresses: Stresses | None = None,
 ) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
+    """Write the summary, the history, the checkpoint and the stresses of a stored model.
 
     Raises:
         OSError: a file cannot be written.
     """
     return [
-        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion, warnings)),
+        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion, warnings, stresses)),
         write_history(folder / HISTORY, {"reduced": motion}),
         *write_checkpoint(folder, stored.model, scene, motion),
+        *(() if stresses is None else write_stresses(stresses, folder)),
     ]

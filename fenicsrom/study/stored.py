@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.scene import Scene
 
 
@@ -26,12 +27,15 @@ class Rerun:
         unfinished: the error of the integration or of a check, or None.
         warnings: warnings for the user.
         files: the written files.
+        stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
+            or the model does not have them.
     """
 
     motion: Motion
     unfinished: ConvergenceError | AccuracyError | None
     warnings: list[str]
     files: list[Path]
+    stresses: Stresses | None = None
 
 
 def rerun(
@@ -75,8 +79,32 @@ def rerun(
         stop_where_asked(stop)
         with watch("checks"):
             unfinished = rejection_reason(model, scene, motion)
-    files = _write(stored, scene, motion, warnings, folder, watch, stop)
-    return Rerun(motion, unfinished, warnings, files)
+    stresses = _stresses(stored, model, scene, motion, warnings, watch)
+    files = _write(stored, scene, motion, warnings, folder, watch, stop, stresses)
+    return Rerun(motion, unfinished, warnings, files, stresses)
+
+
+def _stresses(
+    stored: StoredModel,
+    model: Any,
+    scene: Scene,
+    motion: Motion,
+    warnings: list[str],
+    watch: Stopwatch,
+) -> Stresses | None:
+    """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    from fenicsrom.online.stress_peaks import find_stresses
+
+    if scene.output.stresses == "none":
+        return None
+    if stored.recovery is None:
+        warnings.append(
+            "the stored model has no stresses: it was made from a scene with output.stresses = "
+            '"none"; run that scene again with another value'
+        )
+        return None
+    with watch("stresses"):
+        return find_stresses(stored.recovery, scene, model, motion, stored.frequencies_hz.size)
 
 
 def _integrate(
@@ -101,6 +129,7 @@ def _integrate(
             model,
             scene,
             resume=begin,
+            keep_coordinates=scene.output.stresses != "none",
             checkpoint=keeper(folder / CHECKPOINT, model, scene),
             progress=watch.progress("reduced", scene.time.steady_tolerance),
             stop=stop,
@@ -120,18 +149,24 @@ def _write(
     folder: Path,
     watch: Stopwatch,
     stop: Callable[[], bool],
+    stresses: Stresses | None,
 ) -> list[Path]:
     """Write the numbers, the pictures and the report; give the written files.
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
+    from fenicsrom.post.pictures import (
+        motion_pictures,
+        not_drawn,
+        write_motion_pictures,
+        write_stress_picture,
+    )
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(stored, scene, motion, warnings, folder)
+        files = write_rerun_numbers(stored, scene, motion, warnings, folder, stresses)
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
     sentence = not_drawn([picture.name for picture in pictures])
@@ -139,5 +174,8 @@ def _write(
         warnings.append(sentence)
     with watch("pictures"):
         written = write_motion_pictures([] if sentence else pictures, folder)
-    report = write_rerun_report(stored, scene, motion, written, warnings, folder)
+        if stresses is not None and scene.output.pictures:
+            assert stored.recovery is not None
+            written += write_stress_picture(stored.recovery, stresses, folder, warnings)
+    report = write_rerun_report(stored, scene, motion, written, warnings, folder, stresses)
     return [report, *files, *(path for _, path in written)]

@@ -43,6 +43,18 @@ def pictures(run: Run) -> None:
     run.study.pictures += write_pictures(run.study, _output(run))
 
 
+def stress_picture(run: Run) -> None:
+    """Draw the largest von Mises stress."""
+    from fenicsrom.post.pictures import write_stress_picture
+
+    study = run.study
+    if run.comm.rank == 0 and study.stresses is not None:
+        assert study.recovery is not None
+        study.pictures += write_stress_picture(
+            study.recovery, study.stresses, _output(run), study.warnings
+        )
+
+
 def animation(run: Run) -> None:
     """Animate the last period of the reduced model."""
     from fenicsrom.post.pictures import write_animation

@@ -148,7 +148,7 @@ def test_written_points_are_series_of_point_sets(tmp_path):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
                 vtk,
-                "_write_series",
+                "write_series",
                 lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
             )
             vtk.write_points(tmp_path, "points", times[:1], points, {})
