@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import basix
 import numpy as np
+import numpy.typing as npt
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.elasticity import ElasticBody
@@ -82,3 +85,48 @@ def _extrapolation(cell: basix.CellType, degree: int, points: Array) -> Array:
     at_points = element.tabulate(0, points)[0, :, :, 0]
     at_corners = element.tabulate(0, corners)[0, :, :, 0]
     return np.asarray(at_corners @ np.linalg.inv(at_points))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPart:
+    """The part of a table that belongs to the cells of this rank.
+
+    Attributes:
+        cells: its cells in the table.
+        nodes: (cells, k) local nodes of the displacement space in each cell.
+        shapes: (k, v) linear shape functions of the vertices at the nodes.
+        count: number of local nodes, ghosts included.
+    """
+
+    cells: slice
+    nodes: npt.NDArray[np.int32]
+    shapes: Array
+    count: int
+
+    def at_nodes(self, table: StressTable, values: Array) -> Array:
+        """Values (count, m) at the nodes of this rank from values (N, m) at the vertices.
+
+        They are linear between the vertices; nodes of other ranks stay zero.
+        """
+        found = np.zeros((self.count, values.shape[1]))
+        found[self.nodes] = self.shapes @ values[table.cells[self.cells]]
+        return found
+
+
+def local_part(solid: ElasticBody) -> LocalPart:
+    """Find the part of the table that belongs to this rank. Collective."""
+    dofmap = solid.space.dofmap
+    counts = solid.comm.allgather(solid.owned_cells().size)
+    first = sum(counts[: solid.comm.rank])
+    own = counts[solid.comm.rank]
+    cell = solid.mesh.domain.basix_cell()
+    linear = basix.create_element(basix.ElementFamily.P, cell, 1, basix.LagrangeVariant.gll_warped)
+    nodes = np.asarray(solid.space.element.basix_element.points)
+    at_nodes = linear.tabulate(0, nodes)[0, :, :, 0]
+    index_map = dofmap.index_map
+    return LocalPart(
+        slice(first, first + own),
+        np.asarray(dofmap.list[:own]),
+        np.asarray(at_nodes),
+        index_map.size_local + index_map.num_ghosts,
+    )

@@ -100,6 +100,27 @@ def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
     return grid, mean
 
 
+# Dimension of the cells and number of their corners -> VTK's type of the linear cell, and the
+# corners in the order of VTK.
+LINEAR_CELLS: dict[tuple[int, int], tuple[int, tuple[int, ...]]] = {
+    (1, 2): (3, (0, 1)),
+    (2, 3): (5, (0, 1, 2)),
+    (2, 4): (9, (0, 1, 3, 2)),
+}
+
+
+def linear_grid(points: Values, cells: Values, dimension: int) -> Grid:
+    """The grid of lines or faces whose corners are in the order of dolfinx.
+
+    Args:
+        points: (n_points, d) m.
+        cells: (n_cells, corners) point numbers.
+        dimension: dimension of the cells, 1 or 2.
+    """
+    cell_type, order = LINEAR_CELLS[dimension, cells.shape[1]]
+    return Grid(in_space(points), cells[:, order], cell_type)
+
+
 def in_space(vectors: Values) -> Values:
     """Vectors (..., 3) from vectors (..., d), with zeros in 2D."""
     found = np.zeros((*vectors.shape[:-1], 3))

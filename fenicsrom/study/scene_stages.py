@@ -141,6 +141,14 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         Stage("numbers", True, "every run", writing.numbers, writes=True),
         wanted("ParaView modes", "paraview", shapes or is_loaded(scene), writing.paraview_modes),
         wanted("ParaView motion", "motion", moving, writing.paraview_motion),
+        Stage(
+            "ParaView scene",
+            (output.paraview and (shapes or is_loaded(scene))) or (output.motion and moving),
+            f"output.paraview is {toml_text(output.paraview)}, "
+            f"output.motion is {toml_text(output.motion)}",
+            writing.paraview_scene,
+            writes=True,
+        ),
         wanted("pictures", "pictures", shapes, writing.pictures),
         Stage(
             "stress picture",

@@ -36,6 +36,25 @@ def paraview_motion(run: Run) -> None:
         run.study.files += write_last_period(run.study, _output(run))
 
 
+def paraview_scene(run: Run) -> None:
+    """Write the groups and the rigid surfaces, and the file that opens all ParaView files."""
+    import numpy as np
+
+    from fenicsrom.post.fields import frame_rows
+    from fenicsrom.post.paraview import write_groups, write_index
+    from fenicsrom.post.surface_mesh import write_surfaces
+
+    study, folder = run.study, _output(run)
+    study.files += write_groups(study.solid, folder)
+    if run.comm.rank != 0:
+        return
+    motion = study.motions.get("reduced") if study.scene.output.motion else None
+    times = motion.time[frame_rows(motion)] if motion is not None else np.zeros(1)
+    if study.scene.contacts:
+        study.files += write_surfaces(folder, study.scene, study.solid.points, times)
+    study.files += write_index(folder, study.files)
+
+
 def pictures(run: Run) -> None:
     """Draw the motions and the shapes."""
     from fenicsrom.post.pictures import write_pictures
