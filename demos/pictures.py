@@ -196,7 +196,7 @@ def modes_picture(folder: Path) -> Figure:
     summary = json.loads((folder / "summary.json").read_text())
     span = np.ptp(np.asarray(grid.points), axis=0).max()
     figure = plt.figure(figsize=(6.4, 1.9))
-    labels = [name for name in grid.point_data if name.endswith("V")][:4]
+    labels = [name for name in grid.point_data if "_Hz_" in name][:4]
     for k, label in enumerate(labels):
         axes = figure.add_axes((0.25 * k, 0.0, 0.25, 0.88), projection="3d", computed_zorder=False)
         vectors = np.asarray(grid[label], float)
@@ -207,7 +207,7 @@ def modes_picture(folder: Path) -> Figure:
         draw_skin(axes, moved, size, size.max())
         frame_view(axes, np.concatenate([still.reshape(-1, 3), moved.reshape(-1, 3)]), 25, -35, 1.1)
         hertz = summary["frequencies_hz"][k]
-        figure.text(0.25 * k + 0.125, 0.9, f"{label}   {hertz:.1f} Hz", ha="center")
+        figure.text(0.25 * k + 0.125, 0.9, f"{label.split('_')[0]}   {hertz:.1f} Hz", ha="center")
     return figure
 
 

@@ -78,6 +78,7 @@ def draw_stress() -> None:
     largest = float(np.linalg.norm(vectors, axis=1).max())
     factor = magnification(largest, float(np.ptp(np.asarray(grid.points), axis=0).max()))
     camera = Camera(grid, margin=factor * largest)
+    camera.face(grid, int(np.argmax(stress)))
     peak = float(stress.max()) or 1.0
     camera.show(grid, vectors, factor, largest or 1.0, (stress / peak, "turbo"))
     place = np.asarray(grid.points)[int(np.argmax(stress))]
@@ -166,6 +167,21 @@ class Camera:
         self._outline = undeformed.extract_feature_edges(
             feature_angle=40.0, manifold_edges=False, non_manifold_edges=False
         )
+
+    def face(self, grid: Any, node: int) -> None:
+        """Look from a side from which a node of the grid is seen, if it is on the boundary."""
+        if self._flat:
+            return
+        surface = grid.extract_surface(nonlinear_subdivision=0)
+        surface = surface.compute_normals(
+            cell_normals=False, split_vertices=False, auto_orient_normals=True
+        )
+        place = np.asarray(grid.points)[node]
+        normal = np.asarray(surface.point_data["Normals"])[surface.find_closest_point(place)]
+        if normal @ self.towards < 0.0:
+            across = self.towards - (self.towards @ self._up) * self._up
+            turned = [self.towards - 2.0 * across, self.towards * np.where(self._up, -1.0, 1.0)]
+            self.towards = max([-self.towards, *turned], key=lambda side: float(normal @ side))
 
     def show(
         self,

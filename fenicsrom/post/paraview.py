@@ -35,7 +35,7 @@ CONTACT_NAMES = {
     "normal force": "normal_force_N",
     "normal force vector": "normal_force_vector_N",
     "friction force vector": "friction_force_vector_N",
-    "state": "state_open_-1_slip_0_stick_1",
+    "state": "contact_state",
 }
 NORMALISATION = {
     "normal_modes": (
