@@ -31,6 +31,7 @@ import numpy as np
 from fenicsrom.assess.axes import AXES, Case, cases_of
 from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
 from fenicsrom.assess.scales import scales_of
+from fenicsrom.assess.unsteady import why_unsteady
 from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.energy import check_energy, friction_gains_energy
@@ -233,7 +234,10 @@ def _examine(
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
-    return verdict_of(motion, fine, numbers)
+    verdict, why = verdict_of(motion, fine, numbers)
+    if verdict is Verdict.UNSTEADY and not has_settled(motion):
+        why = why_unsteady(model, scene, motion)
+    return verdict, why
 
 
 def _own_basis_error(
@@ -281,7 +285,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with half the step the motion differs by {error:.0%}"
-        return Verdict.UNSTEADY, _why_unsteady(motion)
+        return Verdict.UNSTEADY, f"the motion does not repeat after {motion.periods} periods"
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
@@ -304,20 +308,6 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
         ),
     }
     return Verdict.CONVERGED, "; ".join(remark for remark, holds in remarks.items() if holds)
-
-
-def _why_unsteady(motion: Motion) -> str:
-    """What a motion that does not repeat does instead, and what Newton's method found of it."""
-    found = f"the motion does not repeat after {motion.periods} periods"
-    search = motion.search
-    if search is None:
-        return found
-    if search.verdict == "not found":
-        return f"{found}; Newton's method found no periodic motion"
-    multiplier = f"largest multiplier {abs(search.multipliers[0]):.3g}"
-    if search.verdict == "stable":
-        return f"{found}; a stable periodic motion exists ({multiplier}), but it is not reached"
-    return f"{found}; the periodic motion is unstable ({search.verdict}, {multiplier})"
 
 
 # ---------------------------------------------------------------------- all runs
