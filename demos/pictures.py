@@ -263,7 +263,9 @@ def paraview_picture(folder: Path) -> Figure:
     plotter = pv.Plotter(off_screen=True, window_size=[1500, 700])
     plotter.set_background("white")
     plotter.add_mesh(blocks["surface_1"], color="#B8BDC2", opacity=0.35)
-    body = blocks["motion"].warp_by_vector("displacement_m").extract_surface(nonlinear_subdivision=3)
+    body = (
+        blocks["motion"].warp_by_vector("displacement_m").extract_surface(nonlinear_subdivision=3)
+    )
     bar = {"title": "von_mises_Pa", "color": "black", "vertical": True, "fmt": "%.3g"}
     plotter.add_mesh(body, scalars="von_mises_Pa", cmap="turbo", scalar_bar_args=bar)
     cloud = blocks["contact_points"].warp_by_vector("displacement_m")

@@ -116,12 +116,20 @@ class Reactions:
 
     @property
     def mismatch(self) -> float:
-        """Largest difference of the two sums of forces, relative to the largest of the second."""
+        """Largest difference of the two sums of forces, relative to their largest change.
+
+        The change is that from the mean, which static loads and the centrifugal force dominate;
+        where nothing changes, the difference is relative to the force itself.
+        """
         d = self.by_momentum.shape[1]
         difference = self.values[:, :, :d].sum(axis=1) - self.by_momentum
-        size = float(np.linalg.norm(self.by_momentum, axis=1).max(initial=0.0))
         worst = float(np.linalg.norm(difference, axis=1).max(initial=0.0))
-        return worst / size if size > 0.0 else float(worst > 0.0)
+        changes = self.by_momentum - self.by_momentum.mean(axis=0)
+        for forces in (changes, self.by_momentum):
+            size = float(np.linalg.norm(forces, axis=1).max(initial=0.0))
+            if size > 0.0:
+                return worst / size
+        return float(worst > 0.0)
 
 
 def support_names(scene: Scene) -> tuple[str, ...]:

@@ -32,6 +32,7 @@ MODAL_NOTE = (
     "equilibrium, for a largest displacement of 1 mm of a vertex."
 )
 MPA = 1e-6
+ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
 PER_MM = 1e-3
 
 
@@ -136,7 +137,7 @@ def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
             "von Mises MPa",
             "at m",
             "principal MPa",
-            "von Mises at a Gauss point MPa",
+            "at a Gauss point MPa",
         ]
     ]
     for peak in peaks:
@@ -155,9 +156,7 @@ def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
 
 def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
     """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
-    rows: list[list[Any]] = [
-        ["mode", "Hz", "von Mises MPa/mm", "at m", "von Mises at a Gauss point MPa/mm"]
-    ]
+    rows: list[list[Any]] = [["mode", "Hz", "von Mises MPa/mm", "at m", "at a Gauss point MPa/mm"]]
     scale = MPA * PER_MM
     for peak in peaks:
         rows.append(
@@ -175,15 +174,9 @@ def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
 def reaction_rows(stresses: Stresses) -> list[list[Any]]:
     """The table of the reactions for the report: the equilibrium and the largest force."""
     first = stresses.reactions
-    names = [name.rpartition("_") for name in first.components]
-    rows: list[list[Any]] = [
-        [
-            "state",
-            "t s",
-            "support",
-            *(f"{name.replace('_', ' ')} {unit}" for name, _, unit in names),
-        ]
-    ]
+    names = [name.split("_") for name in first.components]
+    heads = [f"{kind[0].upper()}{axis} {unit}" for kind, axis, unit in names]
+    rows: list[list[Any]] = [["state", "t s", "support", *heads]]
     listed = [("equilibrium", first, 0)]
     moving = stresses.motion_reactions
     if moving is not None:
@@ -191,26 +184,26 @@ def reaction_rows(stresses: Stresses) -> list[list[Any]]:
     for state, reactions, row in listed:
         time = None if state == "equilibrium" else f"{reactions.time[row]:.6g}"
         for k, name in enumerate(reactions.supports):
-            rows.append([state, time, name, *(float(x) for x in reactions.values[row, k])])
-        total = [float(x) for x in reactions.by_momentum[row]]
+            rows.append([state, time, name, *_without_rounding(reactions.values[row, k])])
+        total = _without_rounding(reactions.by_momentum[row])
         rest = [None] * (len(first.components) - len(total))
-        rows.append([state, time, "all, by momentum", *total, *rest])
+        rows.append([state, time, "by momentum", *total, *rest])
     return rows
 
 
 def reaction_note(stresses: Stresses) -> str:
     """Say what the reactions are, and how well the stresses agree with the momentum."""
     text = (
-        "Reactions are the forces of a support on the body, and the moments about the centroid of "
-        "its nodes, from the stresses in the cells at the support, inertia and loads. The forces "
-        "by momentum are those that the motion of the whole body needs."
+        "Reactions are the forces F of a support on the body, and the moments M about the centroid "
+        "of its nodes, from the stresses in the cells at the support, inertia and loads. The "
+        "forces by momentum are those that the motion of the whole body needs."
     )
     if stresses.motion_reactions is None:
         return text
     return (
         f"{text} During the last period the two differ by at most "
-        f"{100.0 * stresses.motion_reactions.mismatch:.2g} % of the largest force: what the basis "
-        "does not resolve at the support. Trust the forces by momentum."
+        f"{100.0 * stresses.motion_reactions.mismatch:.2g} % of the largest change of the force: "
+        "what the basis does not resolve at the support. Trust the forces by momentum."
     )
 
 
@@ -218,6 +211,8 @@ def stress_sentences(stresses: Stresses) -> list[str]:
     """State the largest stress and the reactions in the terminal."""
     found = []
     for peak in stresses.peaks[:2]:
+        if peak.von_mises == 0.0:
+            continue  # the equilibrium without static loads
         when = "" if peak.time is None else f", t = {peak.time:.6g} s"
         found.append(
             f"Von Mises stress ({MEASURE_NAMES[stresses.measure]}), {peak.state}: "
@@ -230,6 +225,12 @@ def stress_sentences(stresses: Stresses) -> list[str]:
 def place_text(position: Array) -> str:
     """A place as text, in m."""
     return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
+
+
+def _without_rounding(values: Array) -> list[str]:
+    """The numbers of a row as text; those below `ROUNDING` of the largest are zero."""
+    small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
+    return [f"{value:.6g}" for value in np.where(small, 0.0, values)]
 
 
 def _largest(reactions: Reactions) -> int:
