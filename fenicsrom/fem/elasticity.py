@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
@@ -265,8 +266,10 @@ class ElasticBody:
         """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
         domain = self.mesh.domain
         points, _ = basix.make_quadrature(domain.basix_cell(), degree)
-        place = fem.Expression(ufl.SpatialCoordinate(domain), points)
-        return np.asarray(place.eval(domain, self.owned_cells())).reshape(-1, self.dimension)
+        place, cells = fem.Expression(ufl.SpatialCoordinate(domain), points), self.owned_cells()
+        if not cells.size:
+            return np.zeros((0, self.dimension))
+        return np.asarray(place.eval(domain, cells)).reshape(-1, self.dimension)
 
     def tabulate(
         self,
@@ -275,7 +278,9 @@ class ElasticBody:
         degree: int = QUADRATURE_DEGREE,
         cells: npt.NDArray[np.int32] | None = None,
     ) -> Iterator[tuple[Array, Array]]:
-        """Tabulate displacement gradients at the quadrature points, in chunks of cells.
+        """Tabulate displacement gradients at the quadrature points, in chunks of cells. Collective.
+
+        All ranks must take all chunks; a rank may have fewer of them than another, or none.
 
         Args:
             fields: (local, n) displacement fields.
@@ -294,14 +299,18 @@ class ElasticBody:
         n = fields.shape[1]
         columns = 1 + n + n * (n + 1) // 2
         chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
-        for start in range(0, cells.size, chunk):
+        # every rank sets the fields equally often, because their ghost values are exchanged
+        parts = self.comm.allreduce(-(-cells.size // chunk), op=MPI.MAX)
+        for start in range(0, parts * chunk, chunk):
             part = cells[start : start + chunk]
-            detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
             gradients = np.empty((part.size * weights.size, 1 + n, d, d))
             for k in range(1 + n):
                 self._set(self._x, about if k == 0 else fields[:, k - 1])
-                gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
-            yield (self.thickness * detj * weights).reshape(-1), gradients
+                if part.size:
+                    gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            if part.size:
+                detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+                yield (self.thickness * detj * weights).reshape(-1), gradients
 
 
 def lame_parameters(material: Material, plane: str | None) -> tuple[float, float]:

@@ -33,12 +33,13 @@ def stress_table(
     simplex = cell in (basix.CellType.triangle, basix.CellType.tetrahedron)
     rule = 2 * (degree - 1) if simplex else 2 * degree - 1
     chunks = list(solid.tabulate(vectors, equilibrium, rule))
-    volume = np.concatenate([weights for weights, _ in chunks])
-    gradients = np.concatenate([values for _, values in chunks]).swapaxes(0, 1)
+    d, n = solid.dimension, vectors.shape[1]
+    volume = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
+    none = np.zeros((0, 1 + n, d, d))
+    gradients = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
     nodes = _vertex_nodes(solid)
     used, cells = np.unique(nodes, return_inverse=True)
     columns = [solid.field(column).x.array for column in (equilibrium, *vectors.T)]
-    d = solid.dimension
     moved = np.array([column.reshape(-1, d)[used] for column in columns])
     names = solid.space.dofmap.index_map.local_to_global(used.astype(np.int32))
     every = solid.comm.allgather(names)

@@ -261,7 +261,10 @@ from support import STOCKY, beam_scene, make_solid
 from fenicsrom.fem.reaction_rows import reaction_table
 from fenicsrom.fem.stress_points import local_part, stress_table
 push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e5}
-scene = beam_scene(2, STOCKY, loads=[push], contacts=None)
+# twelve elements: only one rank has cells at the root
+scene = beam_scene(
+    2, (*STOCKY, "geometry.parameters.elements_along=12"), loads=[push], contacts=None
+)
 solid = make_solid(scene)
 x = solid.space.tabulate_dof_coordinates()[: solid.local // 2, :2]
 vectors = np.stack([x**2, np.sin(x)], axis=-1).reshape(-1, 2)
