@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
@@ -29,7 +29,7 @@ from fenicsrom.post.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_heading
 
 REPORT = "report.html"
 
@@ -49,9 +49,8 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
-        ("Versions", [_versions()]),
     ]
-    title = study.scene.title or study.scene.source
+    title = scene_heading(study.scene)
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
@@ -69,13 +68,13 @@ def write_rerun_report(
     Raises:
         OSError: the file cannot be written.
     """
-    rows = response_rows({"reduced": motion}, {"reduced": stored.size})
+    rows = response_rows({"reduced": motion}, {"reduced": stored.size}, scene)
     sections: list[Section] = [
         ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
         *((heading, [path]) for heading, path in pictures),
         *_stresses(stresses),
     ]
-    return write_report(folder / REPORT, scene.title or scene.source, sections)
+    return write_report(folder / REPORT, scene_heading(scene), sections)
 
 
 def _stresses(stresses: Stresses | None) -> list[Section]:
@@ -97,7 +96,7 @@ def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
     if study.motions:
-        found += [response_rows(study.motions, study.sizes), RESPONSE_NOTE]
+        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.deflection is not None:
@@ -155,9 +154,3 @@ def _seconds(study: Study) -> list[list[str]]:
 def _left_out(study: Study) -> list[list[str]]:
     """Compose the table of what was not computed."""
     return [["stage", "reason"], *[line.split(": ", 1) for line in study.left_out]]
-
-
-def _versions() -> str:
-    """List the versions of the program and its libraries."""
-    made = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    return made or "this program, not installed as a package"

@@ -25,6 +25,7 @@ from fenicsrom.post.vtk_files import (
     write_vtp,
     write_vtu,
 )
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
@@ -124,7 +125,7 @@ def write_motion(
     path = Path(folder) / name
     with atomic_folder(path, comm) as temporary:
         entries = []
-        for number, time in enumerate(times):
+        for number, time in enumerate(tracked(times)):
             attached = attach(number)
             arrays = _arrays(grid, space, {label: frame(number)}, attached)
             file = f"{name}_{number:05d}"

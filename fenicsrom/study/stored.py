@@ -79,7 +79,9 @@ def rerun(
         stop_where_asked(stop)
         with watch("checks"):
             unfinished = rejection_reason(model, scene, motion)
-    stresses = _stresses(stored, model, scene, motion, warnings, watch)
+    stresses = None
+    if unfinished is None:
+        stresses = _stresses(stored, model, scene, motion, warnings, watch)
     files = _write(stored, scene, motion, warnings, folder, watch, stop, stresses)
     return Rerun(motion, unfinished, warnings, files, stresses)
 
@@ -155,12 +157,7 @@ def _write(
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import (
-        motion_pictures,
-        not_drawn,
-        write_motion_pictures,
-        write_stress_picture,
-    )
+    from fenicsrom.post.pictures import draw_pictures, motion_pictures, write_stress_picture
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
@@ -169,11 +166,8 @@ def _write(
         files = write_rerun_numbers(stored, scene, motion, warnings, folder, stresses)
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
-    sentence = not_drawn([picture.name for picture in pictures])
-    if sentence:
-        warnings.append(sentence)
     with watch("pictures"):
-        written = write_motion_pictures([] if sentence else pictures, folder)
+        written = draw_pictures(pictures, folder, warnings)
         if stresses is not None and scene.output.pictures:
             assert stored.recovery is not None
             written += write_stress_picture(stored.recovery, stresses, folder, warnings)
