@@ -26,8 +26,10 @@ from typing import Any
 import basix.ufl
 import dolfinx.fem.petsc
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
@@ -256,32 +258,61 @@ class ElasticBody:
         self._set(self._y, y)
         return self._vector(self._derivative_form)
 
-    def tabulate(self, fields: Array, about: Array) -> Iterator[tuple[Array, Array]]:
-        """Tabulate displacement gradients at the quadrature points, in chunks of owned cells.
+    def owned_cells(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the cells that this rank owns."""
+        topology = self.mesh.domain.topology
+        return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+
+    def quadrature_points(self, degree: int) -> Array:
+        """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
+        domain = self.mesh.domain
+        points, _ = basix.make_quadrature(domain.basix_cell(), degree)
+        place, cells = fem.Expression(ufl.SpatialCoordinate(domain), points), self.owned_cells()
+        if not cells.size:
+            return np.zeros((0, self.dimension))
+        return np.asarray(place.eval(domain, cells)).reshape(-1, self.dimension)
+
+    def tabulate(
+        self,
+        fields: Array,
+        about: Array,
+        degree: int | None = None,
+        cells: npt.NDArray[np.int32] | None = None,
+    ) -> Iterator[tuple[Array, Array]]:
+        """Tabulate displacement gradients at the quadrature points, in chunks of cells. Collective.
+
+        All ranks must take all chunks; a rank may have fewer of them than another, or none.
 
         Args:
             fields: (local, n) displacement fields.
             about: (local,) one more displacement, which comes first.
+            degree: degree of the quadrature rule; by default that of the forms.
+            cells: local numbers of the cells; by default all that this rank owns.
 
         Yields:
             Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
         """
         domain, d = self.mesh.domain, self.dimension
-        points, weights = basix.make_quadrature(domain.basix_cell(), self.quadrature_degree)
+        degree = self.quadrature_degree if degree is None else degree
+        points, weights = basix.make_quadrature(domain.basix_cell(), degree)
         gradient = fem.Expression(ufl.grad(self._x), points)
         volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
-        cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+        cells = self.owned_cells() if cells is None else cells
         n = fields.shape[1]
         columns = 1 + n + n * (n + 1) // 2
         chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
-        for start in range(0, cells.size, chunk):
+        # every rank sets the fields equally often, because their ghost values are exchanged
+        parts = self.comm.allreduce(-(-cells.size // chunk), op=MPI.MAX)
+        for start in range(0, parts * chunk, chunk):
             part = cells[start : start + chunk]
-            detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
             gradients = np.empty((part.size * weights.size, 1 + n, d, d))
             for k in range(1 + n):
                 self._set(self._x, about if k == 0 else fields[:, k - 1])
-                gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
-            yield (self.thickness * detj * weights).reshape(-1), gradients
+                if part.size:
+                    gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            if part.size:
+                detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+                yield (self.thickness * detj * weights).reshape(-1), gradients
 
 
 def lame_parameters(material: Material, plane: str | None) -> tuple[float, float]:

@@ -25,6 +25,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
     ==================== ============ ========== ================================================
 
+A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
+
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
 
@@ -48,6 +50,7 @@ from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
@@ -76,6 +79,7 @@ class StoredModel:
         dofs: number of free unknowns of the solid.
         frequencies_hz: (v,) natural frequencies of the normal modes.
         provenance: versions of the programs that made it, by name.
+        recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
     """
 
     model: ReducedModel
@@ -85,6 +89,7 @@ class StoredModel:
     dofs: int
     frequencies_hz: Array
     provenance: dict[str, str]
+    recovery: Recovery | None = None
 
     @property
     def size(self) -> int:
@@ -192,6 +197,7 @@ def save_model(path: Path, stored: StoredModel) -> None:
         "probe": model.probe,
         "probe_offset": model.probe_offset,
         "gyroscopic_matrix": model.gyroscopic_matrix,
+        **recovery_arrays(stored.recovery),
     }
     write_archive(path, header, arrays)
 
@@ -235,6 +241,10 @@ def _assemble(
             raise _damaged(path, f"{name} is not {word}")
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
         raise _damaged(path, "mass or damping is not positive")
+    try:
+        recovery = read_recovery(data, scene, len(labels))
+    except ValueError as error:
+        raise _damaged(path, str(error)) from None
     model = reduced_model(
         data["mass"],
         float(data["damping"]),
@@ -256,6 +266,7 @@ def _assemble(
         int(header["dofs"]),
         data["frequencies_hz"],
         {str(name): str(number) for name, number in header["provenance"].items()},
+        recovery,
     )
 
 

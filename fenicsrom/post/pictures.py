@@ -20,7 +20,7 @@ from fenicsrom.post.figures import (
     plot_points,
 )
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.rendering import animate, picture_modes
+from fenicsrom.post.rendering import animate, picture_modes, picture_stress
 from fenicsrom.post.writers import write_figure
 from fenicsrom.progress import tracked
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
@@ -172,7 +174,7 @@ def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list
         )
         pictures = draw_pictures([along], folder, study.warnings)
     bodies = None
-    with softly("shapes.png", study.warnings), _warnings_kept(study):
+    with softly("shapes.png", study.warnings), _kept(study.warnings):
         bodies = picture_modes(folder / "shapes.png", space, fields)
     return pictures + ([("Shapes", bodies)] if bodies is not None else [])
 
@@ -187,15 +189,31 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     marks = contact_points(study, motion) if study.scene.contacts else None
     times = motion.time[frame_rows(motion)]
     film = None
-    with softly("motion.gif", study.warnings), _warnings_kept(study):
+    with softly("motion.gif", study.warnings), _kept(study.warnings):
         film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
     return [("Animation", film)] if film is not None else []
 
 
+def write_stress_picture(
+    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    picture = None
+    with softly("stress.png", notes), _kept(notes):
+        picture = picture_stress(
+            folder / "stress.png", recovery.stress, stresses.largest, stresses.measure
+        )
+    return [("Von Mises stress", picture)] if picture is not None else []
+
+
 @contextmanager
-def _warnings_kept(study: Study) -> Iterator[None]:
-    """Add Python warnings to the warnings of the study."""
+def _kept(notes: list[str]) -> Iterator[None]:
+    """Add Python warnings to a list."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    study.warnings.extend(str(warning.message) for warning in caught)
+    notes.extend(str(warning.message) for warning in caught)

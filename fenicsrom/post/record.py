@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
@@ -38,6 +40,8 @@ class Study:
             and the "basis", and of the "peak force by the time step".
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
+        recovery: tables of the stresses and reactions, if the scene asks for them.
+        stresses: the largest stresses, and the reactions.
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
         pictures: headings and files of the written pictures.
@@ -55,6 +59,8 @@ class Study:
     left_out: list[str] = field(default_factory=list)
     errors: dict[str, float] = field(default_factory=dict)
     deflection: Array | None = None
+    recovery: Recovery | None = None
+    stresses: Stresses | None = None
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[tuple[str, Path]] = field(default_factory=list)
@@ -94,6 +100,8 @@ class Rerun:
         errors: estimated relative errors by their names, as `Study.errors`.
         warnings: warnings for the user.
         files: the written files.
+        stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
+            or the model does not have them.
     """
 
     motion: Motion
@@ -101,3 +109,4 @@ class Rerun:
     errors: dict[str, float]
     warnings: list[str]
     files: list[Path]
+    stresses: Stresses | None = None

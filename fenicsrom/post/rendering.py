@@ -21,8 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.files import atomic_write
+from fenicsrom.online.stress import StressTable, von_mises
+from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.vtk import write_fields, write_motion, write_points
+from fenicsrom.post.vtk_files import in_space, refined_grid, write_vtu
+from fenicsrom.reduction.beam import SerialCommunicator
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
@@ -98,6 +102,43 @@ def animate(
         return found
 
     return _draw(gif, comm, "draw_motion", task)
+
+
+def picture_stress(png: str | Path, table: StressTable, peak: Peak, measure: str) -> Path | None:
+    """Draw the von Mises stress of a state on the deformed body. On one rank.
+
+    Displacements are magnified as in `animate`; the largest stress is marked.
+
+    Args:
+        png: the picture to write.
+        table: the table of the stresses.
+        peak: the state.
+        measure: the stress, one of `fenicsrom.online.stress.MEASURES`.
+
+    Returns:
+        The picture, or None after a warning if this machine cannot draw.
+
+    Raises:
+        OSError: the picture cannot be written.
+    """
+
+    def task(scratch: Path) -> dict[str, Any]:
+        grid, mean = refined_grid(table.vertex_position, table.cells)
+        stress = table.at_vertices(table.stress(peak.coordinates, measure))
+        arrays = {
+            "displacement": in_space(mean @ table.displacement(peak.coordinates)),
+            "von Mises": von_mises(mean @ stress),
+        }
+        write_vtu(scratch / "stress.vtu", grid, arrays)
+        when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+        place = ", ".join(f"{x:.4g}" for x in peak.position)
+        return {
+            "source": str(scratch / "stress.vtu"),
+            "title": f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m",
+            "label": "von Mises stress, MPa",
+        }
+
+    return _draw(png, SerialCommunicator(), "draw_stress", task)
 
 
 def _draw(

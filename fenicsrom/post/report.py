@@ -8,6 +8,7 @@ from typing import Any
 
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
@@ -18,6 +19,15 @@ from fenicsrom.post.sentences import (
     periodic_sentence,
     response_rows,
     unreliable_sentence,
+)
+from fenicsrom.post.stress_tables import (
+    MEASURE_NAMES,
+    MODAL_NOTE,
+    RECOVERY_NOTE,
+    modal_rows,
+    reaction_note,
+    reaction_rows,
+    stress_rows,
 )
 from fenicsrom.post.summary import errors_of
 from fenicsrom.scene import Scene, scene_heading
@@ -36,6 +46,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
     sections = [
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
+        *_stresses(study.stresses),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
@@ -66,8 +77,24 @@ def write_rerun_report(
     sections: list[Section] = [
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
+        *_stresses(found.stresses),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
+
+
+def _stresses(stresses: Stresses | None) -> list[Section]:
+    """Compose the tables of stresses and reactions, if there are any."""
+    if stresses is None:
+        return []
+    name = MEASURE_NAMES[stresses.measure]
+    tables: list[Any] = [f"Von Mises and principal values of the {name}."]
+    tables += [stress_rows(stresses.peaks), RECOVERY_NOTE]
+    if stresses.modes:
+        tables += [modal_rows(stresses.modes), MODAL_NOTE]
+    return [
+        ("Stresses", tables),
+        ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
+    ]
 
 
 def _results(study: Study) -> list[Any]:

@@ -17,6 +17,7 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.directions import direction_names
+from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
@@ -142,7 +143,8 @@ def rerun_sentences(run: Rerun, points: ContactPoints) -> list[str]:
     motion = run.motion
     found = [resumed_sentence(motion), periodic_sentence(motion)]
     sentences = [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
-    return [*sentences, *([estimate_sentence(run.errors, motion)] if run.errors else [])]
+    sentences += [estimate_sentence(run.errors, motion)] if run.errors else []
+    return sentences + ([] if run.stresses is None else stress_sentences(run.stresses))
 
 
 def resumed_sentence(motion: Motion) -> str | None:
@@ -229,6 +231,8 @@ def study_sentences(study: Study) -> list[str]:
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     found.append(speed_sentence(study.motions))
+    if study.stresses is not None:
+        found += stress_sentences(study.stresses)
     return [sentence for sentence in found if sentence]
 
 

@@ -22,6 +22,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.fields import contact_places
 from fenicsrom.post.record import Rerun, Study
+from fenicsrom.post.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.writers import write_arrays, write_summary
 from fenicsrom.scene import Scene
 
@@ -58,6 +59,8 @@ def summary(study: Study) -> dict[str, Any]:
         }
     found |= motions_summary(study.motions, study.solid.points)
     found |= _reliability(study.errors, study.unfinished)
+    if study.stresses is not None:
+        found |= stress_summary(study.stresses)
     found["warnings"] = study.warnings
     found["provenance"] = provenance()
     return found
@@ -93,6 +96,7 @@ def rerun_summary(stored: StoredModel, scene: Scene, found: Rerun) -> dict[str, 
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
         **_reliability(found.errors, ("reduced", error) if error else None),
+        **({} if found.stresses is None else stress_summary(found.stresses)),
         "warnings": found.warnings,
         "provenance": stored.provenance,
     }
@@ -160,11 +164,12 @@ def stored_model(study: Study) -> StoredModel:
         study.solid.free,
         study.modes.frequencies_hz,
         provenance(),
+        study.recovery,
     )
 
 
 def write_numbers(study: Study, folder: Path) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz`, as far as the study has them.
+    """Write the summary, the history, the checkpoint and the stresses that the study has.
 
     Raises:
         OSError: a file cannot be written.
@@ -175,13 +180,15 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
         files += write_checkpoint(folder, study.model, study.scene, motion)
+    if study.stresses is not None:
+        files += write_stresses(study.stresses, folder)
     return files
 
 
 def write_rerun_numbers(
     stored: StoredModel, scene: Scene, found: Rerun, folder: Path
 ) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
+    """Write the summary, the history, the checkpoint and the stresses of a stored model.
 
     Raises:
         OSError: a file cannot be written.
@@ -190,4 +197,5 @@ def write_rerun_numbers(
         write_summary(folder / SUMMARY, rerun_summary(stored, scene, found)),
         write_history(folder / HISTORY, {"reduced": found.motion}),
         *write_checkpoint(folder, stored.model, scene, found.motion),
+        *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

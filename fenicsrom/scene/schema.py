@@ -265,12 +265,21 @@ class Output:
         paraview: ParaView files of modes and derivatives.
         motion: ParaView files of the last period of motion, and of the contact points in it.
         animation: an animated picture of the last period.
+        stresses: stresses and reactions of the equilibrium, the modes and the motion: a table with
+            the places of the maxima, a picture, arrays in the ParaView files, and the largest
+            values in the summary; the reduced model stores what it needs to give them again.
+        stress_fractions: instants at which stresses are listed besides the largest, as fractions of
+            the last period.
     """
 
     pictures: Annotated[bool, flag] = True
     paraview: Annotated[bool, flag] = True
     motion: Annotated[bool, flag] = False
     animation: Annotated[bool, flag] = False
+    stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
+    stress_fractions: Annotated[tuple[float, ...] | None, list_of(number(least=0.0, most=1.0))] = (
+        None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

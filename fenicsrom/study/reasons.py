@@ -131,6 +131,16 @@ def elastic_reason(scene: Scene) -> str:
     return f"basis.elastic_force is {scene.basis.elastic_force}"
 
 
+def with_stresses(scene: Scene) -> bool:
+    """Whether the scene asks for stresses."""
+    return scene.output.stresses != "none"
+
+
+def stress_reason(scene: Scene) -> str:
+    """Say which stresses the scene asks for."""
+    return f"output.stresses is {scene.output.stresses}"
+
+
 def newton_item(scene: Scene) -> Item:
     """Say whether a time step iterates."""
     nonlinear = scene.geometrically_nonlinear

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fenicsrom.scene import Scene
-from fenicsrom.study import building, motions, writing
+from fenicsrom.study import building, motions, stresses, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,
     elastic_reason,
@@ -20,7 +20,9 @@ from fenicsrom.study.reasons import (
     newton_item,
     reduction_parts,
     solid_parts,
+    stress_reason,
     toml_text,
+    with_stresses,
 )
 from fenicsrom.study.stage import Item, Run, Stage
 
@@ -79,6 +81,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
             else why_not,
             lambda run: motions.check(run.study),
         ),
+        Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
     ]
     return listed + (_file_stages(scene, modes_only) if files else [])
 
@@ -124,6 +127,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             building.reduced_model,
             reduction_parts(scene) if with_basis else (),
         ),
+        Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]
 
 
@@ -143,7 +147,22 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         Stage("numbers", True, "every run", writing.numbers, writes=True),
         wanted("ParaView modes", "paraview", shapes or is_loaded(scene), writing.paraview_modes),
         wanted("ParaView motion", "motion", moving, writing.paraview_motion),
+        Stage(
+            "ParaView scene",
+            (output.paraview and (shapes or is_loaded(scene))) or (output.motion and moving),
+            f"output.paraview is {toml_text(output.paraview)}, "
+            f"output.motion is {toml_text(output.motion)}",
+            writing.paraview_scene,
+            writes=True,
+        ),
         wanted("pictures", "pictures", shapes, writing.pictures),
+        Stage(
+            "stress picture",
+            with_stresses(scene) and output.pictures,
+            stress_reason(scene) if output.pictures else "output.pictures is false",
+            writing.stress_picture,
+            writes=True,
+        ),
         wanted("animation", "animation", moving, writing.animation),
         Stage("report", True, "every run", writing.report, writes=True),
     ]

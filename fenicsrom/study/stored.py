@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.post.record import Rerun
     from fenicsrom.scene import Scene
 
@@ -64,9 +65,35 @@ def rerun(
         stop_where_asked(stop)
         with watch("checks"):
             errors, unfinished = checked(model, scene, motion)
-    found = Rerun(motion, unfinished, errors, warnings, [])
+    stresses = None
+    if unfinished is None:
+        stresses = _stresses(stored, model, scene, motion, warnings, watch)
+    found = Rerun(motion, unfinished, errors, warnings, [], stresses)
     found.files.extend(_write(stored, scene, found, folder, watch, stop))
     return found
+
+
+def _stresses(
+    stored: StoredModel,
+    model: Any,
+    scene: Scene,
+    motion: Motion,
+    warnings: list[str],
+    watch: Stopwatch,
+) -> Stresses | None:
+    """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    from fenicsrom.online.stress_peaks import find_stresses
+
+    if scene.output.stresses == "none":
+        return None
+    if stored.recovery is None:
+        warnings.append(
+            "the stored model has no stresses: it was made from a scene with output.stresses = "
+            '"none"; run that scene again with another value'
+        )
+        return None
+    with watch("stresses"):
+        return find_stresses(stored.recovery, scene, model, motion, stored.frequencies_hz.size)
 
 
 def _integrate(
@@ -91,6 +118,7 @@ def _integrate(
             model,
             scene,
             resume=begin,
+            keep_coordinates=scene.output.stresses != "none",
             checkpoint=keeper(folder / CHECKPOINT, model, scene),
             progress=watch.progress("reduced", scene.time.steady_tolerance),
             stop=stop,
@@ -114,7 +142,7 @@ def _write(
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import draw_pictures, motion_pictures
+    from fenicsrom.post.pictures import draw_pictures, motion_pictures, write_stress_picture
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
@@ -125,5 +153,8 @@ def _write(
     pictures = motion_pictures({"reduced": found.motion}) if scene.output.pictures else []
     with watch("pictures"):
         written = draw_pictures(pictures, folder, found.warnings)
+        if found.stresses is not None and scene.output.pictures:
+            assert stored.recovery is not None
+            written += write_stress_picture(stored.recovery, found.stresses, folder, found.warnings)
     report = write_rerun_report(stored, scene, found, written, folder)
     return [report, *files, *(path for _, path in written)]

@@ -291,3 +291,48 @@ def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> N
         assert one[name].shape == two[name].shape
         close = 1e-5 * np.abs(one[name]).max()
         np.testing.assert_allclose(flip * two[name], one[name], rtol=0, atol=close, err_msg=name)
+
+
+RECOVERY = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from support import STOCKY, beam_scene, make_solid
+from fenicsrom.fem.reaction_rows import reaction_table
+from fenicsrom.fem.stress_points import local_part, stress_table
+push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e5}
+# twelve elements: only one rank has cells at the root
+scene = beam_scene(
+    2, (*STOCKY, "geometry.parameters.elements_along=12"), loads=[push], contacts=None
+)
+solid = make_solid(scene)
+x = solid.space.tabulate_dof_coordinates()[: solid.local // 2, :2]
+vectors = np.stack([x**2, np.sin(x)], axis=-1).reshape(-1, 2)
+vectors[solid.clamped] = 0.0
+table = stress_table(solid, scene, solid.equilibrium, vectors)
+reactions = reaction_table(solid, scene, vectors)
+q = np.array([1e-3, 2e-3])
+stress = table.stress(q)
+order = np.lexsort(np.round(table.vertex_position, 9).T)
+part = local_part(solid)
+at_nodes = part.at_nodes(table, table.at_vertices(stress))[np.unique(part.nodes)]
+largest = max(solid.comm.allgather(np.abs(at_nodes).max(axis=0).tolist()))
+sums = solid.comm.allreduce(np.abs(stress[: table.position.shape[0]]).sum() / solid.comm.size)
+one = np.ones((1, 1))
+values, total = reactions.evaluate(table.law, q[None], q[None], q[None], one)
+if MPI.COMM_WORLD.rank == 0:
+    np.savez(
+        sys.argv[1], ranks=solid.comm.size, sums=sums, vertices=table.at_vertices(stress)[order],
+        moved=table.displacement(q)[order], values=values, total=total,
+        largest=largest,
+    )
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_give_the_same_stresses_and_reactions(tmp_path: Path) -> None:
+    one, two = arrays_of_one_and_two_ranks(RECOVERY, tmp_path)
+    for name in ("sums", "vertices", "moved", "values", "total", "largest"):
+        size = np.abs(one[name]).max()
+        np.testing.assert_allclose(two[name], one[name], rtol=0, atol=1e-8 * size)

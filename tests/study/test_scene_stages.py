@@ -38,6 +38,13 @@ NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
             ["normal modes", "numbers"],
         ),
         (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
+        ([], ["stress points", "stresses", "stress picture"], ["ParaView scene"]),
+        (["output.stresses='cauchy'"], [], ["stress points", "stresses", "stress picture"]),
+        (
+            ["output.stresses='cauchy'", "output.pictures=false", "output.paraview=false"],
+            ["stress picture", "ParaView scene"],
+            ["stress points", "stresses"],
+        ),
     ],
 )
 def test_plan_lists_needed_and_skipped_stages(
@@ -81,13 +88,17 @@ WORK = {
     "fenicsrom.reduction.stages.differentiate": "derivatives",
     "fenicsrom.reduction.stages.enrich": "basis",
     "fenicsrom.reduction.stages.reduce": "reduction",
+    "fenicsrom.fem.reaction_rows.reaction_table": "stress points",
     "fenicsrom.study.motions.integrate": "motion",
     "fenicsrom.study.motions.check": "checks",
     "fenicsrom.study.motions.check_beam": "beam check",
+    "fenicsrom.online.stress_peaks.find_stresses": "stresses",
     "fenicsrom.post.summary.write_numbers": "numbers",
     "fenicsrom.post.fields.write_shapes": "ParaView modes",
     "fenicsrom.post.fields.write_last_period": "ParaView motion",
+    "fenicsrom.post.paraview.write_groups": "ParaView scene",
     "fenicsrom.post.pictures.write_pictures": "pictures",
+    "fenicsrom.post.pictures.write_stress_picture": "stress picture",
     "fenicsrom.post.pictures.write_animation": "animation",
     "fenicsrom.post.report.write_study_report": "report",
 }
@@ -100,6 +111,11 @@ STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
     [
         pytest.param(["time.periods=2", "output.motion=true"], False, marks=pytest.mark.slow),
         ([*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false"], False),
+        (
+            [*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false", "output.stresses='cauchy'"],
+            False,
+        ),
+        (["output.pictures=false", "output.stresses='cauchy'"], True),
         ([*SHORT, "basis.derivatives=['1V1V']", "reference.beam=false"], False),
         ([*SHORT, "basis.derivatives='mmi-nls'", "output.motion=true"], False),
         ([*SHORT, "basis.derivatives='mmi'", "output.paraview=false"], False),
