@@ -1,6 +1,7 @@
 """Measure how many times faster the reduced model is than the full one, on this machine.
 
     python3 demos/benchmark.py
+    python3 demos/benchmark.py --offline 32 24 1     # CPU times of the offline stages instead
 
 Both models take the same steps: one period from rest, 200 steps (300 for the blade). The ratio is
 that of the median run times of 25 runs of the reduced model and five runs of the full model (three
@@ -11,6 +12,7 @@ distance of the quartiles. "apart" is the largest difference of the tip displace
 
 from __future__ import annotations
 
+import argparse
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -98,4 +100,18 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser()
+    parser.add_argument(
+        "--offline",
+        nargs=3,
+        type=int,
+        metavar=("ALONG", "ACROSS", "THROUGH"),
+        help="time the offline stages of blade_rub, with this number of elements",
+    )
+    offline = parser.parse_args().offline
+    if offline:
+        from benchmark_offline import measure
+
+        measure(*offline)
+    else:
+        main()

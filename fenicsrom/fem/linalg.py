@@ -53,6 +53,7 @@ class Factorisation:
             self._ksp.setOperators(matrix)
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(24, 1)
+        self._vectors = matrix.createVecs()
         self.update()
 
     def update(self) -> None:
@@ -67,7 +68,11 @@ class Factorisation:
             raise ConvergenceError(
                 "the stiffness matrix is singular: its factorisation met a zero pivot"
             )
-        self._vectors = self.matrix.createVecs()
+
+    def destroy(self, matrix: bool = False) -> None:
+        """Free the factors, and the matrix too if asked; PETSc frees nothing itself in parallel."""
+        for part in (self._ksp, *self._vectors, *([self.matrix] if matrix else [])):
+            part.destroy()
 
     @property
     def negative_pivots(self) -> int:
@@ -83,7 +88,7 @@ class Factorisation:
         Returns:
             (local rows, k) solutions.
         """
-        if self._small:
+        if self._small or block.shape[1] == 1:
             x, b = self._vectors
             out = np.empty_like(block)
             for k in range(block.shape[1]):
@@ -106,7 +111,10 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
     Raises:
         ConvergenceError: the matrix is singular.
     """
-    return Factorisation(matrix, "fenicsrom_inertia", counting=True).negative_pivots
+    factor = Factorisation(matrix, "fenicsrom_inertia", counting=True)
+    count = factor.negative_pivots
+    factor.destroy()
+    return count
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:

@@ -6,6 +6,7 @@ it treats the solid.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -238,6 +239,17 @@ class BeamStructure:
                 start,
             )
         return found
+
+    def load_path(self, force: Array, parts: Sequence[float], tolerance: float) -> Array:
+        """Equilibria (n, k) under k increasing parts of a force (n,), to the last digits.
+
+        Raises:
+            ConvergenceError: an iteration did not converge.
+        """
+        found: list[Array] = [self.equilibrium]
+        for part in parts:
+            found.append(self.static(part * force, found[-1]))
+        return np.array(found[1:]).T
 
 
 def beam_model(scene: Scene) -> DenseModel:

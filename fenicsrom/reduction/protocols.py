@@ -9,6 +9,7 @@ Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from fenicsrom.arrays import Array
@@ -148,6 +149,15 @@ class Structure(Protocol):
 
         Raises:
             ConvergenceError: no equilibrium was found.
+        """
+
+    def load_path(self, force: Array, parts: Sequence[float], tolerance: float) -> Array:
+        """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
+
+        `tolerance` bounds the error in the energy norm, relative to the deflection.
+
+        Raises:
+            ConvergenceError: an equilibrium was not found.
         """
 
     def largest(self, block: Array) -> Array:

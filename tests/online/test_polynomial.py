@@ -24,10 +24,10 @@ from fenicsrom.online.polynomial import (
     elastic_force,
     elastic_polynomial,
     pairs,
-    strain_products,
 )
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.strain_products import strain_products
 
 Array = NDArray[np.float64]
 
