@@ -16,6 +16,7 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+import basix
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -23,7 +24,6 @@ from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.elasticity import QUADRATURE_DEGREE
-from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid, solid_of
 from fenicsrom.reduction.modes import EXTRA_MODES, component_modes
@@ -68,13 +68,8 @@ class Table:
             print(line, flush=True)
 
 
-def bare_factorisation(solid: Solid) -> Factorisation:
-    """Factorise the stiffness, symbolic analysis included."""
-    return Factorisation(solid.stiffness, "fenicsrom_bare")
-
-
-def bare_eigenmodes(solid: Solid, factor: Factorisation, count: int) -> int:
-    """Find the lowest modes by SLEPc with a factor; returns the number of modes found."""
+def bare_eigensolver(solid: Solid, count: int) -> SLEPc.EPS:
+    """Set up SLEPc for the lowest modes; its factorisation is the floor of all factorisations."""
     eps = SLEPc.EPS().create(solid.comm)
     eps.setOperators(solid.stiffness, solid.mass)
     eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
@@ -83,17 +78,16 @@ def bare_eigenmodes(solid: Solid, factor: Factorisation, count: int) -> int:
     eps.setDimensions(count)
     st = eps.getST()
     st.setType(SLEPc.ST.Type.SINVERT)
-    st.setKSP(factor._ksp)
-    eps.solve()
-    found = int(eps.getConverged())
-    eps.destroy()
-    return found
+    ksp = st.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+    ksp.getPC().setFactorSolverType("mumps")
+    eps.setUp()
+    return eps
 
 
 def bare_products(solid: Solid, size: int) -> Array:
     """Form the products of all strains, from strains that are there already."""
-    import basix
-
     cell = solid.mesh.domain.basix_cell()
     points = basix.make_quadrature(cell, QUADRATURE_DEGREE)[1].size
     topology = solid.mesh.domain.topology
@@ -132,16 +126,17 @@ def measure(along: int, across: int, through: int) -> None:
     table.row("reduction", lambda: reduce(solid, scene.basis, basis))
     n, peak = basis.size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
 
-    factor = table.floor("factorisation", lambda: bare_factorisation(solid))
     count = scene.basis.modes + EXTRA_MODES
-    table.floor("eigenmodes", lambda: bare_eigenmodes(solid, factor, count))
+    eps = table.floor("factorisation", lambda: bare_eigensolver(solid, count))
+    table.floor("eigenmodes", eps.solve)
+    eps.destroy()
     right = np.random.default_rng(0).standard_normal((solid.local, len(selection.derivatives)))
-    table.floor("derivative solves", lambda: factor.solve(right))
+    table.floor("derivative solves", lambda: solid.factor.solve(right))
     table.floor("polynomial", lambda: bare_products(solid, 1 + n + n * (n + 1) // 2))
     table.write(f"{'sum':24} {table.sum:9.2f} {table.floors:9.2f}")
-    points, scalar = len(solid.points.contact), PETSc.ScalarType.__name__
     table.write(
-        f"{solid.free} unknowns, {points} contact points, {n} coordinates, {comm.size} ranks, "
-        f"{scalar}: {table.sum / table.floors:.2f} times the floor, peak {peak:.2f} GB per rank"
+        f"{solid.free} unknowns, {len(solid.points.contact)} contact points, {n} coordinates, "
+        f"{comm.size} ranks: {table.sum / table.floors:.2f} times the floor, "
+        f"peak {peak:.2f} GB per rank"
     )
     table.write("derivatives: " + " ".join(selection.derivatives))

@@ -96,13 +96,9 @@ class Factorisation:
                 self._ksp.solve(b, x)
                 out[:, k] = x.array
             return out
-        b = _dense(self.matrix, block)
-        x = _dense(self.matrix, np.zeros_like(block))
+        b, x = _dense(self.matrix, block), _dense(self.matrix, np.zeros(block.shape, order="F"))
         self._ksp.matSolve(b, x)
-        out = np.array(x.getDenseArray(), order="C", copy=True)
-        b.destroy()
-        x.destroy()
-        return out
+        return _values(x, b)
 
 
 def negative_eigenvalues(matrix: PETSc.Mat) -> int:
@@ -129,11 +125,25 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
         found = y.array.copy()
     else:
         x = _dense(matrix, block)
-        y = matrix.matMult(x)
-        found = np.array(y.getDenseArray(), order="C", copy=True)
+        return _values(matrix.matMult(x), x)
     x.destroy()
     y.destroy()
     return np.asarray(found)
+
+
+def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
+    """A matrix without the zeros that are stored in it; the given matrix is destroyed.
+
+    The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
+    """
+    rows, columns, values = matrix.getValuesCSR()
+    kept = values != 0.0
+    starts = np.concatenate([[0], np.cumsum(kept)])[rows].astype(rows.dtype)
+    found = PETSc.Mat().createAIJ(
+        matrix.getSizes(), csr=(starts, columns[kept], values[kept]), comm=matrix.comm
+    )
+    matrix.destroy()
+    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
@@ -143,6 +153,14 @@ def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
     dense = PETSc.Mat().createDense(sizes, array=np.asfortranarray(block), comm=matrix.comm)
     dense.assemble()
     return dense
+
+
+def _values(result: PETSc.Mat, *others: PETSc.Mat) -> Array:
+    """The block (local, k) in a dense matrix, which is destroyed, as are the others."""
+    values = np.array(result.getDenseArray(), order="F", copy=True)
+    for matrix in (result, *others):
+        matrix.destroy()
+    return values
 
 
 class _Preconditioner:
@@ -175,12 +193,18 @@ def _eigensolver(
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(_Preconditioner(inverse))
-    start, _ = stiffness.createVecs()  # the same start on any number of ranks: no random numbers
+    # The same start on any number of ranks: no random numbers. It has no part in the null space of
+    # M, and then no vector has one, so that SLEPc need not remove it by a solve for each mode.
+    start, image = stiffness.createVecs()
     first, last = start.getOwnershipRange()
     start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
+    mass.mult(start, image)
+    start.array[:] = inverse.solve(image.array[:, None])[:, 0]
     eps.setInitialSpace(start)
+    eps.setPurify(False)
     eps.setFromOptions()
     start.destroy()
+    image.destroy()
     return eps
 
 

@@ -13,13 +13,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
-from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply
+from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply, without_zeros
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.mesh_data import Mesh
@@ -54,8 +56,8 @@ class Solid(ElasticBody):
         static_load: (local,) sum of the static loads, N.
         loaded: whether static loads or rotation deform the body.
         equilibrium: (local,) displacement under the static loads, at speed, m.
-        contact_rows: Bᵀ (m, local): contact displacements in the local frames [normal, tangents],
-            point by point.
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents], point by point.
         points: the contact points.
         probe_rows: (d, local) displacement of the probe in global axes.
         probe_position: (3,) position of the probe, m.
@@ -113,7 +115,7 @@ class Solid(ElasticBody):
         self.probe_rows, self.probe_position = self._places.find(observed, "probe")
 
         self.equilibrium = np.zeros(self.local)
-        self.mass = self.matrix(self.mass_form, 0.0)
+        self.mass = without_zeros(self.matrix(self.mass_form, 0.0))
         self.stiffness = self.matrix(self._tangent_form, 1.0)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
         self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
@@ -134,9 +136,11 @@ class Solid(ElasticBody):
             key = f"contacts[{k}]"
             for at, position, area in self._places.contact_points(contact.place, key):
                 axes = frame(surface_normal(contact, position[:d], f"{self.source}: {key}"))
-                rows.append(axes @ at)
+                rows.append(csr_array(axes) @ at)
                 found.append((k, area, position[:d], axes))
-        self.contact_rows = np.concatenate(rows) if rows else np.zeros((0, self.local))
+        self.contact_rows = csr_array((0, self.local))
+        if rows:
+            self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = no_points(d)
         if found:
             self.points = ContactPoints(*map(np.array, zip(*found, strict=True)))
@@ -294,6 +298,8 @@ class Solid(ElasticBody):
         square = self.rotation.omega_squared
         self.rotation.set_speed(omega)
         self._move(self.equilibrium, self.static_load, square)
+        if self.gyroscopic is not None:
+            self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
     def _move(self, u: Array, start: Array, square: float) -> None:

@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -103,7 +104,7 @@ class BeamStructure:
         self.size = self.local = self.free = beam.mass.shape[0]
         self.dimension = places.probe_rows.shape[0]
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
-        self.points, self.contact_rows = places.points, places.contact_rows
+        self.points, self.contact_rows = places.points, csr_array(places.contact_rows)
         self.probe_rows = places.probe_rows
         self.equilibrium = self.rest_force = np.zeros(self.size)
         self.factor = Cholesky(beam.stiffness)
@@ -120,7 +121,7 @@ class BeamStructure:
             self.load_vectors,
             self.load_histories,
             self.points,
-            self.contact_rows,
+            self.contact_rows.toarray(),
             np.zeros(self.contact_rows.shape[0]),
             self.probe_rows,
             np.zeros(self.probe_rows.shape[0]),

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Protocol
 
+from scipy.sparse import csr_array
+
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories
@@ -63,7 +65,8 @@ class Structure(Protocol):
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
         points: the contact points.
-        contact_rows: Bᵀ (m, local), contact displacements in the local frames [normal, tangents].
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents].
         probe_rows: (d, local) displacement of the probe.
     """
 
@@ -77,7 +80,7 @@ class Structure(Protocol):
     load_vectors: Array
     load_histories: LoadHistories
     points: ContactPoints
-    contact_rows: Array
+    contact_rows: csr_array
     probe_rows: Array
 
     @property
