@@ -31,6 +31,7 @@ import numpy as np
 from fenicsrom.assess.axes import AXES, Case, cases_of
 from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
 from fenicsrom.assess.scales import scales_of
+from fenicsrom.assess.unsteady import why_unsteady
 from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.energy import check_energy, friction_gains_energy
@@ -233,7 +234,10 @@ def _examine(
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
-    return verdict_of(motion, fine, numbers)
+    verdict, why = verdict_of(motion, fine, numbers)
+    if verdict is Verdict.UNSTEADY and not has_settled(motion):
+        why = why_unsteady(model, scene, motion)
+    return verdict, why
 
 
 def _own_basis_error(
