@@ -18,7 +18,7 @@ where S(E) is the stress of the strain E. The mixed tangent at u after a change 
 in place of S in (3): the stress of the strain that was predicted before the change. Newton's method
 for independent stresses at the integration points has this tangent. It converges from states far
 away, because the stretching by too large a rotation does not enter. Source: Magisano, Leonetti and
-Garcea, Int. J. Numer. Methods Eng. 110, 2017.
+Garcea, Int. J. Numer. Methods Eng., 2017.
 
 Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which is exact for this material.
 
