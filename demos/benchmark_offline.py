@@ -26,7 +26,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.elasticity import QUADRATURE_DEGREE
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid, solid_of
-from fenicsrom.reduction.modes import EXTRA_MODES, component_modes
+from fenicsrom.reduction.mode_count import EXTRA_MODES
+from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 from fenicsrom.scene import read_scene
@@ -126,7 +127,7 @@ def measure(along: int, across: int, through: int) -> None:
     table.row("reduction", lambda: reduce(solid, scene.basis, basis))
     n, peak = basis.size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
 
-    count = scene.basis.modes + EXTRA_MODES
+    count = modes.omega.size + EXTRA_MODES
     eps = table.floor("factorisation", lambda: bare_eigensolver(solid, count))
     table.floor("eigenmodes", eps.solve)
     eps.destroy()

@@ -187,7 +187,7 @@ def richer_basis(
         key=lambda label: (-weights.get(label, 0.0), label),
     )
     if buckled or not missing:
-        return _with_more_modes(body, scene)
+        return _with_more_modes(body, scene, modes.omega.size + MORE_MODES)
     more = differentiate(body, scene.basis, modes, tuple(missing[:MORE_DERIVATIVES]))
     vectors = np.concatenate([derivatives.vectors, more.vectors], axis=1)
     try:
@@ -196,11 +196,11 @@ def richer_basis(
         return None
 
 
-def _with_more_modes(body: Structure, scene: Scene) -> ReducedBasis | None:
-    """The basis of `MORE_MODES` more normal modes with all derivatives; None if there are none."""
+def _with_more_modes(body: Structure, scene: Scene, count: int) -> ReducedBasis | None:
+    """The basis of so many normal modes with all derivatives; None if there are none."""
     wanted = scene.basis
     try:
-        modes = component_modes(body, replace(wanted, modes=wanted.modes + MORE_MODES))
+        modes = component_modes(body, replace(wanted, modes=count))
         selection = Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
         derivatives = differentiate(body, wanted, modes, selection.derivatives)
         return enrich(body, modes, selection, derivatives)

@@ -44,6 +44,7 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
+from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 from fenicsrom.scene.step_size import refined
 
@@ -342,6 +343,8 @@ def stability(
                 kind=ErrorKind.UNKNOWN_KEY,
                 key=axis,
             )
+    from fenicsrom.reduction.modes import with_mode_count
+
     table, scene = load(path, changes)
     if scene.static_only:
         raise SceneError(
@@ -352,7 +355,10 @@ def stability(
             source=scene.source,
         )
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
-    scales = scales_of(build(polynomial, "reduced")[0], polynomial)
+    model, built, _ = build(polynomial, "reduced")
+    assert built is not None
+    scales = scales_of(model, polynomial)
+    scene = with_mode_count(scene, built.modes)
     wanted, left_out = cases_of(scene, scales, axes)
     for sentence in left_out:
         say(sentence)
@@ -378,13 +384,15 @@ def run_all(
         say: called with one line for each case.
         workers: number of processes.
     """
+    begin = clock.perf_counter()
     jobs = [(k, case, table, source, folder) for k, case in enumerate(wanted)]
     found: dict[int, Finding] = {}
     for k, finding in in_processes(_job, jobs, workers):
         found[k] = finding
         case, why = finding.case, f": {finding.why}" if finding.why else ""
         place = f"{len(found)}/{len(wanted)}"
-        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}")
+        left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
+        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}")
     return [found[k] for k in range(len(wanted))]
 
 

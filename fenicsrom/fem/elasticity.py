@@ -29,6 +29,7 @@ rows of K are those of the identity; the clamped rows of M are zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import basix.ufl
 import dolfinx.fem.petsc
@@ -39,16 +40,10 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh_data import Mesh
+from fenicsrom.fem.quadrature import quadrature_degree
 from fenicsrom.fem.rotation import RotatingFrame
 from fenicsrom.fem.supports import clamped_nodes
 from fenicsrom.scene import Geometry, Material, Region, Rotation
-
-QUADRATURE_DEGREE = 4
-"""Degree of the quadrature rule.
-
-It is exact for (2) and (3) on affine quadratic simplices. On quadratic parallelepipeds it is exact
-for the linear stiffness, and accurate to 1e-8 for the force at large displacements.
-"""
 
 CHUNK_BYTES = 200e6
 """Memory of one chunk of tabulated gradients."""
@@ -69,9 +64,11 @@ class ElasticBody:
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
         thickness: thickness in m; 1 in 3D.
+        quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
         first_lame: λ, or λ* in plane stress, Pa.
         shear_modulus: μ, Pa.
+        density: mass per volume, or per area in 2D, as a constant of the forms.
         mass_form: the form of M.
         rotation: the rotating frame, or None without rotation.
         warnings: sentences for the user.
@@ -123,16 +120,23 @@ class ElasticBody:
         """Dimension d of space, 2 or 3."""
         return self.geometry.dimension
 
+    def constant(self, value: Any) -> fem.Constant:
+        """A number or vector of the forms; a form is compiled once for all values."""
+        return fem.Constant(self.mesh.domain, np.asarray(value, dtype=np.float64))
+
     def _compile_forms(self) -> None:
         """Compile the forms (2) to (4), the energy and the mass."""
         domain, d = self.mesh.domain, self.dimension
-        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        self.quadrature_degree = quadrature_degree(domain)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": self.quadrature_degree})
         self._u = fem.Function(self.space)
         self._x, self._y = fem.Function(self.space), fem.Function(self.space)
         self._change = fem.Function(self.space)
         self._out = fem.Function(self.space)
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        lame, mu = self.first_lame * self.thickness, self.shear_modulus * self.thickness
+        lame = self.constant(self.first_lame * self.thickness)
+        mu = self.constant(self.shear_modulus * self.thickness)
+        self.density = self.constant(self.material.density * self.thickness)
 
         def stress(strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
             return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
@@ -147,11 +151,9 @@ class ElasticBody:
         sxy = stress(ufl.sym(gx.T * gy))
         gc = ufl.grad(self._change)
         predicted = stress(strain - 0.5 * gc.T * gc)
-        self.mass_form = fem.form(
-            self.material.density * self.thickness * ufl.inner(trial, test) * self.dx
-        )
+        self.mass_form = fem.form(self.density * ufl.inner(trial, test) * self.dx)
         self._force_form = fem.form(ufl.inner(f * s, dv) * self.dx)
-        self._weight = fem.Constant(domain, 1.0)
+        self._weight = self.constant(1.0)
         self._tangent_form = fem.form(
             self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
         )
@@ -162,11 +164,10 @@ class ElasticBody:
         """The rotating frame of the body, or None without rotation."""
         if rotation is None:
             return None
-        density = self.material.density * self.thickness
         return RotatingFrame(
             rotation,
             self.space,
-            lambda form: density * form * self.dx,
+            lambda form: self.density * form * self.dx,
             lambda form: self.matrix(fem.form(form), 0.0),
             lambda form: self._vector(fem.form(form)),
         )
@@ -288,7 +289,7 @@ class ElasticBody:
             Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
         """
         domain, d = self.mesh.domain, self.dimension
-        points, weights = basix.make_quadrature(domain.basix_cell(), QUADRATURE_DEGREE)
+        points, weights = basix.make_quadrature(domain.basix_cell(), self.quadrature_degree)
         gradient = fem.Expression(ufl.grad(self._x), points)
         volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
         cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)

@@ -156,8 +156,14 @@ def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
 
 
 def _values(result: PETSc.Mat, *others: PETSc.Mat) -> Array:
-    """The block (local, k) in a dense matrix, which is destroyed, as are the others."""
-    values = np.array(result.getDenseArray(), order="F", copy=True)
+    """The block (local, k) in a dense matrix, which is destroyed, as are the others.
+
+    The block may have no rows on this rank.
+    """
+    rows, columns = result.getLocalSize()[0], result.getSize()[1]
+    values = np.zeros((rows, columns), order="F")
+    if rows:
+        values[:] = result.getDenseArray()
     for matrix in (result, *others):
         matrix.destroy()
     return values
@@ -231,7 +237,13 @@ def eigenmodes(
     if count == 0:
         return np.zeros(0), np.zeros((stiffness.getLocalSize()[0], 0))
     eps = _eigensolver(stiffness, mass, inverse, count, prefix)
-    eps.solve()
+    try:
+        eps.solve()
+    except PETSc.Error as error:
+        raise ConvergenceError(
+            f"the modes were not found: SLEPc failed with error code {error.ierr}; the numbers of "
+            "the scene may be too large or too small"
+        ) from None
     if eps.getConverged() < count:
         raise ConvergenceError(
             f"only {eps.getConverged()} of {count} modes converged in "

@@ -45,8 +45,8 @@ class Places:
             (d, local) rows, zero on clamped unknowns, and the position (3,) in m.
 
         Raises:
-            SceneError: the region is missing or empty, the node is clamped, or no node is near the
-                coordinates.
+            SceneError: the region is missing or empty, the node or the whole region is clamped, or
+                no node is near the coordinates.
         """
         if place not in self._found:
             mean = place.nearest is None and place.node is None and place.at == "mean"
@@ -84,7 +84,7 @@ class Places:
         ]
         chosen = [point for points in body.comm.allgather(mine) for point in points]
         if not chosen:
-            raise self._error(key, "every node of the region is clamped; choose free nodes")
+            raise self.clamped(key)
         extent = np.ptp(np.array(chosen)[:, :3], axis=0).round(9)
         along = np.argsort(-extent, kind="stable")
         chosen.sort(key=lambda point: (*(point[k] for k in along), point))
@@ -95,6 +95,10 @@ class Places:
             rows = csr_array(entries, shape=(d, body.local))
             found.append((rows, np.array(position), float(weight * measure)))
         return found
+
+    def clamped(self, key: str) -> SceneError:
+        """The error of a region that cannot move."""
+        return self._error(key, "every node of the region is clamped; choose free nodes")
 
     def _error(self, key: str, reason: str) -> SceneError:
         source = self._body.source
@@ -110,6 +114,8 @@ class Places:
         for k in range(d):
             rows[k, k::d] = weights
         rows[:, body.clamped] = 0.0
+        if not body.comm.allreduce(bool(rows.any()), op=MPI.LOR):
+            raise self.clamped(key)
         return rows, position
 
     def _node(self, place: Place, key: str) -> tuple[Array, Array]:

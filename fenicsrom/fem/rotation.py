@@ -59,12 +59,12 @@ class RotatingFrame:
         """
         d = space.mesh.geometry.dim
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-        point = ufl.as_vector([float(value) for value in rotation.point or (0.0,) * d])
+        point = fem.Constant(space.mesh, np.array(rotation.point or (0.0,) * d, dtype=np.float64))
         if rotation.axis is None:
             normal = ufl.Identity(d)
             turned = ufl.as_vector([-trial[1], trial[0]])
         else:
-            axis = ufl.as_vector([float(value) for value in rotation.axis])
+            axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
             normal = ufl.Identity(d) - ufl.outer(axis, axis)
             turned = ufl.cross(axis, trial)
         self.unit_centrifugal_force = assemble_vector(

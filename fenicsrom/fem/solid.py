@@ -9,7 +9,7 @@ only the vibrations about this equilibrium are linear.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply, without_zeros
 from fenicsrom.fem.loads import load_vector
@@ -34,6 +35,7 @@ from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Region, Rotation, Scene
+from fenicsrom.scene.excitation import highest_frequency
 
 EXTRAPOLATED = 4
 """Number of equilibria from which the next one of a load path is extrapolated."""
@@ -55,6 +57,8 @@ class Solid(ElasticBody):
         gyroscopic: G of the Coriolis force −G u̇, skew, N s/m; None without this force.
         static_load: (local,) sum of the static loads, N.
         loaded: whether static loads or rotation deform the body.
+        unstable: number of directions in which the equilibrium that the loads reach from the
+            undeformed body is unstable; without contacts the body then is in a stable one nearby.
         equilibrium: (local,) displacement under the static loads, at speed, m.
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents], point by point.
@@ -63,6 +67,7 @@ class Solid(ElasticBody):
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
         gauss_points: Gauss points along a straight line of states that integrate the elastic force
             exactly; it is a cubic.
     """
@@ -82,6 +87,7 @@ class Solid(ElasticBody):
         probe: Place | None = None,
         geometrically_nonlinear: bool = True,
         source: str = "",
+        excitation: float = 0.0,
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
@@ -97,6 +103,7 @@ class Solid(ElasticBody):
                 without contacts, of the first load.
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
+            excitation: the highest frequency that the scene excites, Hz.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
@@ -106,6 +113,7 @@ class Solid(ElasticBody):
         super().__init__(mesh, geometry, material, supports, rotation, source)
         self.geometrically_nonlinear = geometrically_nonlinear
         self.mass_damping = material.mass_damping
+        self.excitation = excitation
         self.loads = tuple(loads)
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
@@ -122,9 +130,14 @@ class Solid(ElasticBody):
         spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
         self.loaded = spinning or bool(pushed)
+        self.unstable = 0
         if self.loaded:
             if geometrically_nonlinear or spinning:
+                linear = self.factor.solve(self.static_load[:, None])[:, 0]
                 self._move(np.zeros(self.local), np.zeros(self.local), 0.0)
+                self.unstable = check_stability(self)
+                if not (spinning or self.unstable):
+                    check_snap(self, linear)
             else:
                 self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
 
@@ -151,6 +164,9 @@ class Solid(ElasticBody):
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
         self.load_vectors[self.clamped] = 0.0
+        for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
+            if not moves:
+                raise self._places.clamped(f"loads[{k}]")
         self.load_histories = of_loads(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)
@@ -262,7 +278,7 @@ class Solid(ElasticBody):
         finally:
             statics.close()
 
-    def load_path(self, force: Array, parts: Sequence[float], tolerance: float) -> Array:
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
 
         Args:
@@ -346,6 +362,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         probe=scene.probe,
         geometrically_nonlinear=scene.geometrically_nonlinear,
         source=scene.source,
+        excitation=highest_frequency(scene),
     )
 
 

@@ -3,7 +3,8 @@
 A correction solves with a factor of the tangent stiffness that is kept while each correction is
 smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
 current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. The residual is always that of the
-full equations, so the equilibrium does not depend on the tangents.
+full equations, so the equilibrium does not depend on the tangents. Where this fails, at a limit load,
+plain Newton with the tangent of each state follows.
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ class Statics:
         """
         self._body, self._factor, self._tolerance = body, factor, tolerance
         self._overwrite, self._borrowed = overwrite, not overwrite
+        self._plain = False  # Newton's method with the tangent of each state
 
     def close(self) -> None:
         """Free the factor that was made here."""
@@ -104,7 +106,12 @@ class Statics:
                 rotation.omega_squared = square + part * (goal - square)
             return self._newton(u, start + part * (load - start))
 
-        u, reached = in_load_steps(u, solve, SMALLEST_LOAD_STEP)
+        begin = u
+        u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+        if reached < 1.0:  # at a limit load plain Newton jumps to the equilibrium after a snap
+            self._plain = True
+            u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+            self._plain = False
         if reached < 1.0:
             what = "of the load"
             if rotation:
@@ -159,11 +166,11 @@ class Statics:
             residual = self._body.internal_force(u) - load
             change = self._solve(residual)
             decrement = abs(self._body.dot(residual, change))
-            if step.needs_factor(decrement):
+            if self._plain or step.needs_factor(decrement):
                 if step.factorisations == STATIC_FACTORISATIONS:
                     return None
                 step.factorisations += 1
-                if not self._renew(u, step.change):
+                if not self._renew(u, None if self._plain else step.change):
                     return None
                 change = self._solve(residual)
                 decrement = abs(self._body.dot(residual, change))

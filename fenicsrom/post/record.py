@@ -11,6 +11,7 @@ from fenicsrom.reduction.selection import Selection
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
+    from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.motion import Motion
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
@@ -81,3 +82,22 @@ class Study:
             "full": self.solid.free,
             "beam": 3 * beam.elements if beam is not None else 0,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class Rerun:
+    """The record of a run of a stored model.
+
+    Attributes:
+        motion: the motion; up to the failure if there was one.
+        unfinished: the error of the integration or of a check, or None.
+        errors: estimated relative errors by their names, as `Study.errors`.
+        warnings: warnings for the user.
+        files: the written files.
+    """
+
+    motion: Motion
+    unfinished: ConvergenceError | AccuracyError | None
+    errors: dict[str, float]
+    warnings: list[str]
+    files: list[Path]

@@ -16,31 +16,29 @@ from fenicsrom.online.measures import (
     search_summary,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.post.directions import direction_names
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESPONSE_HEAD = (
-    "model",
-    "unknowns",
-    "tangential mm",
-    "normal mm",
     "open %",
     "slip %",
     "stick %",
     "peak N",
-    "J/period",
+    "J per period",
     "periods",
     "steady",
     "imbalance",
 )
 RESPONSE_NOTE = (
-    "Amplitudes are half of peak-to-peak over the last period of the motion. The imbalance is the "
-    "largest error of the energy balance relative to the largest energy of the motion."
+    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
+    "of the motion. The imbalance is the largest error of the energy balance relative to the "
+    "largest energy of the motion."
 )
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
@@ -50,26 +48,34 @@ ERROR_NAMES = {
 }
 
 
-def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
-    """Compose the table of responses; the first row is the header."""
-    rows: list[list[Any]] = [list(RESPONSE_HEAD)]
+def response_rows(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
+) -> list[list[Any]]:
+    """Compose the table of responses; the first row is the header.
+
+    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
+    third direction.
+    """
+    names = direction_names(scene)
+    directions = [f"{name} mm" for name in [*names[1:], names[0]]]
+    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
     for name, motion in motions.items():
         r = response_summary(motion)
-        tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
-        fraction: list[str | None] = [
-            f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")
+        amplitude = [f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"]]
+        missing = [None] * (len(names) - 1 - len(amplitude))
+        contact: list[str | None] = [
+            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
+            f"{r['peak_normal_force_N']:.5g}",
+            f"{r['dissipated_per_period_J']:.5g}",
         ]
-        if motion.force.shape[1] == 0:
-            fraction = [None, None, None]
         rows.append(
             [
                 name,
                 sizes.get(name),
-                tangential,
+                *amplitude,
+                *missing,
                 f"{1e3 * r['amplitude_m']['normal']:.5g}",
-                *fraction,
-                f"{r['peak_normal_force_N']:.5g}",
-                f"{r['dissipated_per_period_J']:.5g}",
+                *(contact if motion.force.shape[1] else [None] * len(contact)),
                 r["periods"],
                 "yes" if r["steady"] else "no",
                 f"{r['energy_imbalance']:.1e}",
@@ -78,9 +84,9 @@ def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> li
     return rows
 
 
-def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> str:
+def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
     """Compose the table of responses for the terminal; empty without a motion."""
-    return text_table(response_rows(motions, sizes)) if motions else ""
+    return text_table(response_rows(motions, sizes, scene)) if motions else ""
 
 
 def error_sentence(errors: Mapping[str, float | None]) -> str:
@@ -89,7 +95,9 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
         f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
     ]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
-    return f"Error of the reduced model against the full one: {listed}."
+    left = [ERROR_NAMES[name] for name, value in errors.items() if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
@@ -124,10 +132,17 @@ def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
     )
 
 
-def rerun_sentences(motion: Motion, points: ContactPoints) -> list[str]:
+def unreliable_sentence(name: str, error: Exception) -> str:
+    """State why the motion of a model cannot be relied on."""
+    return f"The {name} model has no reliable result: {error}."
+
+
+def rerun_sentences(run: Rerun, points: ContactPoints) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
+    motion = run.motion
     found = [resumed_sentence(motion), periodic_sentence(motion)]
-    return [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    sentences = [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    return [*sentences, *([estimate_sentence(run.errors, motion)] if run.errors else [])]
 
 
 def resumed_sentence(motion: Motion) -> str | None:

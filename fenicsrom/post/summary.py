@@ -21,7 +21,7 @@ from fenicsrom.online.measures import (
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.fields import contact_places
-from fenicsrom.post.record import Study
+from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.writers import write_arrays, write_summary
 from fenicsrom.scene import Scene
 
@@ -52,22 +52,34 @@ def summary(study: Study) -> dict[str, Any]:
         "left_out": study.left_out,
     }
     if study.deflection is not None:
-        found["equilibrium"] = {"displacement_m": study.deflection}
+        found["equilibrium"] = {
+            "displacement_m": study.deflection,
+            "unstable_directions": study.solid.unstable,
+        }
     found |= motions_summary(study.motions, study.solid.points)
-    found["estimated_error_percent"] = {
-        name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
-    }
-    if study.unfinished:
-        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
+    found |= _reliability(study.errors, study.unfinished)
     found["warnings"] = study.warnings
     found["provenance"] = provenance()
     return found
 
 
-def rerun_summary(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str]
+def _reliability(
+    errors: Mapping[str, float], unfinished: tuple[str, Exception] | None
 ) -> dict[str, Any]:
-    """Collect the contents of `summary.json` for a motion of a stored model."""
+    """Collect the estimated errors, and the reason why a model has no reliable result."""
+    found: dict[str, Any] = {
+        "estimated_error_percent": {
+            name: 100.0 * value if np.isfinite(value) else None for name, value in errors.items()
+        }
+    }
+    if unfinished:
+        found["unfinished"] = {"model": unfinished[0], "reason": str(unfinished[1])}
+    return found
+
+
+def rerun_summary(stored: StoredModel, scene: Scene, found: Rerun) -> dict[str, Any]:
+    """Collect the contents of `summary.json` for a run of a stored model."""
+    motion, error = found.motion, found.unfinished
     return {
         "scene": scene.source,
         "dofs": stored.dofs,
@@ -80,7 +92,8 @@ def rerun_summary(
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
-        "warnings": warnings,
+        **_reliability(found.errors, ("reduced", error) if error else None),
+        "warnings": found.warnings,
         "provenance": stored.provenance,
     }
 
@@ -166,7 +179,7 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
 
 
 def write_rerun_numbers(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str], folder: Path
+    stored: StoredModel, scene: Scene, found: Rerun, folder: Path
 ) -> list[Path]:
     """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
 
@@ -174,7 +187,7 @@ def write_rerun_numbers(
         OSError: a file cannot be written.
     """
     return [
-        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion, warnings)),
-        write_history(folder / HISTORY, {"reduced": motion}),
-        *write_checkpoint(folder, stored.model, scene, motion),
+        write_summary(folder / SUMMARY, rerun_summary(stored, scene, found)),
+        write_history(folder / HISTORY, {"reduced": found.motion}),
+        *write_checkpoint(folder, stored.model, scene, found.motion),
     ]

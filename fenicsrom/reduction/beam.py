@@ -6,7 +6,7 @@ it treats the solid.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -25,6 +25,7 @@ from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
 from fenicsrom.scene import Scene
+from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
 """Largest number of Newton iterations of an equilibrium."""
@@ -89,7 +90,14 @@ class BeamStructure:
     gyroscopic = None
     comm = SerialCommunicator()
 
-    def __init__(self, beam: TimoshenkoBeam, places: BeamPlaces, mass_damping: float, source: str):
+    def __init__(
+        self,
+        beam: TimoshenkoBeam,
+        places: BeamPlaces,
+        mass_damping: float,
+        source: str,
+        excitation: float = 0.0,
+    ):
         """Factorise the stiffness.
 
         Args:
@@ -97,7 +105,9 @@ class BeamStructure:
             places: where loads and contacts act.
             mass_damping: α of the damping C = α M, 1/s.
             source: name of the scene file, for messages.
+            excitation: the highest frequency that the scene excites, Hz.
         """
+        self.excitation = excitation
         self.beam, self.source, self.mass_damping = beam, source, mass_damping
         self.geometrically_nonlinear = not beam.linear
         self.mass, self.stiffness = beam.mass, beam.stiffness
@@ -106,7 +116,8 @@ class BeamStructure:
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
         self.points, self.contact_rows = places.points, csr_array(places.contact_rows)
         self.probe_rows = places.probe_rows
-        self.equilibrium = self.rest_force = np.zeros(self.size)
+        self.equilibrium: Array = np.zeros(self.size)
+        self.rest_force: Array = np.zeros(self.size)
         self.factor = Cholesky(beam.stiffness)
         self.warnings: list[str] = []
 
@@ -241,7 +252,7 @@ class BeamStructure:
             )
         return found
 
-    def load_path(self, force: Array, parts: Sequence[float], tolerance: float) -> Array:
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (n, k) under k increasing parts of a force (n,), to the last digits.
 
         Raises:
@@ -280,7 +291,8 @@ def beam_structure(scene: Scene) -> BeamStructure:
         ) from None
     _check_planar(scene)
     places = _places(scene, beam)
-    return BeamStructure(beam, places, scene.material.mass_damping, scene.source)
+    damping, excitation = scene.material.mass_damping, highest_frequency(scene)
+    return BeamStructure(beam, places, damping, scene.source, excitation)
 
 
 def _check_planar(scene: Scene) -> None:

@@ -25,15 +25,16 @@ eq. (9), and a minus sign in their eq. (11).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
 from fenicsrom.reduction.masters import master_directions, scaled_condition
+from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.scene import Basis
+from fenicsrom.scene import Basis, Scene
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
@@ -43,9 +44,6 @@ An exact pair of a symmetric section is split by a mesh of tetrahedra.
 
 FACING_TOLERANCE = 1e-6
 """Smaller works of a mode on a direction, relative to the largest work, count as zero."""
-
-EXTRA_MODES = 2
-"""Modes computed beyond those asked for, so that the last group of close modes is complete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +63,7 @@ class ComponentModes:
         flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
             of modes; the basis does not use the inverse of this matrix.
+        loads: static responses to the loads that the modes leave out.
     """
 
     method: str
@@ -76,6 +75,7 @@ class ComponentModes:
     inverse: Inverse
     labels: tuple[str, ...]
     flexibility_condition: float
+    loads: LoadVectors
 
     @property
     def frequencies_hz(self) -> Array:
@@ -115,6 +115,8 @@ class SolvedModes:
         flexibility: (m, m) Bᵀ G.
         masters: (local, m) R_m of (2).
         inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
+        load_responses: (local, k) K⁻¹ p of the loads that vary.
+        count: the number of normal modes that [basis] asks for.
     """
 
     method: str
@@ -125,6 +127,8 @@ class SolvedModes:
     flexibility: Array
     masters: Array
     inverse: Inverse
+    load_responses: Array
+    count: int
 
 
 def component_modes(structure: Structure, options: Basis) -> ComponentModes:
@@ -143,34 +147,31 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         ConvergenceError: the eigensolver did not find all modes.
         AccuracyError: a mode failed its residual check.
     """
-    return first_modes(structure, solve_modes(structure, options), options.modes)
+    solved = solve_modes(structure, options)
+    return first_modes(structure, solved, solved.count)
+
+
+def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
+    """The scene with the number of its normal modes in place of "auto"."""
+    return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
 
 
 def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
-    """Do the solves of `component_modes`, for `options.modes` normal modes or fewer.
+    """Do the solves of `component_modes`, for the number of normal modes of [basis] or fewer.
 
     Raises:
         SceneError, ConvergenceError, AccuracyError: as `component_modes`.
     """
-    method, count = options.method, options.modes
+    method = options.method
     b, attachment = master_directions(structure, options.masters or "all")
     m = b.shape[0]
     free = structure.free - (m if method == "craig-bampton" else 0)
-    if count > free:
-        raise SceneError(
-            f"{structure.source}: basis.modes = {count}: must be at most {free}, the number of "
-            "free unknowns",
-            kind=ErrorKind.RANGE,
-            key="basis.modes",
-            source=structure.source,
-        )
-    extra = min(EXTRA_MODES, max(free - count, 0))
     flexibility = structure.inner(b.T, attachment)
     masters = unit_displacements(structure, b, flexibility)
     inverse: Inverse = structure.factor
     if method == "craig-bampton" and m:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
-    omega_squared, normal = structure.eigenmodes(inverse, count + extra if count else 0)
+    omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     if np.any(omega_squared <= 0.0):
         structure.warnings.append(
             f"the equilibrium is unstable: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
@@ -184,6 +185,8 @@ def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
         flexibility,
         masters,
         inverse,
+        load_responses(structure),
+        count,
     )
 
 
@@ -212,6 +215,9 @@ def first_modes(structure: Structure, solved: SolvedModes, count: int) -> Compon
         solved.inverse,
         (*normal_labels, *static_labels),
         scaled_condition(contact_flexibility),
+        load_vectors(
+            structure, np.concatenate([solved.masters, normal], axis=1), solved.load_responses
+        ),
     )
 
 

@@ -9,7 +9,7 @@ Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any, Protocol
 
 from scipy.sparse import csr_array
@@ -64,6 +64,7 @@ class Structure(Protocol):
         rest_force: (local,) internal force at the equilibrium, N.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
         points: the contact points.
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents].
@@ -79,6 +80,7 @@ class Structure(Protocol):
     equilibrium: Array
     load_vectors: Array
     load_histories: LoadHistories
+    excitation: float
     points: ContactPoints
     contact_rows: csr_array
     probe_rows: Array
@@ -154,7 +156,7 @@ class Structure(Protocol):
             ConvergenceError: no equilibrium was found.
         """
 
-    def load_path(self, force: Array, parts: Sequence[float], tolerance: float) -> Array:
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
         """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
 
         `tolerance` bounds the error in the energy norm, relative to the deflection.

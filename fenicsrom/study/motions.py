@@ -42,6 +42,13 @@ def integrate(run: Run, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
+def check_beam(study: Study) -> None:
+    """Check that the 1D beam stands for the solid."""
+    from fenicsrom.assess import beam_check
+
+    beam_check.check_beam(study.solid, study.scene)
+
+
 def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
@@ -84,10 +91,10 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
-    from fenicsrom.assess.verdicts import check_basis_error, check_time_error
+    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in
+    from fenicsrom.assess.verdicts import check_basis_error, checked
     from fenicsrom.online.energy import check_energy
-    from fenicsrom.online.measures import has_settled, is_unsteady
+    from fenicsrom.online.measures import has_settled
     from fenicsrom.reduction.stages import reduce
 
     scene, model = study.scene, ""
@@ -96,10 +103,10 @@ def check(study: Study) -> None:
             model = name
             check_energy(motion)
         model, motion = "reduced", study.motions["reduced"]
-        study.errors["time step"], force = step_errors(study.model, scene, motion)
-        if scene.contacts:
-            study.errors["peak force by the time step"] = force
-        check_time_error(scene, study.errors["time step"], is_unsteady(motion))
+        errors, failure = checked(study.model, scene, motion)
+        study.errors |= errors
+        if failure is not None:
+            raise failure
         if has_settled(motion) and study.modes is not None and study.derivatives is not None:
             richer = richer_basis(
                 study.solid,

@@ -47,6 +47,12 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     listed = [
         *offline_stages(scene, modes_only),
         Stage(
+            "beam check",
+            moving and beam,
+            f"reference.beam is {'given' if beam else 'not given'}" if moving else why_not,
+            lambda run: motions.check_beam(run.study),
+        ),
+        Stage(
             "reduced motion",
             moving,
             f"time.scheme is {scene.time.scheme}" if moving else why_not,

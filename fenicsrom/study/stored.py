@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,24 +13,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
+    from fenicsrom.post.record import Rerun
     from fenicsrom.scene import Scene
-
-
-@dataclass(frozen=True, eq=False)
-class Rerun:
-    """The record of a run of a stored model.
-
-    Attributes:
-        motion: the motion; up to the failure if there was one.
-        unfinished: the error of the integration or of a check, or None.
-        warnings: warnings for the user.
-        files: the written files.
-    """
-
-    motion: Motion
-    unfinished: ConvergenceError | AccuracyError | None
-    warnings: list[str]
-    files: list[Path]
 
 
 def rerun(
@@ -61,22 +44,29 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.verdicts import rejection_reason
+    from fenicsrom.assess.verdicts import checked
     from fenicsrom.online.checkpoints import load_checkpoint
+    from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import motion_warnings, rerun_warnings
+    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.scene.excitation import highest_frequency
 
     watch = Stopwatch(say)
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = rerun_warnings(scene)
+    errors: dict[str, float] = {}
+    too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
+    warnings += [too_few] if too_few is not None else []
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         stop_where_asked(stop)
         with watch("checks"):
-            unfinished = rejection_reason(model, scene, motion)
-    files = _write(stored, scene, motion, warnings, folder, watch, stop)
-    return Rerun(motion, unfinished, warnings, files)
+            errors, unfinished = checked(model, scene, motion)
+    found = Rerun(motion, unfinished, errors, warnings, [])
+    found.files.extend(_write(stored, scene, found, folder, watch, stop))
+    return found
 
 
 def _integrate(
@@ -115,8 +105,7 @@ def _integrate(
 def _write(
     stored: StoredModel,
     scene: Scene,
-    motion: Motion,
-    warnings: list[str],
+    found: Rerun,
     folder: Path,
     watch: Stopwatch,
     stop: Callable[[], bool],
@@ -125,19 +114,16 @@ def _write(
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
+    from fenicsrom.post.pictures import draw_pictures, motion_pictures
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(stored, scene, motion, warnings, folder)
+        files = write_rerun_numbers(stored, scene, found, folder)
     stop_where_asked(stop)
-    pictures = motion_pictures({"reduced": motion}) if scene.output.pictures else []
-    sentence = not_drawn([picture.name for picture in pictures])
-    if sentence:
-        warnings.append(sentence)
+    pictures = motion_pictures({"reduced": found.motion}) if scene.output.pictures else []
     with watch("pictures"):
-        written = write_motion_pictures([] if sentence else pictures, folder)
-    report = write_rerun_report(stored, scene, motion, written, warnings, folder)
+        written = draw_pictures(pictures, folder, found.warnings)
+    report = write_rerun_report(stored, scene, found, written, folder)
     return [report, *files, *(path for _, path in written)]

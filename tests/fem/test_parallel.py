@@ -185,6 +185,46 @@ def test_error_of_one_rank_is_printed_and_stops_the_other(
     )
 
 
+CRASH = """
+import sys
+from mpi4py import MPI
+from fenicsrom.cli import commands, main
+
+read = commands.read_scene
+def read_scene(*given):
+    if MPI.COMM_WORLD.rank == 1:
+        raise ZeroDivisionError("a defect of the program")
+    return read(*given)
+commands.read_scene = read_scene
+sys.exit(main(["run", sys.argv[1], "--output", sys.argv[2]]))
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
+    done = on_ranks(2, "-c", CRASH, SCENE, str(tmp_path), code=1, timeout=60)
+    assert "ZeroDivisionError: a defect of the program" in done.stderr
+    assert not (tmp_path / "summary.json").exists()
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
+    """Some ranks have no cell and no unknown."""
+    cells = ["geometry.parameters.elements_along=4", "geometry.parameters.load_at=0.5"]
+    wanted = [*cells, "time.periods=2", "output.pictures=false", "output.paraview=false"]
+    wanted += ["reference.beam=false", "loads=[{group='load',direction=[0,1],force=9,frequency=3}]"]
+    overrides = [part for item in wanted for part in ("--set", item)]
+    found = []
+    for ranks in (1, 5):
+        folder = tmp_path / str(ranks)
+        on_ranks(ranks, "-m", "fenicsrom", "run", SCENE, "--output", str(folder), *overrides)
+        summary = json.loads((folder / "summary.json").read_text())
+        found.append(summary["response"]["reduced"]["amplitude_m"]["tangential"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import html
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from fenicsrom.online.simulate import simulate
 from fenicsrom.online.steady import _Problem, fractions_of
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.post.figures import plot_energy
+from fenicsrom.post.record import Rerun
 from fenicsrom.post.report import write_rerun_report
 from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
 from fenicsrom.post.summary import write_history
@@ -268,7 +270,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
     assert whole.search is not None and whole.newton_from is not None
     after += 0 if case == "rubbing" else whole.search.marched - 5
     kept: list[Any] = []
-    scene = beam_scene(2)
+    scene = beam_scene(2, (f"loads.0.frequency={1.0 / period!r}",))
     path = tmp_path / "checkpoint.npz"
 
     def keep(here: Any) -> None:
@@ -294,6 +296,30 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
     assert motion.search is not None
     for name, value in whole.search._asdict().items():
         np.testing.assert_array_equal(getattr(motion.search, name), value, err_msg=name)
+
+
+@pytest.mark.parametrize(("tolerance", "checkpoints"), [(1e-5, 5), (0.9, 1)])
+def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
+    tolerance: float, checkpoints: int
+) -> None:
+    """In an attempt after five periods; or after the second one, which seems to repeat."""
+    model, contacts, period = rubbing()
+    whole = run(model, period, contacts, steady_tolerance=tolerance)
+    asked: list[int] = []
+    kept: list[Any] = []
+
+    def stop() -> bool:
+        """Ask for the end before the third march of Newton's method."""
+        asked.append(len(kept))
+        return asked.count(len(kept)) == 4
+
+    options = {"stop": stop, "checkpoint": lambda end: kept.append(copy.deepcopy(end))}
+    with pytest.raises(Interrupted) as caught:
+        run(model, period, contacts, steady_tolerance=tolerance, **options)
+    assert len(kept) == checkpoints and not caught.value.partial.steady
+    resumed = run(model, period, contacts, steady_tolerance=tolerance, resume=kept[-1])
+    assert whole.newton_from is not None and resumed.newton_from == whole.newton_from
+    np.testing.assert_array_equal(last(resumed), last(whole))
 
 
 def test_run_without_room_for_an_attempt_is_marched() -> None:
@@ -322,7 +348,8 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
     stored: Any = SimpleNamespace(size=4)
-    page = write_rerun_report(stored, beam_scene(2), motion, [], [], tmp_path).read_text()
+    record = Rerun(motion, None, {}, [], [])
+    page = write_rerun_report(stored, beam_scene(2), record, [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]
     stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]

@@ -83,6 +83,7 @@ WORK = {
     "fenicsrom.reduction.stages.reduce": "reduction",
     "fenicsrom.study.motions.integrate": "motion",
     "fenicsrom.study.motions.check": "checks",
+    "fenicsrom.study.motions.check_beam": "beam check",
     "fenicsrom.post.summary.write_numbers": "numbers",
     "fenicsrom.post.fields.write_shapes": "ParaView modes",
     "fenicsrom.post.fields.write_last_period": "ParaView motion",
