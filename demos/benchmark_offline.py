@@ -23,7 +23,6 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.elasticity import QUADRATURE_DEGREE
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid, solid_of
 from fenicsrom.reduction.mode_count import EXTRA_MODES
@@ -90,7 +89,7 @@ def bare_eigensolver(solid: Solid, count: int) -> SLEPc.EPS:
 def bare_products(solid: Solid, size: int) -> Array:
     """Form the products of all strains, from strains that are there already."""
     cell = solid.mesh.domain.basix_cell()
-    points = basix.make_quadrature(cell, QUADRATURE_DEGREE)[1].size
+    points = basix.make_quadrature(cell, solid.quadrature_degree)[1].size
     topology = solid.mesh.domain.topology
     rows = STRAIN_ROWS * points * topology.index_map(topology.dim).size_local
     strains = np.ones((min(rows, 10_000), size))

@@ -222,7 +222,7 @@ class FullModel:
             and not (first and len(tangent) > 1 and self._needs_flexibility())
         )
         if not (keeps and self._made is not None and wanted.has_coefficients_of(self._made)):
-            exact = self.linear or mass_coefficient <= 0.0 or self._progress.renewals > 0
+            exact = self.linear or first or mass_coefficient <= 0.0 or self._progress.renewals > 0
             if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
                 bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
                 return bad[:, 0], bad[:, 1:], np.full((self._rows.shape[0],) * 2, np.nan)

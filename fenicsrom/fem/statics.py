@@ -3,8 +3,8 @@
 A correction solves with a factor of the tangent stiffness that is kept while each correction is
 smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
 current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. The residual is always that of the
-full equations, so the equilibrium does not depend on the tangents. Where this fails, at a limit load,
-plain Newton with the tangent of each state follows.
+full equations, so the equilibrium does not depend on the tangents. Where this fails, at a limit
+load, plain Newton with the tangent of each state follows.
 """
 
 from __future__ import annotations
