@@ -53,8 +53,9 @@ def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
         from fenicsrom.fem.full import full_model
+        from fenicsrom.online.contact_points import contacts_of
 
-        return full_model(study.solid)
+        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 

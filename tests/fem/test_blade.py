@@ -299,7 +299,11 @@ def test_slender_body_with_many_masters_keeps_its_basis(method: str) -> None:
     )
     found = component_modes(solid, Basis(method=method, modes=3, masters="all"))
     keep = free_unknowns(solid)
-    k, m, b = dense(solid.stiffness, keep), dense(solid.mass, keep), solid.contact_rows[:, keep]
+    k, m, b = (
+        dense(solid.stiffness, keep),
+        dense(solid.mass, keep),
+        solid.contact_rows.toarray()[:, keep],
+    )
     held = np.setdiff1d(np.arange(keep.size), np.argmax(b, axis=1))
     exact = np.zeros((keep.size, 27))
     exact[np.argmax(b, axis=1)] = np.eye(27)
@@ -421,7 +425,7 @@ def test_force_of_closing_casing_matches_springs_in_series(dimension: int) -> No
     )
     model, _ = reduced(solid)
     motion = simulate(model, scene_of(solid))
-    rows = solid.contact_rows[:1]
+    rows = solid.contact_rows[:1].toarray()
     yielding = (rows @ solid.factor.solve(rows.T.copy())).item()
     expected = (come - gap) / (1.0 / stiffness + yielding)
     assert 0.1 < stiffness * yielding < 10.0  # both springs count
