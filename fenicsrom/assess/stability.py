@@ -10,8 +10,9 @@ the tolerance) and, where the basis is in question, with a richer basis. Its ver
     silently wrong  the error exceeds its own estimate, the motion creates energy or is unbounded,
                     or any other exception is raised
 
-The estimates of a run are `fenicsrom.assess.estimates.step_errors` and `basis_error`, which
-`fenicsrom run` checks and prints too.
+The estimates of a run are `fenicsrom.assess.estimates.step_errors` and `basis_errors`, which
+`fenicsrom run` checks and prints too. Random variants (`fenicsrom.assess.random_cases`) are also
+compared with the full model at the same time steps.
 """
 
 from __future__ import annotations
@@ -29,22 +30,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
+from fenicsrom.assess.estimates import MotionErrors, distances
+from fenicsrom.assess.random_cases import random_cases
 from fenicsrom.assess.scales import scales_of
-from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
+from fenicsrom.assess.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.energy import check_energy, friction_gains_energy
-from fenicsrom.online.measures import (
-    amplitude,
-    difference,
-    has_settled,
-    is_unsteady,
-    peak_normal_force,
-)
+from fenicsrom.online.march import end_of
+from fenicsrom.online.measures import amplitude, difference, has_settled, peak_normal_force
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.step_size import refined
+from fenicsrom.scene.step_size import refined, with_time
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -64,6 +62,9 @@ UNITS_ERROR = 1e-6  # largest relative difference between runs in different unit
 # largest relative difference of the root mean squares of motions that do not settle
 UNSTEADY_ERROR = 0.5
 WORKERS = 2
+NOTABLE = 0.01  # an error against the full model must be seen if it is larger
+MISSED = 3.0  # times its estimate: an error that was not seen
+FULL_PERIODS = 20  # of a full model that starts from the periodic motion of the reduced model
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def _examine(
     """The verdict on a case and its reason; the measured values are written into `numbers`."""
     scene = scene_of(table, source, folder, case.overrides)
     model, reduction, solid = build(scene, case.model)
-    motion = simulate(model, scene)
+    motion = simulate(model, scene, keep_coordinates=True)
     numbers |= {
         "amplitude": float(np.linalg.norm(amplitude(motion))) * case.scale,
         "imbalance": motion.relative_imbalance,
@@ -216,10 +217,12 @@ def _examine(
     check_energy(motion)
     if wrong := unphysical(motion, scene.time.scheme):
         return Verdict.WRONG, wrong
-    numbers["estimate"], numbers["force_estimate"] = step_errors(model, scene, motion)
-    check_time_error(scene, numbers["estimate"], is_unsteady(motion))
-    if has_settled(motion) and reduction is not None:
-        numbers["basis_estimate"] = _own_basis_error(reduction, solid, scene, motion)
+    candidates = _candidates(reduction, solid, scene)
+    own: dict[str, MotionErrors] = {}
+    try:
+        estimate_errors(model, candidates, scene, motion, own)
+    finally:
+        numbers |= _estimates(own)
     fine = simulate(model, refined(scene))
     numbers["error"] = difference(motion, fine)
     peak = peak_normal_force(fine)
@@ -230,32 +233,61 @@ def _examine(
         apart = abs(numbers["amplitude"] / other - 1.0)
         if apart > UNITS_ERROR:
             return Verdict.WRONG, f"in SI units the amplitude differs by {apart:.1e}"
+    if case.full:
+        assert reduction is not None
+        error = full_distances(reduction, solid, scene, motion)
+        numbers["basis_error"] = error.amplitude
+        seen = own["basis"].amplitude
+        if error.amplitude > max(NOTABLE, MISSED * seen):
+            return (
+                Verdict.WRONG,
+                f"the error against the full model is {error.amplitude:.1e}, but the estimate is "
+                f"{seen:.1e}",
+            )
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
     return verdict_of(motion, fine, numbers)
 
 
-def _own_basis_error(
-    reduction: Reduction, solid: Any, scene: Scene, motion: Motion
-) -> float | None:
-    """The program's own estimate of the error due to the basis; None if there is no richer basis.
+def _candidates(reduction: Reduction | None, solid: Any, scene: Scene) -> ReducedModel | None:
+    """The larger model that judges the basis of a reduced model."""
+    from fenicsrom.reduction.candidates import candidate_model
 
-    Raises:
-        AccuracyError: the estimate is too large.
+    return None if reduction is None else candidate_model(solid, scene.basis, reduction)
+
+
+def _estimates(own: Mapping[str, MotionErrors]) -> dict[str, float]:
+    """The estimates of a `Finding`."""
+    found: dict[str, float] = {}
+    if "time step" in own:
+        found |= {"estimate": own["time step"].amplitude}
+        found |= {"force_estimate": own["time step"].peak_force}
+    if "basis" in own:
+        found["basis_estimate"] = own["basis"].amplitude
+    return found
+
+
+def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motion) -> MotionErrors:
+    """The true errors due to the basis: the distances from the full model at the same time steps.
+
+    The full model starts where the motion ended, if Newton's method found it, and then runs at most
+    `FULL_PERIODS`.
+
+    Args:
+        reduction: the stages of the reduced model.
+        solid: the solid.
+        scene: the scene.
+        motion: the motion of the reduced model.
     """
-    from fenicsrom.reduction.stages import reduce
+    from fenicsrom.fem.full import full_model
 
-    found = reduction
-    richer = richer_basis(
-        solid, scene, found.modes, found.selection, found.derivatives, motion.buckled > 0
-    )
-    if richer is None:
-        return None
-    start = start_in(solid, found.basis, richer, motion)
-    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion, start)
-    check_basis_error(scene, estimate)
-    return estimate
+    start = None
+    if motion.newton_from is not None and not motion.buckled:
+        q, v, sliders = end_of(motion)
+        start = reduction.basis.vectors @ q, reduction.basis.vectors @ v, sliders
+        scene = with_time(scene, periods=FULL_PERIODS)
+    return distances(motion, simulate(full_model(solid), scene, start=start))
 
 
 def unphysical(motion: Motion, scheme: str) -> str:
@@ -315,6 +347,8 @@ def stability(
     say: Callable[[str], None],
     axes: Sequence[str] = (),
     workers: int = WORKERS,
+    variants: int = 0,
+    seed: int = 0,
 ) -> Matrix:
     """Drive a scene to its extremes, and judge every run.
 
@@ -324,6 +358,8 @@ def stability(
         say: called with one line of progress at a time.
         axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
+        variants: number of random variants to run instead of the axes; 0 runs the axes.
+        seed: seed of the random variants.
 
     Raises:
         SceneError: the scene itself is wrong, nothing moves in it, or there is no such axis.
@@ -350,6 +386,8 @@ def stability(
     polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
     scales = scales_of(build(polynomial, "reduced")[0], polynomial)
     wanted, left_out = cases_of(scene, scales, axes)
+    if variants:
+        wanted, left_out = random_cases(scene, scales, variants, seed), []
     for sentence in left_out:
         say(sentence)
     findings = run_all(wanted, table, scene.source, path.parent, say, workers)

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import provenance
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.record import Study
+from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
     equilibrium_sentence,
@@ -17,9 +17,9 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+    unreliable_sentence,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import Scene
 
 REPORT = "report.html"
 
@@ -44,22 +44,24 @@ def write_study_report(study: Study, folder: Path) -> Path:
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
-def write_rerun_report(
-    stored: StoredModel,
-    scene: Scene,
-    motion: Motion,
-    pictures: Sequence[tuple[str, Path]],
-    warnings: Sequence[str],
-    folder: Path,
-) -> Path:
+def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folder: Path) -> Path:
     """Write the report of a motion of a stored model.
 
     Raises:
         OSError: the file cannot be written.
     """
-    rows = response_rows({"reduced": motion}, {"reduced": stored.size})
+    scene, motion = found.stored.scene, found.motion
+    results: list[Any] = [
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}),
+        RESPONSE_NOTE,
+        *_periodic(motion),
+    ]
+    if found.errors:
+        results.append(estimate_sentence(found.errors, motion))
+    if found.unfinished:
+        results.append(unreliable_sentence("reduced", found.unfinished))
     sections: list[Section] = [
-        ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
+        ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
     ]
     return write_report(folder / REPORT, scene.title or scene.source, sections)
@@ -79,8 +81,7 @@ def _results(study: Study) -> list[Any]:
     if study.errors:
         found.append(estimate_sentence(study.errors, study.motions["reduced"]))
     if study.unfinished:
-        name, error = study.unfinished
-        found.append(f"The {name} model has no reliable result: {error}")
+        found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
 
 

@@ -13,11 +13,10 @@ from fenicsrom.study.motions import check
 from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
-from fenicsrom.study.stored import Rerun, rerun
+from fenicsrom.study.stored import rerun
 
 __all__ = [
     "Item",
-    "Rerun",
     "Run",
     "Stage",
     "Stopwatch",
