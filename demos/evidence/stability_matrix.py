@@ -363,8 +363,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="The stability matrix of the demo beam.")
     parser.add_argument("--output", default="out/stability_matrix", type=Path, metavar="DIR")
     parser.add_argument("--axis", action="append", help="run this axis only; may be repeated")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE", help="override for every run"
+    )
     options = parser.parse_args()
-    table, scene = load(SCENE)
+    table, scene = load(SCENE, options.set)
     begin = clock.perf_counter()
 
     def say(line: str) -> None:

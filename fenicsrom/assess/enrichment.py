@@ -10,11 +10,13 @@ which is a polynomial in q. It would drive the candidates as linear oscillators,
 
     e'' + alpha e' + K_ee e = -r_e(t),    (2)
 
-whose response (by harmonics, with at least `LEAST_RATIO` of damping) shows which combinations of
-candidates the motion lacks: the singular vectors of e(t) in the norm of the elastic energy. The
-reduced model is enriched by the largest of them, at most `DIRECTIONS`, and runs again. Its motion
-contains what the residual does to q, to the contact and to the probe; its distance from the given
-motion is the estimate. The residual therefore selects, and a solution of the nonlinear equations
+whose response e_1 (by harmonics, with at least `LEAST_RATIO` of damping) shows which combinations
+of candidates the motion lacks. A missing mode needs its derivatives too, which (1) does not excite;
+the nonlinear part f_e(q, e_1) - f_e(q, 0) - K_ee e_1 of the force does, in a second response e_2.
+The directions are the singular vectors of both, each scaled to unit elastic energy. The reduced
+model is enriched by the largest of them, at most `DIRECTIONS`, and runs again. Its motion contains
+what the residual does to q, to the contact and to the probe; its distance from the given motion is
+the estimate. The residual therefore selects, and a solution of the nonlinear equations
 measures.
 """
 
@@ -64,30 +66,54 @@ def directions(candidates: ReducedModel, size: int, motion: Motion) -> Array:
         size: n.
         motion: a motion of the reduced model with its coordinates.
     """
-    time, residual = residuals(candidates, size, motion)
+    time, q, residual = residuals(candidates, size, motion)
     stiffness = candidates.elastic.stiffness[size:, size:]
     squares, axes = np.linalg.eigh(0.5 * (stiffness + stiffness.T))  # the mass matrix is identity
     omega = np.sqrt(np.maximum(np.abs(squares), np.finfo(float).tiny))
-    span = (time[-1] - time[0]) * time.size / (time.size - 1)
-    frequency = 2.0 * np.pi * np.arange(time.size // 2 + 1)[:, None] / span
-    damping = candidates.damping + 2.0 * LEAST_RATIO * omega
-    transfer = 1.0 / (omega**2 - frequency**2 + 1j * frequency * damping)
-    response = transfer * np.fft.rfft(residual @ axes, axis=0)
-    energetic = np.concatenate([response.real, response.imag]) * omega
-    shares = np.sum(energetic**2, axis=0)
-    # rounding in soft modes would couple them to stiff ones in one direction
-    energetic[:, shares < NOISE * shares.sum()] = 0.0
-    _, values, rows = np.linalg.svd(energetic, full_matrices=False)
+    response = _response(time, residual @ axes, omega, candidates.damping)
+    energetic = [response * omega]
+    if not candidates.linear:
+        bounded = response @ axes.T
+        force = elastic_residual(candidates, size, q, bounded) - bounded @ stiffness.T
+        force -= elastic_residual(candidates, size, q, np.zeros_like(bounded))
+        energetic.append(_response(time, force @ axes, omega, candidates.damping) * omega)
+    found = np.concatenate([_significant(rows) for rows in energetic])
+    _, values, rows = np.linalg.svd(found, full_matrices=False)
     if not values[0] > 0.0:
         return np.zeros((axes.shape[0], 0))
     left_out = 1.0 - np.cumsum(values**2) / np.sum(values**2)
     count = min(int(np.argmax(left_out <= NEGLIGIBLE_ENERGY)) + 1, DIRECTIONS)
-    found, _ = np.linalg.qr(axes @ (rows[:count].T / omega[:, None]))
-    return np.asarray(found)
+    kept, _ = np.linalg.qr(axes @ (rows[:count].T / omega[:, None]))
+    return np.asarray(kept)
 
 
-def residuals(candidates: ReducedModel, size: int, motion: Motion) -> tuple[Array, Array]:
-    """The residual (1) at equal steps along a motion: instants (k,), s, and residuals (k, w), N."""
+def _response(time: Array, force: Array, omega: Array, damping: float) -> Array:
+    """Response (k, w) of linear oscillators to the opposite of forces (k, w), by harmonics."""
+    span = (time[-1] - time[0]) * time.size / (time.size - 1)
+    frequency = 2.0 * np.pi * np.arange(time.size // 2 + 1)[:, None] / span
+    loss = damping + 2.0 * LEAST_RATIO * omega
+    transfer = 1.0 / (omega**2 - frequency**2 + 1j * frequency * loss)
+    return np.asarray(-np.fft.irfft(transfer * np.fft.rfft(force, axis=0), time.size, axis=0))
+
+
+def _significant(energetic: Array) -> Array:
+    """Responses (k, w) of unit energy, without those that are rounding.
+
+    Rounding in soft modes would otherwise couple them to stiff ones in one direction.
+    """
+    shares = np.sum(energetic**2, axis=0)
+    total = float(shares.sum())
+    if not total > 0.0:
+        return energetic
+    return np.where(shares < NOISE * total, 0.0, energetic) / np.sqrt(total)
+
+
+def residuals(candidates: ReducedModel, size: int, motion: Motion) -> tuple[Array, Array, Array]:
+    """The residual (1) at equal steps along a motion.
+
+    Returns:
+        Instants (k,) in s, coordinates q (k, n), and residuals (k, w) in N.
+    """
     assert motion.coordinates is not None and motion.coordinate_time is not None
     times = motion.coordinate_time
     count = min(max(2 * times.size, 64), SAMPLES)
@@ -100,29 +126,29 @@ def residuals(candidates: ReducedModel, size: int, motion: Motion) -> tuple[Arra
     if candidates.gyroscopic:
         damping = damping + candidates.gyroscopic_matrix[size:, :size]
     loads = np.array([factors(candidates.load_histories, t) for t in time])
-    residual = acceleration @ mass.T + velocity @ damping.T + elastic_residual(candidates, size, q)
+    residual = acceleration @ mass.T + velocity @ damping.T
+    residual += elastic_residual(candidates, size, q, np.zeros((count, mass.shape[0])))
     residual -= loads @ candidates.loads[size:].T
     if candidates.contact_rows.size:
         flat = motion.force.reshape(motion.time.size, -1)
         force = np.array([np.interp(time, motion.time, column) for column in flat.T]).T
         residual += force @ candidates.contact_rows[:, size:]
-    return time, residual
+    return time, q, residual
 
 
-def elastic_residual(candidates: ReducedModel, size: int, q: Array) -> Array:
-    """Elastic force (k, w) on the candidates at coordinates q (k, n) of the reduced model, N."""
-    elastic, n, total = candidates.elastic, size, candidates.size
-    force = elastic.force[n:] + q @ elastic.stiffness[n:, :n].T
+def elastic_residual(candidates: ReducedModel, size: int, q: Array, e: Array) -> Array:
+    """Elastic force (k, w) on the candidates at coordinates q (k, n) and e (k, w), N."""
+    elastic, n = candidates.elastic, size
+    x = np.concatenate([q, e], axis=1)
+    force = elastic.force[n:] + x @ elastic.stiffness[n:].T
     if candidates.linear:
         return np.asarray(force)
-    index = pair_index(total)
-    first, second = pairs(n)
-    inside = index[first, second]
-    products = q[:, first] * q[:, second]
-    halved = products * np.where(first == second, 0.5, 1.0)
-    force += halved @ elastic.quadratic[inside, n:]
-    for k in range(n):
-        force += q[:, k : k + 1] * (products @ elastic.cubic[np.ix_(index[n:, k], inside)].T) / 3.0
+    first, second = pairs(candidates.size)
+    index = pair_index(candidates.size)
+    products = x[:, first] * x[:, second]
+    force += (products * np.where(first == second, 0.5, 1.0)) @ elastic.quadratic[:, n:]
+    for k in range(e.shape[1]):
+        force[:, k] += np.sum(x * (products @ elastic.cubic[index[n + k]].T), axis=1) / 3.0
     return np.asarray(force)
 
 

@@ -72,6 +72,38 @@ def run_jobs(
         yield function(job, report)
 
 
+def run_jobs_on_ranks(function: Job, jobs: Sequence[Any], tell: Tell, comm: Any) -> Iterator[Any]:
+    """Compute jobs on the ranks of an MPI communicator; rank 0 gives out the jobs.
+
+    Args:
+        function: computes one job; it and the jobs must be picklable.
+        jobs: its arguments.
+        tell: receives on rank 0 the number of each job that is done.
+        comm: the communicator, of two ranks or more; all of them must call.
+
+    Yields:
+        On rank 0 the result of each job, in order; on the others nothing.
+    """
+    from concurrent.futures import as_completed
+
+    from mpi4py.futures import MPICommExecutor
+
+    with MPICommExecutor(comm, root=0) as found:
+        pool: Any = found  # None on the ranks that work
+        if pool is None:
+            return
+        futures = {pool.submit(function, job, _silent): k for k, job in enumerate(jobs)}
+        for future in as_completed(futures):
+            future.result()
+            tell(futures[future], 1.0, f"job {futures[future] + 1}")
+    for future in futures:
+        yield future.result()
+
+
+def _silent(fraction: float, line: str) -> None:
+    """Report nothing."""
+
+
 def _in_processes(
     function: Job, jobs: Sequence[Any], tell: Tell, workers: int, stop: Callable[[], bool]
 ) -> Iterator[Any]:

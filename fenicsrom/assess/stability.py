@@ -313,7 +313,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with half the step the motion differs by {error:.0%}"
-        return Verdict.UNSTEADY, f"the motion does not repeat after {motion.periods} periods"
+        return Verdict.UNSTEADY, _why_unsteady(motion)
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
@@ -336,6 +336,20 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
         ),
     }
     return Verdict.CONVERGED, "; ".join(remark for remark, holds in remarks.items() if holds)
+
+
+def _why_unsteady(motion: Motion) -> str:
+    """What a motion that does not repeat does instead, and what Newton's method found of it."""
+    found = f"the motion does not repeat after {motion.periods} periods"
+    search = motion.search
+    if search is None:
+        return found
+    if search.verdict == "not found":
+        return f"{found}; Newton's method found no periodic motion"
+    multiplier = f"largest multiplier {abs(search.multipliers[0]):.3g}"
+    if search.verdict == "stable":
+        return f"{found}; a stable periodic motion exists ({multiplier}), but it is not reached"
+    return f"{found}; the periodic motion is unstable ({search.verdict}, {multiplier})"
 
 
 # ---------------------------------------------------------------------- all runs

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +164,57 @@ def backbone(options: argparse.Namespace) -> int:
     return _end(comm, found.unfinished)
 
 
+def sweep(options: argparse.Namespace) -> int:
+    """Run a scene or a stored model for lists or ranges of values of its keys.
+
+    Returns:
+        0, or 1 if a run has no motion.
+
+    Raises:
+        KeyboardInterrupt: the sweep was interrupted.
+    """
+    from fenicsrom.assess.processes import available_cores
+    from fenicsrom.assess.sweep_runs import FAILED
+    from fenicsrom.post import sweep_report
+    from fenicsrom.scene.variations import make_axes
+
+    axes = make_axes(options.over, options.together)
+    if options.stored:
+        from fenicsrom.online import archive
+
+        model = archive.load_model(Path(options.stored))
+        scene = _changed_model(options, model).scene
+        source: str | None = options.stored
+    else:
+        _require_scene(options)
+        scene, source = read_scene(options.scene, options.overrides), None
+
+    def variant(overrides: Sequence[str]) -> Scene:
+        if options.scene is not None:
+            return read_scene(options.scene, [*options.overrides, *overrides])
+        return archive.changed_scene(model.scene, [*options.overrides, *overrides])
+
+    comm = _ranks()
+    first = comm is None or comm.rank == 0
+    found = study.sweep(
+        scene,
+        variant,
+        axes,
+        _make_folder(options, f"{options.scene or options.stored}"),
+        stored=Path(source) if source else None,
+        comm=comm,
+        say=progress if first else lambda line: None,
+        workers=available_cores(),
+        resume=options.resume,
+        stop=is_terminated,
+    )
+    if first:
+        print_results(scene, sweep_report.terminal(found), [], files=found.files)
+    if found.interrupted:
+        raise KeyboardInterrupt
+    return 1 if found.with_outcome(FAILED) else 0
+
+
 def stability(options: argparse.Namespace) -> int:
     """Run extreme or random variants of a scene.
 
@@ -242,6 +294,17 @@ def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
             progress(line)
 
     return comm, say, scene, folder
+
+
+def _ranks() -> Any:
+    """Give the communicator of all ranks; None where mpi4py is not installed."""
+    from fenicsrom.post.optional import missing_module
+
+    if missing_module("mpi4py") is not None:
+        return None
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
 
 
 def _end(comm: Any, error: Exception | None) -> int:

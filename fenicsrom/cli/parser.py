@@ -101,6 +101,27 @@ RANDOM = Argument(
 SEED = Argument(
     "--seed", type=natural, default=0, metavar="S", help="seed of the random variants (default: 0)"
 )
+OVER = Argument(
+    "--over",
+    action="append",
+    default=[],
+    metavar="KEY=VALUES",
+    help="values of a key of the scene: a list such as loads.0.force=[50, 100], or a range "
+    "FIRST:LAST:COUNT, with :log in equal ratios; all combinations run; may be repeated",
+)
+ZIP = Argument(
+    "--zip",
+    action="append",
+    default=[],
+    metavar="KEY=VALUES",
+    dest="together",
+    help="the same, but all keys of --zip change together; may be repeated",
+)
+RESUME_SWEEP = Argument(
+    "--resume",
+    action="store_true",
+    help="keep the results of the same runs in the output folder, and compute only the others",
+)
 SET = Argument(
     "--set",
     action="append",
@@ -155,6 +176,12 @@ COMMANDS = (
         "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
         commands.backbone,
         (SWINGING_SCENE, FROM, SET, OUTPUT),
+    ),
+    Command(
+        "sweep",
+        "run a scene or a stored model for lists or ranges of values of its keys",
+        commands.sweep,
+        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT),
     ),
     Command(
         "schema",

@@ -138,8 +138,7 @@ class StoredModel:
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
         """
-        table, source = scene_table(self.scene), self.scene.source
-        return self.with_scene(parse_scene(override_table(table, overrides, source), source, None))
+        return self.with_scene(changed_scene(self.scene, overrides))
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.
@@ -155,6 +154,16 @@ class StoredModel:
         """
         run = self if scene is None else self.with_scene(scene)
         return simulate(run.model, run.scene, **options)
+
+
+def changed_scene(scene: Scene, overrides: str | Sequence[str]) -> Scene:
+    """A scene with other values; its paths stay as they are.
+
+    Raises:
+        SceneError: an override is wrong.
+    """
+    table, source = scene_table(scene), scene.source
+    return parse_scene(override_table(table, overrides, source), source, None)
 
 
 def provenance(

@@ -2,8 +2,8 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
-`stored` integrates a stored model again, `curves` computes response curves, and `backbones`
-computes nonlinear modes.
+`stored` integrates a stored model again, `curves` computes response curves, `backbones` computes
+nonlinear modes, and `sweeps` runs a scene or a stored model for many values of its keys.
 """
 
 from fenicsrom.study.backbones import backbone, backbone_of_model
@@ -14,6 +14,7 @@ from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.study.stored import rerun
+from fenicsrom.study.sweeps import sweep
 
 __all__ = [
     "Item",
@@ -33,4 +34,5 @@ __all__ = [
     "response_of_model",
     "run",
     "stages",
+    "sweep",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from support import beam_scene, linear_model
 
 from fenicsrom import study
+from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.simulate import load_histories
 from fenicsrom.post.sentences import UNJUDGED
@@ -52,3 +54,25 @@ def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
 def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -> None:
     named = [text for text in warnings_of(stored(f"{key}=true"), tmp_path) if key in text]
     assert len(named) == 1
+
+
+def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) -> None:
+    """The load is at the second frequency, which only the candidates have: the run is refused, and
+    its files say so."""
+    model = stored("loads.0.frequency=4.8", "time.periods=40")
+    both = linear_model(
+        np.eye(2),
+        np.diag([500.0, (2.0 * np.pi * 4.8) ** 2]),
+        damping=model.model.damping,
+        loads=[[1.0], [0.5]],
+        load_histories=model.model.load_histories,
+    )
+    both = both._replace(probe=np.array([[1.0, 1.0], [0.0, 0.0]]))
+    found = study.rerun(replace(model, candidates=both), tmp_path)
+    assert isinstance(found.unfinished, AccuracyError) and UNJUDGED not in found.warnings
+    assert found.unfinished.kind is ErrorKind.BASIS
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["unfinished"]["reason"] == str(found.unfinished)
+    estimates = told["estimated_error_percent"]
+    assert estimates["basis"] == pytest.approx(100.0 * found.errors["basis"].amplitude)
+    assert estimates["basis"] > 50.0 and len(estimates["directions by the basis"]) == 2

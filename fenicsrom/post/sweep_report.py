@@ -1,0 +1,122 @@
+"""The report of a sweep: one table, one picture, and the runs that failed with their sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.online.archive import provenance
+from fenicsrom.post.html_page import write_report
+from fenicsrom.post.optional import missing_module
+from fenicsrom.post.sweep_figures import figure
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.scene.rules import counted
+
+MOST_LINES = 20  # of a table in the terminal
+SHOWN = (
+    ("amplitude_tangential_m", 1e3, "tangential mm"),
+    ("amplitude_normal_m", 1e3, "normal mm"),
+    ("amplitude_x_m", 1e3, "x mm"),
+    ("amplitude_y_m", 1e3, "y mm"),
+    ("amplitude_z_m", 1e3, "z mm"),
+    ("peak_normal_force_N", 1.0, "peak N"),
+    ("largest_multiplier", 1.0, "multiplier"),
+)
+
+
+def table(found: Sweep) -> list[list[Any]]:
+    """The runs as a table; the first row is the header."""
+    keys = [key for axis in found.axes for key in axis.keys]
+    columns = [item for item in SHOWN if any(row.get(item[0]) is not None for row in found.rows)]
+    head = ["run", *keys, *(name for _, _, name in columns), "settled", "outcome"]
+    lines = []
+    for row in found.rows:
+        numbers = [
+            None if row.get(column) is None else factor * row[column]
+            for column, factor, _ in columns
+        ]
+        outcome = row.get("outcome", "not run")
+        lines.append(
+            [row["run"], *(row[key] for key in keys), *numbers, row.get("settled"), outcome]
+        )
+    return [head, *lines]
+
+
+def sentences(found: Sweep) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    counts = Counter(row.get("outcome", "not run") for row in found.rows)
+    listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+    lines = [f"{counted(len(found.rows), 'run')} in {found.seconds:.1f} s: {listed}."]
+    if found.models > 1:
+        lines.append(f"The runs needed {found.models} reduced models.")
+    if found.reused:
+        lines.append(
+            f"The results of {counted(found.reused, 'run')} are those of an earlier sweep."
+        )
+    if found.interrupted:
+        lines.append("The sweep was interrupted; --resume continues it.")
+    return lines
+
+
+def failures(found: Sweep) -> list[str]:
+    """One sentence for each reason of doubtful and failed runs, with their numbers."""
+    reasons: dict[str, list[str]] = {}
+    for row in found.with_outcome(FAILED, DOUBTFUL):
+        reasons.setdefault(row["sentence"], []).append(str(row["run"]))
+    return [
+        f"{'run' if len(runs) == 1 else 'runs'} {', '.join(runs)}: {sentence}"
+        for sentence, runs in reasons.items()
+    ]
+
+
+def summary(found: Sweep) -> dict[str, Any]:
+    """The contents of `sweep.json`."""
+    return {
+        "scene": found.scene.source,
+        "axes": [{"keys": axis.keys, "values": axis.values} for axis in found.axes],
+        "models": found.models,
+        "reused": found.reused,
+        "interrupted": found.interrupted,
+        "seconds": found.seconds,
+        "runs": found.rows,
+        "provenance": provenance(),
+    }
+
+
+def write(found: Sweep, folder: Path) -> list[Path]:
+    """Write `sweep.csv`, `sweep.json`, `sweep.png` and `report.html`.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    write_rows(folder / "sweep.csv", found.rows)
+    write_summary(folder / "sweep.json", summary(found))
+    pictures = []
+    drawable = found.with_outcome(DONE, DOUBTFUL) and missing_module("matplotlib") is None
+    if found.scene.output.pictures and drawable:
+        pictures = [write_figure(folder / "sweep.png", figure(found))]
+    problems = failures(found)
+    sections: list[tuple[str, list[Any]]] = [
+        ("What was found", sentences(found)),
+        *(("Results", [path]) for path in pictures),
+        *([("Doubtful and failed runs", problems)] if problems else []),
+        ("Runs", [table(found)]),
+    ]
+    title = f"{found.scene.title or found.scene.source}: sweep"
+    write_report(folder / "report.html", title, sections)
+    return [folder / "report.html", folder / "sweep.csv", folder / "sweep.json", *pictures]
+
+
+def terminal(found: Sweep) -> str:
+    """The table (or its beginning) and the sentences, for the terminal."""
+    lines = table(found)
+    parts = [text_table(lines[: MOST_LINES + 1])]
+    if len(lines) > MOST_LINES + 1:
+        parts.append(f"The other {len(lines) - MOST_LINES - 1} runs stand in sweep.csv.")
+    return "\n".join([*parts, *sentences(found), *failures(found)])

@@ -1,0 +1,218 @@
+"""Sweeps: a scene or a stored model under all combinations of values of its keys.
+
+The runs whose scenes agree in all keys of the offline stage share one reduced model. Its modes,
+derivatives and basis are those of the first of these runs.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.scene.variations import Axis, combinations
+from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.sweep_runs import Sweep, SweepRun
+    from fenicsrom.scene import Scene
+
+MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
+Row = dict[str, Any]
+
+
+def sweep(
+    scene: Scene,
+    variant: Callable[[Sequence[str]], Scene],
+    axes: tuple[Axis, ...],
+    folder: Path,
+    *,
+    stored: Path | None = None,
+    comm: Any = None,
+    say: Callable[[str], None] = lambda line: None,
+    workers: int = 1,
+    resume: bool = False,
+    stop: Callable[[], bool] = never,
+) -> Sweep:
+    """Run a scene or a stored model under all combinations of values, and write the files.
+
+    Args:
+        scene: the scene that the runs change.
+        variant: makes the scene under overrides; it raises SceneError where they are wrong.
+        axes: the keys and their values.
+        folder: folder of the output files, of the reduced models and of the results.
+        stored: file of the reduced model of all runs; by default the models are built.
+        comm: MPI communicator; with two ranks or more, rank 0 gives out the runs to the others.
+        say: receives the progress, one line at a time.
+        workers: largest number of processes; with several ranks there are no processes.
+        resume: keep the results that an earlier sweep left in the folder.
+        stop: asked often; the sweep ends where it returns True.
+
+    Returns:
+        The sweep; on ranks above 0 without results and files.
+
+    Raises:
+        SceneError: no run has a scene that can be used.
+        OSError: a file cannot be read or written.
+    """
+    from fenicsrom.assess.sweep_runs import Sweep, compute, failure, kept
+
+    begin = clock.perf_counter()
+    first = comm is None or comm.rank == 0
+    rows, scenes = _rows_and_scenes(variant, axes)
+    runs, models = _assign_models(rows, scenes, folder, stored)
+    found = Sweep(scene, axes, rows, len(models))
+    results: dict[int, Row] = {}
+    if resume:
+        results = {run.number: done for run in runs if (done := kept(run)) is not None}
+        found.reused = len(results)
+        if results and first:
+            say(f"{len(results)} of {len(rows)} runs are done already")
+    pending = [run for run in runs if run.number not in results]
+    wanted = {run.model for run in pending}
+    jobs = _Jobs(comm, workers, stop, say)
+    try:
+        build = [(model, path) for path, model in models.items() if path in wanted]
+        build = [job for job in build if not (resume and job[1].exists())]
+        failures = dict(
+            zip((path for _, path in build), jobs(_build, build, "model"), strict=False)
+        )
+        for run in pending:
+            if (error := failures.get(run.model)) is not None:
+                results[run.number] = rows[run.number] | failure(error)
+        pending = [run for run in pending if failures.get(run.model) is None]
+        for run, result in zip(pending, jobs(compute, pending, "run"), strict=False):
+            lost = isinstance(result, ConvergenceError)
+            results[run.number] = rows[run.number] | failure(result) if lost else result
+    except KeyboardInterrupt:
+        found.interrupted = True
+        results |= {run.number: done for run in pending if (done := kept(run)) is not None}
+    found.rows = [results.get(k, row) for k, row in enumerate(rows)]
+    found.seconds = clock.perf_counter() - begin
+    if first:
+        from fenicsrom.post.sweep_report import write
+
+        found.files = write(found, folder)
+    return found
+
+
+def _rows_and_scenes(
+    variant: Callable[[Sequence[str]], Scene], axes: tuple[Axis, ...]
+) -> tuple[list[Row], dict[int, Scene]]:
+    """The row of each run with its values, and its scene; a wrong scene ends its row.
+
+    Raises:
+        SceneError: all scenes are wrong.
+    """
+    from fenicsrom.assess.sweep_runs import failure
+
+    rows: list[Row] = []
+    scenes: dict[int, Scene] = {}
+    refused: SceneError | None = None
+    for number, positions in enumerate(combinations(axes)):
+        chosen = list(zip(axes, positions, strict=True))
+        values = {
+            key: value
+            for axis, k in chosen
+            for key, value in zip(axis.keys, axis.values[k], strict=True)
+        }
+        rows.append({"run": number + 1, **values})
+        try:
+            scenes[number] = variant([text for axis, k in chosen for text in axis.overrides(k)])
+        except SceneError as error:
+            refused = refused or error
+            rows[-1] |= failure(error)
+    if not scenes:
+        assert refused is not None
+        raise refused
+    return rows, scenes
+
+
+def _assign_models(
+    rows: list[Row], scenes: dict[int, Scene], folder: Path, stored: Path | None
+) -> tuple[list[SweepRun], dict[Path, Scene]]:
+    """The runs with the files of their models, and the scenes of the models that must be built."""
+    from fenicsrom.assess.sweep_runs import SweepRun, digest_of, file_digest
+    from fenicsrom.online.scene_changes import changed_key
+
+    models: dict[Path, Scene] = {}
+    origins = {} if stored is None else {stored: file_digest(stored)}
+    runs = []
+    for number, scene in scenes.items():
+        path = stored or next(
+            (path for path, made in models.items() if changed_key(made, scene) is None), None
+        )
+        if path is None:
+            mesh = scene.geometry.mesh
+            origin = digest_of(scene, file_digest(mesh) if mesh.is_file() else str(mesh))
+            path = folder / MODELS / f"{origin[:16]}.npz"
+            models[path], origins[path] = scene, origin
+        file = folder / RUNS / f"{number + 1:06d}.json"
+        values = {key: value for key, value in rows[number].items() if key != "run"}
+        runs.append(SweepRun(number, values, scene, path, file, digest_of(scene, origins[path])))
+    return runs, models
+
+
+def _build(job: tuple[Scene, Path], report: Callable[[float, str], None]) -> Exception | None:
+    """Build the reduced model of a scene and write it; give the error if this fails."""
+    from mpi4py import MPI
+
+    from fenicsrom.online.archive import save_model
+    from fenicsrom.study.execution import build_model
+
+    (scene, path), failed = job, None
+    try:
+        save_model(path, build_model(scene, comm=MPI.COMM_SELF))
+    except (SceneError, ConvergenceError, AccuracyError) as error:
+        failed = error
+    report(1.0, f"model {path.stem}")
+    return failed
+
+
+class _Jobs:
+    """Computes jobs on all ranks, in processes or in this process, with one progress."""
+
+    def __init__(
+        self, comm: Any, workers: int, stop: Callable[[], bool], say: Callable[[str], None]
+    ):
+        """Keep the ranks or the number of processes; arguments as `sweep`."""
+        self._comm, self._workers, self._stop, self._say = comm, workers, stop, say
+
+    def __call__(
+        self, function: Callable[..., Any], jobs: Sequence[Any], noun: str
+    ) -> Iterator[Any]:
+        """Yield the result of each job in order.
+
+        Raises:
+            KeyboardInterrupt: the computation was interrupted.
+        """
+        from fenicsrom.assess.processes import run_jobs, run_jobs_on_ranks
+
+        tell = _Progress(noun, len(jobs), self._say)
+        if self._comm is not None and self._comm.size > 1:
+            results = self._comm.bcast(list(run_jobs_on_ranks(function, jobs, tell, self._comm)))
+            yield from results
+        else:
+            yield from run_jobs(function, jobs, tell, self._workers, self._stop)
+
+
+class _Progress:
+    """Lines on how many jobs are done, with the time that is left."""
+
+    def __init__(self, noun: str, count: int, say: Callable[[str], None]):
+        """Begin to count."""
+        self._noun, self._count, self._say = noun, count, say
+        self._done = 0
+        self._begin = self._said = clock.perf_counter()
+
+    def __call__(self, number: int, fraction: float, line: str) -> None:
+        """Count a job that is done; see `fenicsrom.assess.processes.Tell`."""
+        self._done += 1
+        now = clock.perf_counter()
+        if now - self._said < PROGRESS_INTERVAL and self._done < self._count:
+            return
+        self._said = now
+        left = (now - self._begin) * (self._count - self._done) / self._done
+        self._say(f"  {self._noun} {self._done} of {self._count}; about {left:.0f} s left")

@@ -1,0 +1,188 @@
+"""Sweeps: every combination runs once, models are shared, results are kept, failures are told."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene, linear_model, on_ranks, refusal
+
+from fenicsrom import study
+from fenicsrom.assess import sweep_runs
+from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.errors import ErrorKind
+from fenicsrom.online.archive import StoredModel, changed_scene, load_model, save_model
+from fenicsrom.online.simulate import load_histories
+from fenicsrom.scene.variations import make_axes
+from fenicsrom.study import sweeps
+
+STIFFNESS, MASS = 500.0, 1.0
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """The file of a linear model of one coordinate without contact."""
+    scene = beam_scene(
+        2,
+        ("geometrically_nonlinear=false", "time.steps_per_period=100", "output.pictures=false"),
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    made = linear_model(
+        np.eye(1) * MASS,
+        np.eye(1) * STIFFNESS,
+        damping=scene.material.mass_damping,
+        loads=[[1.0]],
+        load_histories=load_histories(scene),
+    )
+    path = tmp_path / "model.npz"
+    save_model(path, StoredModel(made, scene, "rubin", ("1V",), 9, np.array([3.6]), {}))
+    return path
+
+
+def swept(model: Path, folder: Path, over: Sequence[str], **options: Any) -> Sweep:
+    """A sweep of a stored model."""
+    scene = load_model(model).scene
+    return study.sweep(
+        scene, partial(changed_scene, scene), make_axes(over), folder, stored=model, **options
+    )
+
+
+def amplitude(force: float, frequency: float, damping: float) -> float:
+    """The amplitude of a linear oscillator, m."""
+    omega = 2.0 * np.pi * frequency
+    return float(force / abs(STIFFNESS - MASS * omega**2 + 1j * damping * MASS * omega))
+
+
+def test_each_combination_has_amplitude_of_its_scene(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["loads.0.force=[10, 20]", "loads.0.frequency=2:3:3"])
+    damping = load_model(model).scene.material.mass_damping
+    assert [row["run"] for row in found.rows] == [1, 2, 3, 4, 5, 6]
+    for row in found.rows:
+        exact = amplitude(row["loads.0.force"], row["loads.0.frequency"], damping)
+        assert row["amplitude_x_m"] == pytest.approx(exact, rel=0.01)
+        assert row["outcome"] == DONE and row["settled"]
+    assert found.models == 0
+
+
+def test_files_hold_all_rows(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["loads.0.force=[10, 20]"])
+    with (tmp_path / "sweep.csv").open() as file:
+        listed = [float(row["amplitude_x_m"]) for row in csv.DictReader(file)]
+    assert listed == [row["amplitude_x_m"] for row in found.rows]
+    written = json.loads((tmp_path / "sweep.json").read_text())
+    assert written["axes"] == [{"keys": ["loads.0.force"], "values": [[10], [20]]}]
+    assert (tmp_path / "report.html").is_file()
+
+
+def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["loads.0.frequency=[2, -1]", "loads.0.force=[1, 2]"])
+    assert [row["outcome"] for row in found.rows] == [DONE, DONE, FAILED, FAILED]
+    assert "frequency = -1" in found.rows[2]["sentence"]
+
+
+def test_key_of_offline_stage_fails_on_stored_model(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["material.young=[1e9, 2e9]"])
+    assert [row["outcome"] for row in found.rows] == [FAILED, FAILED]
+
+
+def test_run_with_too_long_steps_is_doubtful(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["time.steps_per_period=[4, 100]"])
+    assert [row["outcome"] for row in found.rows] == [DOUBTFUL, DONE]
+    assert found.rows[0]["amplitude_x_m"] > 0.0
+
+
+def test_unknown_key_is_refused(model: Path, tmp_path: Path) -> None:
+    with refusal(ErrorKind.UNKNOWN_KEY, "loads[0].frce"):
+        swept(model, tmp_path, ["loads.0.frce=[1, 2]"])
+
+
+def test_resumed_sweep_computes_only_what_is_missing(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    over = ["loads.0.force=[10, 20, 30]"]
+    whole = swept(model, tmp_path, over)
+    (tmp_path / sweeps.RUNS / "000002.json").write_text("{")
+    computed: list[int] = []
+    real = sweep_runs.compute
+
+    def counted(run: sweep_runs.SweepRun, report: Any) -> Any:
+        computed.append(run.number)
+        return real(run, report)
+
+    monkeypatch.setattr(sweep_runs, "compute", counted)
+    again = swept(model, tmp_path, over, resume=True)
+    assert computed == [1] and again.reused == 2
+    for row, other in zip(again.rows, whole.rows, strict=True):
+        assert row["amplitude_x_m"] == other["amplitude_x_m"]
+    computed.clear()
+    swept(model, tmp_path, ["loads.0.force=[10, 20, 31]"], resume=True)
+    assert computed == [2]
+    computed.clear()
+    swept(model, tmp_path, over)
+    assert computed == [0, 1, 2]
+
+
+def test_results_of_another_model_are_not_reused(model: Path, tmp_path: Path) -> None:
+    stored = load_model(model)
+    swept(model, tmp_path, ["loads.0.force=[10]"])
+    softer = stored.model._replace(mass=2.0 * stored.model.mass)
+    save_model(model, StoredModel(softer, stored.scene, "rubin", ("1V",), 9, np.ones(1), {}))
+    assert swept(model, tmp_path, ["loads.0.force=[10]"], resume=True).reused == 0
+
+
+def test_interrupted_sweep_keeps_finished_runs(model: Path, tmp_path: Path) -> None:
+    def stop() -> bool:
+        return (tmp_path / sweeps.RUNS / "000002.json").exists()
+
+    found = swept(model, tmp_path, ["loads.0.force=[10, 20, 30, 40]"], stop=stop)
+    assert found.interrupted
+    assert [row.get("outcome") for row in found.rows] == [DONE, DONE, None, None]
+    assert (tmp_path / "sweep.csv").is_file()
+
+
+@pytest.mark.slow
+def test_processes_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
+    over = ["loads.0.force=[10, 20, 30]"]
+    one = swept(model, tmp_path / "one", over)
+    two = swept(model, tmp_path / "two", over, workers=2)
+    for row, other in zip(one.rows, two.rows, strict=True):
+        assert {**row, "seconds": 0} == {**other, "seconds": 0}
+
+
+@pytest.mark.slow
+def test_ranks_give_rows_of_one_process(model: Path, tmp_path: Path) -> None:
+    over = ["loads.0.force=[10, 20, 30]"]
+    one = swept(model, tmp_path / "one", over)
+    on_ranks(
+        2,
+        "-m",
+        "fenicsrom",
+        "sweep",
+        "--from",
+        str(model),
+        "--over",
+        over[0],
+        "--output",
+        str(tmp_path / "ranks"),
+    )
+    ranks = json.loads((tmp_path / "ranks" / "sweep.json").read_text())["runs"]
+    for row, other in zip(one.rows, ranks, strict=True):
+        assert {**row, "seconds": 0} == {**other, "seconds": 0}
+
+
+@pytest.mark.slow
+def test_runs_share_models_unless_offline_keys_change(tmp_path: Path) -> None:
+    scene = beam_scene(2, ("time.periods=3", "output.pictures=false", "basis.derivatives='none'"))
+
+    over = ["basis.modes=[1, 2]", "contacts.0.preload=[10, 20]"]
+    found = study.sweep(scene, partial(changed_scene, scene), make_axes(over), tmp_path)
+    assert found.models == 2
+    assert len(list((tmp_path / sweeps.MODELS).glob("*.npz"))) == 2
+    assert len({row["peak_normal_force_N"] for row in found.rows}) == 4
