@@ -77,7 +77,8 @@ def directions(candidates: ReducedModel, size: int, motion: Motion) -> Array:
         force = elastic_residual(candidates, size, q, bounded) - bounded @ stiffness.T
         force -= elastic_residual(candidates, size, q, np.zeros_like(bounded))
         energetic.append(_response(time, force @ axes, omega, candidates.damping) * omega)
-    found = np.concatenate([_significant(rows) for rows in energetic])
+    least = NOISE * float(np.sum(energetic[0] ** 2))
+    found = np.concatenate([_significant(rows, least) for rows in energetic])
     _, values, rows = np.linalg.svd(found, full_matrices=False)
     if not values[0] > 0.0:
         return np.zeros((axes.shape[0], 0))
@@ -96,15 +97,16 @@ def _response(time: Array, force: Array, omega: Array, damping: float) -> Array:
     return np.asarray(-np.fft.irfft(transfer * np.fft.rfft(force, axis=0), time.size, axis=0))
 
 
-def _significant(energetic: Array) -> Array:
-    """Responses (k, w) of unit energy, without those that are rounding.
+def _significant(energetic: Array, least: float) -> Array:
+    """Responses (k, w) scaled to unit energy, without those that are rounding.
 
-    Rounding in soft modes would otherwise couple them to stiff ones in one direction.
+    Rounding in soft modes would otherwise couple them to stiff ones in one direction. If all
+    together have at most the energy `least`, all are rounding.
     """
     shares = np.sum(energetic**2, axis=0)
     total = float(shares.sum())
-    if not total > 0.0:
-        return energetic
+    if not total > least:
+        return np.zeros_like(energetic)
     return np.where(shares < NOISE * total, 0.0, energetic) / np.sqrt(total)
 
 

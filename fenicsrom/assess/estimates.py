@@ -68,10 +68,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     of second order, and twice the error of a scheme of first order; contacts that switch may reduce
     the order to one. Impacts may make the difference of the amplitudes small by chance. The
     estimate of a motion that has settled is therefore at least a third of the distance between the
-    last periods of both runs, and that of a motion with a period that does not settle at least the
-    change of its root mean square within the run. If a stiff contact lasts only a few steps, its
-    peak force is not resolved. The error of this force counts as unknown if a contact has a
-    blending weight of a half or more (`fenicsrom.online.contact_step`).
+    last periods of both runs. If a stiff contact lasts only a few steps, its peak force is not
+    resolved. The error of this force counts as unknown if a contact has a blending weight of a half
+    or more (`fenicsrom.online.contact_step`).
 
     Args:
         model: the model that was integrated.
@@ -93,11 +92,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
     found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
-    least = 0.0
-    if has_settled(motion):
-        least = _shape_distance(motion, other) / 3.0
-    elif motion.period is not None:
-        least = _change_within(motion)
+    least = _shape_distance(motion, other) / 3.0 if has_settled(motion) else 0.0
     return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
 
 
@@ -250,17 +245,6 @@ def _parts_rms(motion: Motion, since: float) -> Array:
     times = np.linspace(since, motion.time[-1], PARTS * PHASES + 1)
     parts = interpolated(motion, motion.displacement, times)[1:].reshape(PARTS, PHASES, -1)
     return np.asarray(np.std(parts, axis=1))
-
-
-def _change_within(motion: Motion) -> float:
-    """Relative change of the root mean square from the third to the last quarter of a run."""
-    start, end = float(motion.time[0]), float(motion.time[-1])
-    middle = max(start, 0.5 * end)
-    times = np.asarray(np.linspace(middle, end, 2 * PARTS * PHASES + 1), dtype=np.float64)
-    halves = interpolated(motion, motion.displacement, times)[1:].reshape(2, PARTS * PHASES, -1)
-    early, late = np.std(halves, axis=1)
-    size = float(np.linalg.norm(rms(motion)))
-    return _relative(float(np.linalg.norm(late - early)), size)
 
 
 def _errors(
