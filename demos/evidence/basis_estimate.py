@@ -26,6 +26,7 @@ from fenicsrom.assess import stability
 from fenicsrom.assess.estimates import basis_errors
 from fenicsrom.assess.random_cases import random_cases
 from fenicsrom.assess.scales import scales_of
+from fenicsrom.assess.true_errors import full_distances
 from fenicsrom.assess.verdicts import BASIS_ERROR
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.online.measures import has_settled
@@ -70,7 +71,7 @@ def examine(case: Any, table: Mapping[str, Any], source: str) -> dict[str, Any]:
         found["estimating"] = clock.process_time() - begin
         begin = clock.process_time()
         signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
-        error = stability.full_distances(reduction, solid, scene, motion)
+        error = full_distances(reduction, solid, scene, motion)
         found["reference"] = clock.process_time() - begin
     except (SceneError, ConvergenceError, AccuracyError, TooSlow) as failure:
         return found | {"refused": f"{type(failure).__name__}: {failure}"}

@@ -30,19 +30,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.estimates import MotionErrors, distances
+from fenicsrom.assess.estimates import MotionErrors
 from fenicsrom.assess.random_cases import random_cases
 from fenicsrom.assess.scales import scales_of
+from fenicsrom.assess.true_errors import candidates_of, estimates_found, full_distances, missed
+from fenicsrom.assess.unsteady import why_unsteady
 from fenicsrom.assess.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.energy import check_energy, friction_gains_energy
-from fenicsrom.online.march import end_of
 from fenicsrom.online.measures import amplitude, difference, has_settled, peak_normal_force
-from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.step_size import refined, with_time
+from fenicsrom.scene.step_size import refined
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -62,9 +62,6 @@ UNITS_ERROR = 1e-6  # largest relative difference between runs in different unit
 # largest relative difference of the root mean squares of motions that do not settle
 UNSTEADY_ERROR = 0.5
 WORKERS = 2
-NOTABLE = 0.01  # an error against the full model must be seen if it is larger
-MISSED = 3.0  # times its estimate: an error that was not seen
-FULL_PERIODS = 20  # of a full model that starts from the periodic motion of the reduced model
 
 
 @dataclass(frozen=True)
@@ -217,12 +214,12 @@ def _examine(
     check_energy(motion)
     if wrong := unphysical(motion, scene.time.scheme):
         return Verdict.WRONG, wrong
-    candidates = _candidates(reduction, solid, scene)
+    candidates = candidates_of(reduction, solid, scene)
     own: dict[str, MotionErrors] = {}
     try:
         estimate_errors(model, candidates, scene, motion, own)
     finally:
-        numbers |= _estimates(own)
+        numbers |= estimates_found(own)
     fine = simulate(model, refined(scene))
     numbers["error"] = difference(motion, fine)
     peak = peak_normal_force(fine)
@@ -237,57 +234,15 @@ def _examine(
         assert reduction is not None
         error = full_distances(reduction, solid, scene, motion)
         numbers["basis_error"] = error.amplitude
-        seen = own["basis"].amplitude
-        if error.amplitude > max(NOTABLE, MISSED * seen):
-            return (
-                Verdict.WRONG,
-                f"the error against the full model is {error.amplitude:.1e}, but the estimate is "
-                f"{seen:.1e}",
-            )
+        if reason := missed(error.amplitude, own["basis"].amplitude):
+            return Verdict.WRONG, reason
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
-    return verdict_of(motion, fine, numbers)
-
-
-def _candidates(reduction: Reduction | None, solid: Any, scene: Scene) -> ReducedModel | None:
-    """The larger model that judges the basis of a reduced model."""
-    from fenicsrom.reduction.candidates import candidate_model
-
-    return None if reduction is None else candidate_model(solid, scene.basis, reduction)
-
-
-def _estimates(own: Mapping[str, MotionErrors]) -> dict[str, float]:
-    """The estimates of a `Finding`."""
-    found: dict[str, float] = {}
-    if "time step" in own:
-        found |= {"estimate": own["time step"].amplitude}
-        found |= {"force_estimate": own["time step"].peak_force}
-    if "basis" in own:
-        found["basis_estimate"] = own["basis"].amplitude
-    return found
-
-
-def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motion) -> MotionErrors:
-    """The true errors due to the basis: the distances from the full model at the same time steps.
-
-    The full model starts where the motion ended, if Newton's method found it, and then runs at most
-    `FULL_PERIODS`.
-
-    Args:
-        reduction: the stages of the reduced model.
-        solid: the solid.
-        scene: the scene.
-        motion: the motion of the reduced model.
-    """
-    from fenicsrom.fem.full import full_model
-
-    start = None
-    if motion.newton_from is not None and not motion.buckled:
-        q, v, sliders = end_of(motion)
-        start = reduction.basis.vectors @ q, reduction.basis.vectors @ v, sliders
-        scene = with_time(scene, periods=FULL_PERIODS)
-    return distances(motion, simulate(full_model(solid), scene, start=start))
+    verdict, why = verdict_of(motion, fine, numbers)
+    if verdict is Verdict.UNSTEADY and not has_settled(motion):
+        why = why_unsteady(model, scene, motion)
+    return verdict, why
 
 
 def unphysical(motion: Motion, scheme: str) -> str:
@@ -313,7 +268,7 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with half the step the motion differs by {error:.0%}"
-        return Verdict.UNSTEADY, _why_unsteady(motion)
+        return Verdict.UNSTEADY, f"the motion does not repeat after {motion.periods} periods"
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):
@@ -336,20 +291,6 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
         ),
     }
     return Verdict.CONVERGED, "; ".join(remark for remark, holds in remarks.items() if holds)
-
-
-def _why_unsteady(motion: Motion) -> str:
-    """What a motion that does not repeat does instead, and what Newton's method found of it."""
-    found = f"the motion does not repeat after {motion.periods} periods"
-    search = motion.search
-    if search is None:
-        return found
-    if search.verdict == "not found":
-        return f"{found}; Newton's method found no periodic motion"
-    multiplier = f"largest multiplier {abs(search.multipliers[0]):.3g}"
-    if search.verdict == "stable":
-        return f"{found}; a stable periodic motion exists ({multiplier}), but it is not reached"
-    return f"{found}; the periodic motion is unstable ({search.verdict}, {multiplier})"
 
 
 # ---------------------------------------------------------------------- all runs
