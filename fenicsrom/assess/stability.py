@@ -41,6 +41,7 @@ from fenicsrom.online.energy import check_energy, friction_gains_energy
 from fenicsrom.online.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
+from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 from fenicsrom.scene.step_size import refined
 
@@ -367,13 +368,15 @@ def run_all(
         say: called with one line for each case.
         workers: number of processes.
     """
+    begin = clock.perf_counter()
     jobs = [(k, case, table, source, folder) for k, case in enumerate(wanted)]
     found: dict[int, Finding] = {}
     for k, finding in in_processes(_job, jobs, workers):
         found[k] = finding
         case, why = finding.case, f": {finding.why}" if finding.why else ""
         place = f"{len(found)}/{len(wanted)}"
-        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}")
+        left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
+        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}")
     return [found[k] for k in range(len(wanted))]
 
 

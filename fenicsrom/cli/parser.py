@@ -132,6 +132,9 @@ SET = Argument(
     "may be repeated",
 )
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
+FORCE = Argument(
+    "--force", action="store_true", help="replace the results of another run in the output folder"
+)
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
 
 COMMANDS = (
@@ -139,7 +142,7 @@ COMMANDS = (
         "run",
         "run a scene, or integrate a stored reduced model again",
         commands.run,
-        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT),
+        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT, FORCE),
     ),
     Command(
         "plan",
@@ -151,37 +154,37 @@ COMMANDS = (
         "modes",
         "compute only the modes and modal derivatives, for ParaView",
         commands.modes,
-        (SCENE, SET, OUTPUT),
+        (SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "compare",
         "compare reduced bases with the full model: error and run time",
         commands.compare,
-        (COMPARED_SCENE, SET, OUTPUT),
+        (COMPARED_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "campbell",
         "compute a Campbell diagram: frequencies and critical speeds",
         commands.campbell,
-        (TURNING_SCENE, SET, OUTPUT),
+        (TURNING_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "response",
         "follow periodic motions over a parameter: response curves and stability",
         commands.response,
-        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT),
+        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT, FORCE),
     ),
     Command(
         "backbone",
         "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
         commands.backbone,
-        (SWINGING_SCENE, FROM, SET, OUTPUT),
+        (SWINGING_SCENE, FROM, SET, OUTPUT, FORCE),
     ),
     Command(
         "sweep",
         "run a scene or a stored model for lists or ranges of values of its keys",
         commands.sweep,
-        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT),
+        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT, FORCE),
     ),
     Command(
         "schema",
@@ -193,7 +196,7 @@ COMMANDS = (
         "stability",
         "run extreme or random variants of a scene, with a verdict on each",
         commands.stability,
-        (SCENE, AXIS, RANDOM, SEED, SET, OUTPUT),
+        (SCENE, AXIS, RANDOM, SEED, SET, OUTPUT, FORCE),
     ),
 )
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from fenicsrom.cli.ranks import all_ranks
 from fenicsrom.cli.termination import is_terminated
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_heading
 
 
 def progress(line: str) -> None:
@@ -28,7 +28,7 @@ def print_results(
     """Print the title of the scene, a table, warnings, sentences and the list of written files."""
     print()
     if scene is not None and scene.title:
-        print(scene.title)
+        print(scene_heading(scene))
     if table:
         print(table)
     for warning in warnings:

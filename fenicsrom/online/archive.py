@@ -55,7 +55,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.scene import Scene, override_table, parse_scene, scene_table
+from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
 FORMAT = "fenicsrom reduced model 3"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
@@ -157,13 +157,14 @@ class StoredModel:
 
 
 def changed_scene(scene: Scene, overrides: str | Sequence[str]) -> Scene:
-    """A scene with other values; its paths stay as they are.
+    """A scene with other values, which its title names; its paths stay as they are.
 
     Raises:
         SceneError: an override is wrong.
     """
     table, source = scene_table(scene), scene.source
-    return parse_scene(override_table(table, overrides, source), source, None)
+    changed = override_table(table, overrides, source)
+    return parse_scene(titled(changed, overrides, source), source, None)
 
 
 def provenance(

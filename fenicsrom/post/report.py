@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.record import Rerun, Study
@@ -20,6 +19,7 @@ from fenicsrom.post.sentences import (
     unreliable_sentence,
 )
 from fenicsrom.post.summary import errors_of
+from fenicsrom.scene import scene_heading
 
 REPORT = "report.html"
 
@@ -38,9 +38,8 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
-        ("Versions", [_versions()]),
     ]
-    title = study.scene.title or study.scene.source
+    title = scene_heading(study.scene)
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
@@ -52,7 +51,7 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
     """
     scene, motion = found.stored.scene, found.motion
     results: list[Any] = [
-        response_rows({"reduced": motion}, {"reduced": found.stored.size}),
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
         RESPONSE_NOTE,
         *_periodic(motion),
     ]
@@ -64,14 +63,14 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
     ]
-    return write_report(folder / REPORT, scene.title or scene.source, sections)
+    return write_report(folder / REPORT, scene_heading(scene), sections)
 
 
 def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
     if study.motions:
-        found += [response_rows(study.motions, study.sizes), RESPONSE_NOTE]
+        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.deflection is not None:
@@ -128,9 +127,3 @@ def _seconds(study: Study) -> list[list[str]]:
 def _left_out(study: Study) -> list[list[str]]:
     """Compose the table of what was not computed."""
     return [["stage", "reason"], *[line.split(": ", 1) for line in study.left_out]]
-
-
-def _versions() -> str:
-    """List the versions of the program and its libraries."""
-    made = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    return made or "this program, not installed as a package"

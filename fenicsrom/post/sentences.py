@@ -16,6 +16,7 @@ from fenicsrom.online.measures import (
     search_summary,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.post.directions import direction_names
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
@@ -26,22 +27,19 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
 RESPONSE_HEAD = (
-    "model",
-    "unknowns",
-    "tangential mm",
-    "normal mm",
     "open %",
     "slip %",
     "stick %",
     "peak N",
-    "J/period",
+    "J per period",
     "periods",
     "steady",
     "imbalance",
 )
 RESPONSE_NOTE = (
-    "Amplitudes are half of peak-to-peak over the last period of the motion. The imbalance is the "
-    "largest error of the energy balance relative to the largest energy of the motion."
+    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
+    "of the motion. The imbalance is the largest error of the energy balance relative to the "
+    "largest energy of the motion."
 )
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
@@ -55,26 +53,34 @@ UNJUDGED = (
 )
 
 
-def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
-    """Compose the table of responses; the first row is the header."""
-    rows: list[list[Any]] = [list(RESPONSE_HEAD)]
+def response_rows(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
+) -> list[list[Any]]:
+    """Compose the table of responses; the first row is the header.
+
+    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
+    third direction.
+    """
+    names = direction_names(scene)
+    directions = [f"{name} mm" for name in [*names[1:], names[0]]]
+    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
     for name, motion in motions.items():
         r = response_summary(motion)
-        tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
-        fraction: list[str | None] = [
-            f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")
+        amplitude = [f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"]]
+        missing = [None] * (len(names) - 1 - len(amplitude))
+        contact: list[str | None] = [
+            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
+            f"{r['peak_normal_force_N']:.5g}",
+            f"{r['dissipated_per_period_J']:.5g}",
         ]
-        if motion.force.shape[1] == 0:
-            fraction = [None, None, None]
         rows.append(
             [
                 name,
                 sizes.get(name),
-                tangential,
+                *amplitude,
+                *missing,
                 f"{1e3 * r['amplitude_m']['normal']:.5g}",
-                *fraction,
-                f"{r['peak_normal_force_N']:.5g}",
-                f"{r['dissipated_per_period_J']:.5g}",
+                *(contact if motion.force.shape[1] else [None] * len(contact)),
                 r["periods"],
                 "yes" if r["steady"] else "no",
                 f"{r['energy_imbalance']:.1e}",
@@ -83,9 +89,9 @@ def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> li
     return rows
 
 
-def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> str:
+def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
     """Compose the table of responses for the terminal; empty without a motion."""
-    return text_table(response_rows(motions, sizes)) if motions else ""
+    return text_table(response_rows(motions, sizes, scene)) if motions else ""
 
 
 def error_sentence(errors: Mapping[str, float | None]) -> str:

@@ -16,6 +16,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fenicsrom.files import atomic_folder, atomic_write
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
@@ -105,7 +106,7 @@ def write_motion(
     path = Path(folder) / name
     with atomic_folder(path, comm) as temporary:
         entries = []
-        for number, time in enumerate(times):
+        for number, time in enumerate(tracked(times)):
             file = _write_parts(
                 temporary,
                 f"{name}_{number:05d}",

@@ -13,6 +13,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.simulate import simulate
+from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.projection import project
@@ -107,7 +108,7 @@ def static_snapshots(structure: Structure, linear: Array) -> Array:
     force = structure.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
     rest = structure.rest_force
     u, found = structure.equilibrium, []
-    for level in range(1, STATIC_LEVELS + 1):
+    for level in tracked(range(1, STATIC_LEVELS + 1)):
         u = structure.static(rest + level / STATIC_LEVELS * force, u)
         found.append(u - structure.equilibrium)
     return np.array(found).T

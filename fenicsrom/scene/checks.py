@@ -345,9 +345,10 @@ def _response_problems(scene: Scene) -> Problems:
             return
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
-        allowed = (
-            f"the scene has {counted(len(getattr(scene, table)), table[:-1])}, numbered from 0"
-        )
+        present = len(getattr(scene, table))
+        allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
+        if present == 0:
+            allowed = f"the scene has no {table}"
         yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
     elif table == "loads":
         load = scene.loads[index]

@@ -59,10 +59,15 @@ def override_table(
     return changed
 
 
+def names_of(key: str) -> list[str]:
+    """The names on the path of a key; entries of lists as `loads.0` or `loads[0]`."""
+    return [name.strip() for name in key.replace("[", ".").replace("]", "").split(".")]
+
+
 def _parsed(override: str, source: str) -> tuple[list[str], Any]:
     """Give the names on the path of an override, and its value."""
     path, equals, text = override.partition("=")
-    names = [name.strip() for name in path.replace("[", ".").replace("]", "").split(".")]
+    names = names_of(path)
     if not equals or not all(names) or len(names) > DEEPEST:
         raise _refuse(override, source, "must be a key, = and a value")
     try:

@@ -12,6 +12,7 @@ from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
+from fenicsrom.scene.headings import titled
 from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.paths import shared_meshes
@@ -30,12 +31,15 @@ from fenicsrom.scene.times import (
 DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
 
 
-def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()) -> Scene:
+def read_scene(
+    path: str | os.PathLike[str], overrides: str | Sequence[str] = (), *, mesh: bool = True
+) -> Scene:
     """Read a scene from a TOML file.
 
     Args:
         path: the file.
-        overrides: values to replace, see `override_table`.
+        overrides: values to replace, see `override_table`. The title names them.
+        mesh: find the mesh file; False takes its path as it is, since a stored model needs no mesh.
 
     Returns:
         The scene, with every default filled in.
@@ -45,7 +49,7 @@ def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()
     """
     source = os.fspath(path)
     table = override_table(_read_toml(source), overrides, source)
-    return parse_scene(table, source, Path(path).parent)
+    return parse_scene(titled(table, overrides, source), source, Path(path).parent, mesh=mesh)
 
 
 def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
@@ -65,7 +69,9 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
     )
 
 
-def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:
+def parse_scene(
+    table: Mapping[str, Any], source: str, folder: Path | None, *, mesh: bool = True
+) -> Scene:
     """Make a scene from plain data.
 
     Args:
@@ -73,6 +79,7 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
         source: name of the data in messages, usually that of the file.
         folder: folder to which the path of the mesh is relative; None to take the path as it is,
             without looking for the file (a reduced model needs no mesh).
+        mesh: False does not look for the mesh file, although tables are read from the folder.
 
     Returns:
         The scene, with every default filled in.
@@ -87,7 +94,7 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
     scene = replace(scene, source=source)
     for problem in problems(scene):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
-    return _complete(scene, folder)
+    return _complete(scene, folder, folder if mesh else None)
 
 
 def scene_table(scene: Scene) -> dict[str, Any]:
@@ -145,7 +152,7 @@ def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
     return {**kept, "frequency": given * abs(speed) / 60.0}
 
 
-def _complete(scene: Scene, folder: Path | None) -> Scene:
+def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:
     """Give the scene with its files found and the defaults that depend on other keys filled in."""
     probe = scene.probe
     if probe is None and not scene.contacts:
@@ -159,7 +166,7 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
     where = Where(scene.source, "loads")
     return replace(
         scene,
-        geometry=_complete_geometry(scene.geometry, scene.source, folder),
+        geometry=_complete_geometry(scene.geometry, scene.source, mesh_folder),
         time=_complete_time(scene.time, scene.period is not None),
         probe=probe,
         loads=tuple(

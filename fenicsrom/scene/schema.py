@@ -374,7 +374,7 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
-        title: title of the report.
+        title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
         material: the material.

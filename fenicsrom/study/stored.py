@@ -117,7 +117,7 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import motion_pictures, not_drawn, write_motion_pictures
+    from fenicsrom.post.pictures import draw_pictures, motion_pictures
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
@@ -127,10 +127,7 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         files = write_rerun_numbers(found, folder)
     stop_where_asked(stop)
     pictures = motion_pictures({"reduced": motion}) if found.stored.scene.output.pictures else []
-    sentence = not_drawn([picture.name for picture in pictures])
-    if sentence:
-        warnings.append(sentence)
     with watch("pictures"):
-        written = write_motion_pictures([] if sentence else pictures, folder)
+        written = draw_pictures(pictures, folder, warnings)
     report = write_rerun_report(found, written, folder)
     found.files += [report, *files, *(path for _, path in written)]

@@ -339,8 +339,11 @@ def test_static_scene_ends_with_its_equilibrium(
         and found["frequencies_hz"] == []
     )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "beam2d.geo",
         "equilibrium.vtu",
+        "provenance.json",
         "report.html",
+        "scene.toml",
         "summary.json",
     }
     assert main(["plan", str(scene)]) == 0

@@ -327,6 +327,8 @@ QUICK = [
     "output.paraview=false",
 ]
 
+RECORD = {"scene.toml", "provenance.json", "beam2d.geo"}  # what says what was run
+
 
 def history(folder: Path) -> dict[str, Any]:
     with np.load(folder / "history.npz") as file:
@@ -364,7 +366,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
         "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
-        assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
+        assert main(["run", *call, "--output", str(tmp_path / "wrong")]) == 2
         assert sentence in capsys.readouterr().err
 
 
@@ -403,7 +405,8 @@ sys.exit(cli.main(sys.argv[1:]))
         time.sleep(0.1)
     run.send_signal(signal.SIGTERM)
     assert "terminated" in run.communicate(timeout=60)[1] and run.returncode == 143
-    assert {file.name for file in tmp_path.iterdir()} == {"checkpoint.npz", "reduced_model.npz"}
+    left = {file.name for file in tmp_path.iterdir()}
+    assert left == RECORD | {"checkpoint.npz", "reduced_model.npz"}
     model = archive.load_model(tmp_path / "reduced_model.npz").model
     end = load_checkpoint(path, model, restart.load_scene(path))
     assert end.spans >= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import html
 from dataclasses import replace
 from pathlib import Path
@@ -295,6 +296,30 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
     assert motion.search is not None
     for name, value in whole.search._asdict().items():
         np.testing.assert_array_equal(getattr(motion.search, name), value, err_msg=name)
+
+
+@pytest.mark.parametrize(("tolerance", "checkpoints"), [(1e-5, 5), (0.9, 1)])
+def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
+    tolerance: float, checkpoints: int
+) -> None:
+    """In an attempt after five periods; or after the second one, which seems to repeat."""
+    model, contacts, period = rubbing()
+    whole = run(model, period, contacts, steady_tolerance=tolerance)
+    asked: list[int] = []
+    kept: list[Any] = []
+
+    def stop() -> bool:
+        """Ask for the end before the third march of Newton's method."""
+        asked.append(len(kept))
+        return asked.count(len(kept)) == 4
+
+    options = {"stop": stop, "checkpoint": lambda end: kept.append(copy.deepcopy(end))}
+    with pytest.raises(Interrupted) as caught:
+        run(model, period, contacts, steady_tolerance=tolerance, **options)
+    assert len(kept) == checkpoints and not caught.value.partial.steady
+    resumed = run(model, period, contacts, steady_tolerance=tolerance, resume=kept[-1])
+    assert whole.newton_from is not None and resumed.newton_from == whole.newton_from
+    np.testing.assert_array_equal(last(resumed), last(whole))
 
 
 def test_run_without_room_for_an_attempt_is_marched() -> None:

@@ -30,7 +30,10 @@ from fenicsrom.scene import (
     parse_scene,
     read_scene,
     reference,
+    scene_heading,
     scene_table,
+    titled,
+    toml_text,
 )
 from fenicsrom.scene.paths import shared_meshes
 
@@ -184,7 +187,9 @@ def test_demos_match_the_cases_of_the_paper() -> None:
 @pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
 def test_linear_variant_of_demo_changes_one_key(path: Path) -> None:
     linear = read_scene(path, ["geometrically_nonlinear=false"])
-    assert linear == dataclasses.replace(read_scene(path), geometrically_nonlinear=False)
+    title = f"{read_scene(path).title}, geometrically_nonlinear = {{geometrically_nonlinear}}"
+    wanted = dataclasses.replace(read_scene(path), geometrically_nonlinear=False, title=title)
+    assert linear == wanted
 
 
 def test_missing_keys_get_their_defaults() -> None:
@@ -1147,3 +1152,41 @@ def test_frequency_that_is_almost_a_multiple_is_refused() -> None:
         with pytest.raises(SceneError) as caught:
             parse_scene(table, "test", None)
         assert (caught.value.kind, caught.value.key) == (ErrorKind.CONFLICT, "loads[1].frequency")
+
+
+@pytest.mark.parametrize("path", DEMOS, ids=lambda path: path.stem)
+def test_scene_as_text_is_read_as_the_same_scene(path: Path) -> None:
+    scene = read_scene(path)
+    text = toml_text(scene_table(scene))
+    assert parse_scene(tomllib.loads(text), scene.source, None) == scene
+
+
+def test_toml_text_holds_every_kind_of_value() -> None:
+    table = {
+        "text": 'a "b"\\\n\x7f é',
+        "flag": True,
+        "small": 1e-300,
+        "odd key": [[1, 2.5], []],
+        "table": {"inner": {"a": 1}, "none": {}},
+        "list": [{"a": {"b": [1]}}, {}],
+    }
+    assert tomllib.loads(toml_text(table)) == table
+    with pytest.raises(TypeError):
+        toml_text({"a": None})
+
+
+def test_heading_follows_overrides() -> None:
+    path = next(path for path in DEMOS if path.stem == "slip_liftoff_2d")
+    assert scene_heading(read_scene(path)) == "slip and lift-off, 40 N, 3.2 Hz"
+    changed = read_scene(path, ["loads[0].frequency=3.1", "basis.modes=2", "output.motion=true"])
+    assert scene_heading(changed) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 2"
+    table = override_table(scene_table(changed), "basis.modes=1", "s")
+    again = parse_scene(titled(table, "basis.modes=1", "s"), "s", None)
+    assert scene_heading(again) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 1"
+    own = read_scene(path, ["title='{not.a.key} {x}'"])
+    assert scene_heading(own) == "{not.a.key} {x}"
+    gone = override_table(
+        scene_table(read_scene(path, "time.tolerance=1e-3")), "time.step=1.0", "s"
+    )
+    del gone["time"]["step"]
+    assert scene_heading(parse_scene(gone, "s", None)) == "slip and lift-off, 40 N, 3.2 Hz"
