@@ -1,7 +1,7 @@
 """Draw the pictures of the README pages from the output folders of the demos.
 
-    docker/run python3 demos/pictures.py
-    docker/run python3 demos/pictures.py --runs out --pictures demos/pictures
+    docker/run xvfb-run -a python3 demos/pictures.py
+    docker/run xvfb-run -a python3 demos/pictures.py --runs out --pictures demos/pictures
 
 A demo without an output folder in `--runs` is run first. Every picture stays below 300 kB.
 """
@@ -196,7 +196,7 @@ def modes_picture(folder: Path) -> Figure:
     summary = json.loads((folder / "summary.json").read_text())
     span = np.ptp(np.asarray(grid.points), axis=0).max()
     figure = plt.figure(figsize=(6.4, 1.9))
-    labels = [name for name in grid.point_data if name.endswith("V")][:4]
+    labels = [name for name in grid.point_data if "_Hz_" in name][:4]
     for k, label in enumerate(labels):
         axes = figure.add_axes((0.25 * k, 0.0, 0.25, 0.88), projection="3d", computed_zorder=False)
         vectors = np.asarray(grid[label], float)
@@ -207,7 +207,7 @@ def modes_picture(folder: Path) -> Figure:
         draw_skin(axes, moved, size, size.max())
         frame_view(axes, np.concatenate([still.reshape(-1, 3), moved.reshape(-1, 3)]), 25, -35, 1.1)
         hertz = summary["frequencies_hz"][k]
-        figure.text(0.25 * k + 0.125, 0.9, f"{label}   {hertz:.1f} Hz", ha="center")
+        figure.text(0.25 * k + 0.125, 0.9, f"{label.split('_')[0]}   {hertz:.1f} Hz", ha="center")
     return figure
 
 
@@ -233,21 +233,52 @@ def draw_rub(axes: Any, folder: Path) -> None:
     """
     files = sorted((folder / "contact_points").glob("*.vtp"))
     points = [pv.read(path) for path in files]
-    force = [np.linalg.norm(p["normal force vector"], axis=1).max() for p in points]
+    force = [np.linalg.norm(p["normal_force_vector_N"], axis=1).max() for p in points]
     instant = int(np.argmax(force))
     body = pv.read(sorted((folder / "motion").glob("*.vtu"))[instant])
-    moved, size = skin(body, np.asarray(body["displacement"], float))
+    moved, size = skin(body, np.asarray(body["displacement_m"], float))
     draw_skin(axes, moved, size, size.max())
     cloud = points[instant]
-    here = np.asarray(cloud.points, float) + np.asarray(cloud["displacement"], float)
-    state = np.asarray(cloud["state"]).ravel()
-    arrows = np.asarray(cloud["normal force vector"], float) / max(force)
+    here = np.asarray(cloud.points, float) + np.asarray(cloud["displacement_m"], float)
+    state = np.asarray(cloud["contact_state"]).ravel()
+    arrows = np.asarray(cloud["normal_force_vector_N"], float) / max(force)
     for value, (_, colour) in STATES.items():
         for place, arrow in zip(here[state == value], arrows[state == value], strict=True):
             tail = place - 0.12 * arrow
             axes.plot(*np.stack([tail, place]).T, color=colour, linewidth=1.6)
             axes.plot(*place[:, None], marker="o", markersize=2.6, color=colour)
     frame_view(axes, np.concatenate([moved.reshape(-1, 3), here]), 25, -35, 1.3)
+
+
+def paraview_picture(folder: Path) -> Figure:
+    """Render what `results.pvd` opens: the blade with its stresses, its casing and the contact."""
+    reader = pv.get_reader(folder / "results.pvd")
+    points = pv.get_reader(folder / "contact_points" / "contact_points.pvd")
+    forces = []
+    for instant in points.time_values:
+        points.set_active_time_value(instant)
+        forces.append(float(points.read()[0]["normal_force_N"].max()))
+    reader.set_active_time_value(reader.time_values[int(np.argmax(forces))])
+    blocks = reader.read()[0]
+    plotter = pv.Plotter(off_screen=True, window_size=[1500, 700])
+    plotter.set_background("white")
+    plotter.add_mesh(blocks["surface_1"], color="#B8BDC2", opacity=0.35)
+    body = (
+        blocks["motion"].warp_by_vector("displacement_m").extract_surface(nonlinear_subdivision=3)
+    )
+    bar = {"title": "von_mises_Pa", "color": "black", "vertical": True, "fmt": "%.3g"}
+    plotter.add_mesh(body, scalars="von_mises_Pa", cmap="turbo", scalar_bar_args=bar)
+    cloud = blocks["contact_points"].warp_by_vector("displacement_m")
+    plotter.add_mesh(cloud, color="black", point_size=9, render_points_as_spheres=True)
+    plotter.camera_position = [(-0.5, -1.3, 0.9), (0.4, 0.0, 0.02), (0.0, 0.0, 1.0)]
+    plotter.camera.zoom(1.9)
+    image = np.asarray(plotter.screenshot(return_img=True))
+    plotter.close()
+    figure = plt.figure(figsize=(7.5, 3.5))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(image)
+    axes.set_axis_off()
+    return figure
 
 
 def rub_picture(folder: Path) -> Figure:
@@ -421,6 +452,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["response_2d"] = response_picture(runs / "response_2d")
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
+        figures["paraview"] = paraview_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")
         figures["compare"] = compare_picture(runs / "compare")
         figures["overview"] = overview_picture(runs)

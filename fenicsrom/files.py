@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import secrets
@@ -15,6 +16,11 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
+
+try:
+    import fcntl
+except ModuleNotFoundError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 
 @contextmanager
@@ -89,6 +95,37 @@ def atomic_folder(path: str | Path, comm: Any = None) -> Iterator[Path]:
     finally:
         if first:
             shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def locked_folder(path: Path) -> Iterator[bool]:
+    """Hold a folder for this process until the body ends; the lock leaves no file behind.
+
+    The operating system releases the lock of a process that dies. Systems without `fcntl`, such as
+    Windows, have no lock.
+
+    Yields:
+        Whether the folder is held; False if another process holds it.
+
+    Raises:
+        OSError: the folder cannot be opened.
+    """
+    if fcntl is None:
+        yield True
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:  # file systems without locks refuse with another error
+            yield error.errno not in (errno.EWOULDBLOCK, errno.EACCES)
+            return
+        try:
+            yield True
+        finally:
+            fcntl.flock(handle, fcntl.LOCK_UN)  # also for processes that were forked in the body
+    finally:
+        os.close(handle)
 
 
 def write_archive(

@@ -18,7 +18,8 @@ import fenicsrom
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.history import HISTORY_ARRAYS
 from fenicsrom.online.matrices import UNITS, full_tensors
-from fenicsrom.online.polynomial import elastic_force, elastic_polynomial, strain_products
+from fenicsrom.online.polynomial import elastic_force, elastic_polynomial
+from fenicsrom.reduction.strain_products import strain_products
 
 PACKAGE = Path(fenicsrom.__file__).parent
 ROOT = PACKAGE.parent
@@ -240,7 +241,8 @@ def test_gmsh_model_in_memory_gives_the_mesh_of_its_file(tmp_path: Path) -> None
         assert caught.value.kind is ErrorKind.MESH
     finally:
         gmsh.finalize()
-    assert set(found.groups) == {"solid", "root", "tip", "load"}
+    assert set(found.cell_groups) == {"solid"}
+    assert set(found.facet_groups) == {"root", "tip", "load"}
     geometry = {"mesh": str(tmp_path / "plate.msh"), "dimension": 2, "thickness": 0.01}
     scene = beam_scene(2, geometry=geometry)
     from mpi4py import MPI

@@ -13,6 +13,7 @@ PAGES = [
     "CHANGELOG.md",
     "CONTRIBUTING.md",
     "demos/README.md",
+    "demos/paraview.md",
     "demos/paper/README.md",
     "docker/README.md",
     "fenicsrom/README.md",

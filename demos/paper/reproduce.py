@@ -54,7 +54,7 @@ from fenicsrom.reduction.derivatives import all_pairs
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project_intrusively
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
-from fenicsrom.scene import Scene, read_scene
+from fenicsrom.scene import Scene, read_scene, scene_heading
 
 HERE = Path(__file__).parent
 BODIES = ("beam", "solid")
@@ -629,7 +629,7 @@ def selection_figure(parts: Sequence[tuple[str, Sequence[int], Sequence[int]]]) 
                             markersize=4,
                             label=label,
                         )
-            axis.set(yscale="log", title=f"{kind}: {scene(name).title}")
+            axis.set(yscale="log", title=f"{kind}: {scene_heading(scene(name))}")
     for axis in axes[-1]:
         axis.set_xlabel("number of coordinates")
     for axis in axes[:, 0]:

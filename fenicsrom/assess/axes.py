@@ -14,6 +14,7 @@ from typing import Any
 
 from fenicsrom.assess.scales import Scales
 from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene.checks import LEAST_MODES
 
 Overrides = tuple[str, ...]
 Values = dict[str, Overrides]
@@ -33,6 +34,7 @@ class Case:
         richer: overrides of a richer basis to compare with; empty for no comparison.
         scale: length in m of the unit of the scene. If it is not 1, the run must agree with the run
             in metres.
+        full: compare with the full model at the same time steps.
     """
 
     axis: str
@@ -41,6 +43,7 @@ class Case:
     model: str = "reduced"
     richer: Overrides = ()
     scale: float = 1.0
+    full: bool = False
 
 
 class LeftOut(Exception):
@@ -59,7 +62,7 @@ def cases_of(
     """
     chosen = set(axes) or set(AXES)
     cases, left_out = [], []
-    rich = (f"basis.modes={scene.basis.modes + 2}", "basis.derivatives='all'")
+    rich = (f"basis.modes={_mode_count(scene) + 2}", "basis.derivatives='all'")
     for axis, values in AXES.items():
         if axis not in chosen:
             continue
@@ -261,6 +264,11 @@ def _poisson(scene: Scene, scales: Scales) -> Values:
     }
 
 
+def _mode_count(scene: Scene) -> int:
+    """The number of normal modes of a scene; its least number if the structure decides on it."""
+    return LEAST_MODES if isinstance(scene.basis.modes, str) else scene.basis.modes
+
+
 def _modes(scene: Scene, scales: Scales) -> Values:
     return {f"{count}": (f"basis.modes={count}",) for count in (1, 2, 5, 10, 20)}
 
@@ -274,7 +282,7 @@ def _derivatives(scene: Scene, scales: Scales) -> Values:
         "all": ("basis.derivatives='all'",),
         "all of one mode more": (
             "basis.derivatives='all'",
-            f"basis.modes={scene.basis.modes + 1}",
+            f"basis.modes={_mode_count(scene) + 1}",
         ),
         f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'"),
     }

@@ -390,3 +390,10 @@ def _peaks(
             f"{peak.factor:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm at "
             f"{peak.frequency:.6g} Hz"
         )
+        reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
+        if reasons:
+            found.warnings.append(
+                f"The search for the peak at {peak.factor:g} times the loads ended with "
+                f"{' and '.join(reasons)} before the amplitude had fallen on both sides; a larger "
+                "amplitude may lie beyond."
+            )

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
 
+import numpy as np
+
 from fenicsrom.online.branching import branch, lies_on, motions_through_load, passes_through
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import Curve, CurvePoint
 
+SAME_START = 1e-6  # distance of the first points of one branch, followed twice, in parts of them
 MOST_PERIODS = 64  # of the loads in one of a motion on a branch
 
 PathOf = Callable[[CurvePoint, int], Continuation]
@@ -88,26 +91,43 @@ def _follow_branch(
     follow: Follow,
     name: str,
 ) -> None:
-    """Follow the branches at one point of a part, unless one of the parts is this branch."""
+    """Follow the branches at one point of a part, unless one of the parts is this branch.
+
+    An interrupted run may have left one of two branches.
+    """
     periods = part.periods * (2 if point.kind == "period doubling" else 1)
     if periods > MOST_PERIODS:
         return
     path = path_of(point, part.periods)
-    others = [other for other in parts if other is not part and other.periods == periods]
+    origin = f"{point.kind} at {name} = {point.parameter:.7g}"
+    kept = [other for other in parts if other.origin == origin]
+    others = [
+        other
+        for other in parts
+        if other is not part and other not in kept and other.periods == periods
+    ]
     if any(passes_through(path, other, point) for other in others):
         return
-    origin = f"{point.kind} at {name} = {point.parameter:.7g}"
     for sense in (1.0, -1.0):
         path = path_of(point, part.periods)
         found = branch(path, point, path_of(point, periods).shooting, sense)
         if found is None:
             continue
-        follow(*found, None, origin, periods)
-        new = parts[-1]
-        new.points.insert(0, point)
+        new = next((other for other in kept if _begins_at(other, found[1])), None)
+        if new is None:
+            follow(*found, None, origin, periods)
+            new = parts[-1]
+        if not new.points[0].kind:
+            new.points.insert(0, point)
         # the motions on both sides of a period doubling differ by a shift in time
         if point.kind == "period doubling" or new.reason == "closed":
             return
+
+
+def _begins_at(part: Piece, begin: CurvePoint) -> bool:
+    """Whether a branch has this point first, or next after its bifurcation."""
+    size = SAME_START * float(np.linalg.norm(begin.s))
+    return any(float(np.linalg.norm(point.s - begin.s)) <= size for point in part.points[:2])
 
 
 def follow_isolated(

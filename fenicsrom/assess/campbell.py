@@ -23,6 +23,7 @@ from scipy.interpolate import CubicSpline
 from fenicsrom.arrays import Array
 from fenicsrom.assess.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
@@ -120,7 +121,8 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
             break
         squares = tracked.squares[-1][:count]
         shown = ", ".join(f"{np.sqrt(max(v, 0.0)) / (2.0 * np.pi):.4g}" for v in squares)
-        say(f"{speed:g} rpm: {shown} Hz")
+        left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
+        say(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
     reached = speeds[: len(tracked.squares)]
     kept = np.array(tracked.squares)[:, :count]
     found = Campbell(

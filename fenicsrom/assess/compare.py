@@ -197,6 +197,7 @@ class Workshop:
     def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
         """The stages of a scene's reduced model, and their seconds as if it were made alone."""
         method, count = scene.basis.method, scene.basis.modes
+        assert isinstance(count, int)  # of [compare]
         modes, snapshots, taken = self._component_modes(method, count)
         kinds = {"mmi": ["linear"], "mmi-nls": ["linear", "static"]}.get(
             str(scene.basis.derivatives), []

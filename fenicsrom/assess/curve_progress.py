@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.arrays import Array
 from fenicsrom.online.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.progress import duration
 
 if TYPE_CHECKING:
     from fenicsrom.assess.branches import Piece
@@ -185,9 +186,4 @@ class CurveProgress:
         text = f"{100.0 * total:.0f} % of the range"
         if gained < 0.02:
             return text
-        return f"{text}, about {_duration(seconds * (1.0 - total) / gained)} left"
-
-
-def _duration(seconds: float) -> str:
-    """A time in words."""
-    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
+        return f"{text}, about {duration(seconds * (1.0 - total) / gained)} left"

@@ -78,11 +78,11 @@ def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> 
 
 def indicators(
     body: Structure, vectors: Array, motion: Motion, scene: Scene
-) -> tuple[float, float]:
+) -> tuple[float | None, float | None]:
     """Root mean squares of the residual, relative to the amplitude of the loads.
 
     Returns:
-        The value in the energy norm, and the value in the plain norm.
+        The value in the energy norm, and the value in the plain norm; None without loads that vary.
     """
     found = residuals(body, vectors, motion, scene)
     varying = [not load.static for load in scene.loads]
@@ -96,7 +96,8 @@ def indicators(
             np.sum(block**2, axis=0)
         )
 
-    (energy, plain), (load_energy, load_plain) = sizes(found), sizes(loads)
-    return float(np.sqrt(np.mean(energy) / load_energy[0])), float(
-        np.sqrt(np.mean(plain) / load_plain[0])
+    energy, plain = (
+        float(np.sqrt(np.mean(size) / load[0])) if load[0] > 0.0 else None
+        for size, load in zip(sizes(found), sizes(loads), strict=True)
     )
+    return energy, plain

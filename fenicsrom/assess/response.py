@@ -13,6 +13,7 @@ from pathlib import Path
 
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.grazing import resolved_events
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.response_pieces import follow_curve
@@ -127,8 +128,23 @@ def response(
     except KeyboardInterrupt:
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
+    _leave_out_unresolved(found)
     found.seconds = clock.perf_counter() - begin
     return found
+
+
+def _leave_out_unresolved(found: Response) -> None:
+    """Leave out contact events that the time steps do not resolve, and say how many."""
+    for curve in found.curves:
+        before = len(curve.special)
+        for piece in curve.pieces:
+            piece.special = resolved_events(piece, found.steps)
+        if count := before - len(curve.special):
+            found.warnings.append(
+                f"{_name(found.table, curve.value)}a contact point grazes its surface: {count} "
+                "changes of contact were left out, because the time steps do not resolve them; "
+                "increase time.steps_per_period."
+            )
 
 
 def _name(table: ResponseTable, value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 import numpy as np
@@ -26,7 +27,17 @@ from fenicsrom.online.periodic import (
     settled_contacts,
 )
 from fenicsrom.online.scene_changes import changed_key
-from fenicsrom.scene import Scene, Time, override_table, parameter_of, parse_scene, scene_table
+from fenicsrom.scene import (
+    Families,
+    Scene,
+    Time,
+    override_table,
+    parameter_of,
+    parse_scene,
+    scene_table,
+)
+from fenicsrom.scene.overrides import names_of
+from fenicsrom.scene.rules import show
 
 START_PERIODS = 320  # largest number to march before a curve starts
 
@@ -36,7 +47,7 @@ def check_response(scene: Scene) -> None:
 
     Raises:
         SceneError: there is no table [response], the model would not be an exact polynomial, or
-            the second number belongs to the offline stage.
+            the second number of the curves cannot be used.
     """
     table = response_table(scene)
     if scene.basis.elastic_force == "projection":
@@ -47,20 +58,45 @@ def check_response(scene: Scene) -> None:
             key="basis.elastic_force",
             source=scene.source,
         )
-    for value in table.families.values if table.families else ():
-        assert table.families is not None
-        override = [f"{table.families.key}={value!r}"]
-        changed = parse_scene(
-            override_table(scene_table(scene), override, scene.source), scene.source, None
+    if table.families is not None:
+        _check_families(scene, table.parameter, table.families)
+
+
+def _check_families(scene: Scene, parameter: str, families: Families) -> None:
+    """Check the second number of the curves.
+
+    Raises:
+        SceneError: the scene has no such number, it has no effect on a curve, it has a value that
+            is not allowed, or it belongs to the offline stage.
+    """
+    key = ".".join(names_of(families.key))
+
+    def refusal(reason: str, kind: ErrorKind) -> SceneError:
+        return SceneError(
+            f"{scene.source}: response.families.key = {show(families.key)}: {reason}",
+            kind=kind,
+            key="response.families.key",
+            source=scene.source,
         )
-        if (key := changed_key(scene, changed)) is not None:
-            raise SceneError(
-                f"{scene.source}: response.families.key = {table.families.key!r}: {key} cannot "
-                "change on a reduced model",
-                kind=ErrorKind.MISMATCH,
-                key="response.families.key",
-                source=scene.source,
+
+    if parameter == "frequency" and re.fullmatch(r"(loads\.[0-9]+\.)?frequency", key):
+        reason = "the frequency is the parameter of the curves already; choose another number"
+        raise refusal(reason, ErrorKind.CONFLICT)
+    if key == parameter or key.startswith("response."):
+        raise refusal("must be a number that [response] does not set", ErrorKind.CONFLICT)
+    for value in families.values:
+        override = [f"{families.key}={value!r}"]
+        try:
+            changed = parse_scene(
+                override_table(scene_table(scene), override, scene.source), scene.source, None
             )
+        except SceneError as error:
+            if error.kind not in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
+                raise
+            reason = 'the scene has no such number; must be a key of it, such as "loads.0.force"'
+            raise refusal(reason, ErrorKind.RANGE) from error
+        if (other := changed_key(scene, changed)) is not None:
+            raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 
 
 def family_of(stored: StoredModel) -> Family:

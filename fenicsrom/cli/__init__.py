@@ -2,23 +2,32 @@
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
-Modules that need numpy, numba or dolfinx are imported by the command that uses them.
+Modules that need numpy, numba or dolfinx are imported by the command that uses them. `main` imports
+the commands, so that an interrupt during these imports ends with a sentence too.
 """
 
 from __future__ import annotations
 
+import argparse
+import sys
 from collections.abc import Sequence
 
-from fenicsrom.cli.parser import make_parser
-from fenicsrom.cli.ranks import refuse, stopped
+from fenicsrom.cli.ranks import abort_all, is_idle, refuse, stopped
 from fenicsrom.cli.termination import is_terminated, terminable
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
-    options = make_parser().parse_args(arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    options = argparse.Namespace(arguments=words)
     try:
+        from fenicsrom.cli.parser import make_parser
+
+        options = make_parser().parse_args(words, options)
+        _check_arguments(options)
+        if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
+            return 0
         with terminable():
             return int(options.command(options))
     except SceneError as error:
@@ -34,6 +43,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
             1,
         )
     except KeyboardInterrupt:
-        if is_terminated():
-            return stopped("terminated", 143)
-        return stopped("interrupted", 130)
+        how = getattr(options, "continuation", "")
+        word, code = ("terminated", 143) if is_terminated() else ("interrupted", 130)
+        return stopped(f"{word}; {how}" if how else word, code)
+    except Exception:  # a defect of the program
+        abort_all()
+        raise
+
+
+def _check_arguments(options: argparse.Namespace) -> None:
+    """Check that no argument contains a NUL character, which no path can contain.
+
+    Raises:
+        SceneError: an argument contains one.
+    """
+    for name, value in vars(options).items():
+        if isinstance(value, str) and "\0" in value:
+            raise SceneError(
+                f"argument {name} = {value}: must not contain a NUL character",
+                kind=ErrorKind.FILE,
+                key=name,
+            )

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
+from fenicsrom.cli.output import opened
 from fenicsrom.cli.printing import print_results, progress
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
@@ -24,16 +25,17 @@ def run(options: argparse.Namespace) -> int:
     if options.stored:
         return _rerun(options)
     _require_scene(options)
-    comm, say, scene, folder = _start(options)
+    comm, say, scene = _start(options)
     from fenicsrom.post import sentences
 
     resume = Path(options.resume) if options.resume else None
-    found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
-    if comm.rank == 0:
-        table = sentences.response_table(found.motions, found.sizes)
-        lines = sentences.study_sentences(found)
-        print_results(scene, table, found.warnings, lines, found.files)
-    return _end(comm, found.unfinished[1] if found.unfinished else None)
+    with opened(options, scene, comm) as folder:
+        found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
+        if comm.rank == 0:
+            table = sentences.response_table(found.motions, found.sizes, scene)
+            lines = sentences.study_sentences(found)
+            print_results(scene, table, found.warnings, lines, found.files)
+        return _end(comm, found.unfinished[1] if found.unfinished else None)
 
 
 def _rerun(options: argparse.Namespace) -> int:
@@ -48,15 +50,13 @@ def _rerun(options: argparse.Namespace) -> int:
     if resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
     current = _changed_model(options, stored)
-    model, scene = current.model, current.scene
-    folder = _make_folder(options, options.scene or options.stored)
-    found = study.rerun(
-        stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
-    )
-    table = sentences.response_table({"reduced": found.motion}, {"reduced": stored.size})
-    lines = sentences.rerun_sentences(found.motion, model.points)
-    print_results(scene, table, found.warnings, lines, found.files)
-    return _end(None, found.unfinished)
+    with opened(options, current.scene) as folder:
+        found = study.rerun(current, folder, resume=resume, say=progress, stop=is_terminated)
+        sizes = {"reduced": stored.size}
+        table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
+        lines = sentences.rerun_sentences(found)
+        print_results(current.scene, table, found.warnings, lines, found.files)
+        return _end(None, found.unfinished)
 
 
 def plan(options: argparse.Namespace) -> int:
@@ -69,39 +69,42 @@ def plan(options: argparse.Namespace) -> int:
 
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
-    comm, say, scene, folder = _start(options)
+    comm, say, scene = _start(options, unloaded=True)
     from fenicsrom.post import sentences
 
-    found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
-    if comm.rank == 0:
-        print_results(None, "", found.warnings, sentences.mode_lines(found), found.files)
+    with opened(options, scene, comm) as folder:
+        found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
+        if comm.rank == 0:
+            print_results(None, "", found.warnings, sentences.mode_lines(found), found.files)
     return 0
 
 
 def compare(options: argparse.Namespace) -> int:
     """Compare bases with the full model."""
-    comm, say, scene, folder = _start(options)
+    comm, say, scene = _start(options)
     from fenicsrom.assess import compare
     from fenicsrom.post import compare_report
 
-    found = compare.compare(scene, comm, say)
-    if comm.rank == 0:
-        files = compare_report.write_comparison(found, folder)
-        print_results(scene, compare_report.terminal(found), found.warnings, files=files)
+    with opened(options, scene, comm) as folder:
+        found = compare.compare(scene, comm, say)
+        if comm.rank == 0:
+            files = compare_report.write_comparison(found, folder)
+            print_results(scene, compare_report.terminal(found), found.warnings, files=files)
     return 0
 
 
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
-    comm, say, scene, folder = _start(options)
+    comm, say, scene = _start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
 
-    found = campbell.campbell(scene, comm, say)
-    if comm.rank == 0:
-        files = campbell_report.write(found, folder)
-        print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
-    return _end(comm, found.unfinished)
+    with opened(options, scene, comm) as folder:
+        found = campbell.campbell(scene, comm, say)
+        if comm.rank == 0:
+            files = campbell_report.write(found, folder)
+            print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
+        return _end(comm, found.unfinished)
 
 
 def response(options: argparse.Namespace) -> int:
@@ -118,17 +121,22 @@ def response(options: argparse.Namespace) -> int:
         "workers": available_cores(),
         "stop": is_terminated,
     }
-    comm: Any = None
     if options.stored:
         from fenicsrom.online import archive
 
         current = _changed_model(options, archive.load_model(Path(options.stored)))
-        folder = _make_folder(options, options.scene or options.stored)
-        found = study.response_of_model(current, progress, folder=folder, **settings)
-    else:
-        _require_scene(options)
-        comm, say, scene, folder = _start(options)
+        with opened(options, current.scene) as folder:
+            found = study.response_of_model(current, progress, folder=folder, **settings)
+            return _end_of_curves(found, None)
+    _require_scene(options)
+    comm, say, scene = _start(options)
+    with opened(options, scene, comm) as folder:
         found = study.response(scene, comm, say, folder=folder, **settings)
+        return _end_of_curves(found, comm)
+
+
+def _end_of_curves(found: Any, comm: Any) -> int:
+    """Print the response curves, and end as their computation did."""
     if found.curves and (comm is None or comm.rank == 0):
         from fenicsrom.post import response_tables
 
@@ -146,17 +154,21 @@ def backbone(options: argparse.Namespace) -> int:
         KeyboardInterrupt: the computation was interrupted.
         ConvergenceError: the mode or a peak was not found.
     """
-    comm: Any = None
     if options.stored:
         from fenicsrom.online import archive
 
         current = _changed_model(options, archive.load_model(Path(options.stored)))
-        folder = _make_folder(options, options.scene or options.stored)
-        found = study.backbone_of_model(current, progress)
-    else:
-        _require_scene(options)
-        comm, say, scene, folder = _start(options)
+        with opened(options, current.scene) as folder:
+            return _end_of_mode(study.backbone_of_model(current, progress), None, folder)
+    _require_scene(options)
+    comm, say, scene = _start(options)
+    with opened(options, scene, comm) as folder:
         found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+        return _end_of_mode(found, comm, folder)
+
+
+def _end_of_mode(found: Any, comm: Any, folder: Path) -> int:
+    """Write and print a nonlinear mode, and end as its computation did."""
     if found.points and (comm is None or comm.rank == 0):
         from fenicsrom.post import backbone_report
 
@@ -199,35 +211,53 @@ def sweep(options: argparse.Namespace) -> int:
 
     comm = _ranks()
     first = comm is None or comm.rank == 0
-    found = study.sweep(
-        scene,
-        variant,
-        axes,
-        _make_folder(options, f"{options.scene or options.stored}"),
-        stored=Path(source) if source else None,
-        comm=comm,
-        say=progress if first else lambda line: None,
-        workers=available_cores(),
-        resume=options.resume,
-        stop=is_terminated,
-    )
-    if first:
-        print_results(scene, sweep_report.terminal(found), [], files=found.files)
-    if found.interrupted:
-        raise KeyboardInterrupt
+    with opened(options, scene, comm) as folder:
+        found = study.sweep(
+            scene,
+            variant,
+            axes,
+            folder,
+            stored=Path(source) if source else None,
+            comm=comm,
+            say=progress if first else lambda line: None,
+            workers=available_cores(),
+            resume=options.resume,
+            stop=is_terminated,
+        )
+        if first:
+            print_results(scene, sweep_report.terminal(found), [], files=found.files)
+        if found.interrupted:
+            raise KeyboardInterrupt
     return 1 if found.with_outcome(FAILED) else 0
 
 
 def stability(options: argparse.Namespace) -> int:
-    """Run extreme variants of a scene."""
+    """Run extreme or random variants of a scene.
+
+    Raises:
+        SceneError: axes and random variants are asked for together.
+    """
     from fenicsrom.assess import stability
     from fenicsrom.post import stability_report
 
-    folder = _make_folder(options, "stability")
-    matrix = stability.stability(Path(options.scene), options.overrides, progress, options.axis)
-    files = stability_report.write(matrix, folder)
-    lines = [*stability_report.sentences(matrix), *matrix.left_out]
-    print_results(None, "", [], lines, files)
+    if options.random and options.axis:
+        raise SceneError(
+            "--random and --axis: give one of them, because random variants are not on an axis",
+            kind=ErrorKind.CONFLICT,
+            key="--random",
+        )
+    with opened(options, read_scene(options.scene, options.overrides)) as folder:
+        matrix = stability.stability(
+            Path(options.scene),
+            options.overrides,
+            progress,
+            options.axis,
+            variants=options.random,
+            seed=options.seed,
+        )
+        files = stability_report.write(matrix, folder)
+        lines = [*stability_report.sentences(matrix), *matrix.left_out]
+        print_results(None, "", [], lines, files)
     return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
@@ -261,25 +291,22 @@ def _require_scene(options: argparse.Namespace) -> None:
     raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
 
 
-def _start(options: argparse.Namespace) -> tuple[Any, Any, Scene, Path]:
-    """Give the communicator, the progress callback, the scene and the output folder.
+def _start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
+    """Give the communicator, the progress callback and the scene.
 
-    MPI starts first, so that only one rank prints an error in the scene. The folder is made before
-    the computation, so that a run is not lost because its folder cannot be made.
+    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
+    MPI starts first, so that only one rank prints an error in the scene.
     """
     from mpi4py import MPI
 
     comm = MPI.COMM_WORLD
-    scene = read_scene(options.scene, options.overrides)
-    folder = _folder(options, options.scene)
-    if comm.rank == 0:
-        folder.mkdir(parents=True, exist_ok=True)
+    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
 
     def say(line: str) -> None:
         if comm.rank == 0:
             progress(line)
 
-    return comm, say, scene, folder
+    return comm, say, scene
 
 
 def _ranks() -> Any:
@@ -309,17 +336,5 @@ def _end(comm: Any, error: Exception | None) -> int:
 def _changed_model(options: argparse.Namespace, stored: Any) -> Any:
     """Give a stored model under the scene file, or under its own scene with the overrides."""
     if options.scene is not None:
-        return stored.with_scene(read_scene(options.scene, options.overrides))
+        return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
     return stored.with_overrides(options.overrides)
-
-
-def _folder(options: argparse.Namespace, source: str) -> Path:
-    """Choose the output folder: the one of --output, or out/ and the name of the source."""
-    return Path(options.output) if options.output else Path("out") / Path(source).stem
-
-
-def _make_folder(options: argparse.Namespace, source: str) -> Path:
-    """Choose and make the output folder."""
-    folder = _folder(options, source)
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder

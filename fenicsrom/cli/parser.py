@@ -11,7 +11,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom import __version__
-from fenicsrom.cli import commands
+from fenicsrom.cli import commands, mesh_commands
+
+
+def natural(text: str) -> int:
+    """Read a whole number of at least 0.
+
+    Raises:
+        ValueError: the text is not such a number.
+    """
+    number = int(text)
+    if number < 0:
+        raise ValueError(text)
+    return number
 
 
 class Argument:
@@ -79,6 +91,16 @@ AXIS = Argument(
     metavar="NAME",
     help="run this axis only, such as friction; may be repeated",
 )
+RANDOM = Argument(
+    "--random",
+    type=natural,
+    default=0,
+    metavar="N",
+    help="run N random variants instead of the axes, and compare them with the full model",
+)
+SEED = Argument(
+    "--seed", type=natural, default=0, metavar="S", help="seed of the random variants (default: 0)"
+)
 OVER = Argument(
     "--over",
     action="append",
@@ -110,6 +132,13 @@ SET = Argument(
     "may be repeated",
 )
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
+FORCE = Argument(
+    "--force", action="store_true", help="replace the results of another run in the output folder"
+)
+MESH = Argument("mesh", help="mesh or geometry file")
+DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
+SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
+SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
 
 COMMANDS = (
@@ -117,7 +146,7 @@ COMMANDS = (
         "run",
         "run a scene, or integrate a stored reduced model again",
         commands.run,
-        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT),
+        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT, FORCE),
     ),
     Command(
         "plan",
@@ -129,37 +158,49 @@ COMMANDS = (
         "modes",
         "compute only the modes and modal derivatives, for ParaView",
         commands.modes,
-        (SCENE, SET, OUTPUT),
+        (SCENE, SET, OUTPUT, FORCE),
+    ),
+    Command(
+        "inspect",
+        "describe a mesh file: cells, box, volume, mass, groups and what is not read",
+        mesh_commands.inspect,
+        (MESH, DENSITY, SCALE, SIZE, OUTPUT),
+    ),
+    Command(
+        "init",
+        "write a starter scene for a mesh file",
+        mesh_commands.init,
+        (MESH, SCALE, SIZE, FILE),
     ),
     Command(
         "compare",
         "compare reduced bases with the full model: error and run time",
         commands.compare,
-        (COMPARED_SCENE, SET, OUTPUT),
+        (COMPARED_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "campbell",
         "compute a Campbell diagram: frequencies and critical speeds",
         commands.campbell,
-        (TURNING_SCENE, SET, OUTPUT),
+        (TURNING_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "response",
         "follow periodic motions over a parameter: response curves and stability",
         commands.response,
-        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT),
+        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT, FORCE),
     ),
     Command(
         "backbone",
         "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
         commands.backbone,
-        (SWINGING_SCENE, FROM, SET, OUTPUT),
+        (SWINGING_SCENE, FROM, SET, OUTPUT, FORCE),
     ),
     Command(
         "sweep",
         "run a scene or a stored model for lists or ranges of values of its keys",
         commands.sweep,
-        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT),
+        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT, FORCE),
     ),
     Command(
         "schema",
@@ -169,9 +210,9 @@ COMMANDS = (
     ),
     Command(
         "stability",
-        "run extreme variants of a scene, with a verdict on each",
+        "run extreme or random variants of a scene, with a verdict on each",
         commands.stability,
-        (SCENE, AXIS, SET, OUTPUT),
+        (SCENE, AXIS, RANDOM, SEED, SET, OUTPUT, FORCE),
     ),
 )
 

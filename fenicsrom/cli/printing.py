@@ -8,7 +8,8 @@ from pathlib import Path
 
 from fenicsrom.cli.ranks import all_ranks
 from fenicsrom.cli.termination import is_terminated
-from fenicsrom.scene import Scene
+from fenicsrom.errors import printable
+from fenicsrom.scene import Scene, scene_heading
 
 
 def progress(line: str) -> None:
@@ -25,16 +26,19 @@ def print_results(
     sentences: Sequence[str] = (),
     files: Sequence[Path] = (),
 ) -> None:
-    """Print the title of the scene, a table, warnings, sentences and the list of written files."""
+    """Print the title of the scene, a table, warnings, sentences and the list of written files.
+
+    Characters that a terminal would interpret are escaped.
+    """
     print()
     if scene is not None and scene.title:
-        print(scene.title)
+        print(printable(scene_heading(scene)))
     if table:
         print(table)
     for warning in warnings:
-        print(f"warning: {warning}")
+        print(f"warning: {printable(warning)}")
     for sentence in sentences:
-        print(sentence)
+        print(printable(sentence))
     print("files:")
     for path in files:
-        print(f"  {path}")
+        print(f"  {printable(str(path))}")

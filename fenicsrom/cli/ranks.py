@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+import traceback
 from collections.abc import Sequence
 from typing import Any
 
+RANKS = (
+    "OMPI_COMM_WORLD_RANK",
+    "PMIX_RANK",
+    "PMI_RANK",
+)  # in which mpirun tells a process its rank
 REFUSED = 77  # MPI tag of the messages by which ranks tell each other about an error
 PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that the others continue
 
@@ -32,6 +39,12 @@ def refuse(sentence: str, code: int) -> int:
     return code
 
 
+def is_idle() -> bool:
+    """Whether mpirun started this process beside a first one, which runs a stored model alone."""
+    ranks = (os.environ[name] for name in RANKS if name in os.environ)
+    return next(ranks, "0") != "0"
+
+
 def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
     """Receive the errors of these ranks; None for a rank that is silent until the last moment.
 
@@ -52,6 +65,20 @@ def stopped(word: str, code: int) -> int:
     """Say on the first rank that the run was stopped; return the exit code."""
     comm = all_ranks()
     return _say(word, code) if comm is None or comm.rank == 0 else code
+
+
+def abort_all() -> None:
+    """End all ranks after an unexpected exception of this one, whose traceback it prints first.
+
+    The others would wait for this rank forever. With one rank this does nothing.
+    """
+    comm = all_ranks()
+    if comm is None:
+        return
+    traceback.print_exc()
+    sys.stderr.flush()
+    time.sleep(1.0)  # mpirun forwards no output after the abort
+    comm.Abort(1)
 
 
 def _say(sentence: str, code: int) -> int:

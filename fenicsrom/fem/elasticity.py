@@ -11,8 +11,16 @@ the internal force f, its tangent K and the derivative of the tangent along x ar
     v · K w       = ∫ (∇w S + F S_w) : ∇v,                    S_w = S(sym Fᵀ ∇w),    (3)
     v · K′[x] y   = ∫ (∇x S_y + ∇y S_x + F S_xy) : ∇v,        S_xy = S(sym ∇xᵀ ∇y),    (4)
 
-where S(E) is the stress of the strain E. Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which
-is exact for this material.
+where S(E) is the stress of the strain E. The mixed tangent at u after a change c of u has
+
+    S(E − ½ ∇cᵀ ∇c)    (5)
+
+in place of S in (3): the stress of the strain that was predicted before the change. Newton's method
+for independent stresses at the integration points has this tangent. It converges from states far
+away, because the stretching by too large a rotation does not enter. Source: Magisano, Leonetti and
+Garcea, Int. J. Numer. Methods Eng., 2017.
+
+Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which is exact for this material.
 
 Vectors are numpy arrays of the unknowns that this rank owns, zero on the clamped ones. The clamped
 rows of K are those of the identity; the clamped rows of M are zero.
@@ -21,26 +29,23 @@ rows of K are those of the identity; the clamped rows of M are zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import basix.ufl
 import dolfinx.fem.petsc
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh_data import Mesh
+from fenicsrom.fem.quadrature import quadrature_degree
 from fenicsrom.fem.rotation import RotatingFrame
 from fenicsrom.fem.supports import clamped_nodes
 from fenicsrom.scene import Geometry, Material, Region, Rotation
-
-QUADRATURE_DEGREE = 4
-"""Degree of the quadrature rule.
-
-It is exact for (2) and (3) on affine quadratic simplices. On quadratic parallelepipeds it is exact
-for the linear stiffness, and accurate to 1e-8 for the force at large displacements.
-"""
 
 CHUNK_BYTES = 200e6
 """Memory of one chunk of tabulated gradients."""
@@ -61,9 +66,11 @@ class ElasticBody:
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
         thickness: thickness in m; 1 in 3D.
+        quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
         first_lame: λ, or λ* in plane stress, Pa.
         shear_modulus: μ, Pa.
+        density: mass per volume, or per area in 2D, as a constant of the forms.
         mass_form: the form of M.
         rotation: the rotating frame, or None without rotation.
         warnings: sentences for the user.
@@ -115,15 +122,23 @@ class ElasticBody:
         """Dimension d of space, 2 or 3."""
         return self.geometry.dimension
 
+    def constant(self, value: Any) -> fem.Constant:
+        """A number or vector of the forms; a form is compiled once for all values."""
+        return fem.Constant(self.mesh.domain, np.asarray(value, dtype=np.float64))
+
     def _compile_forms(self) -> None:
         """Compile the forms (2) to (4), the energy and the mass."""
         domain, d = self.mesh.domain, self.dimension
-        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": QUADRATURE_DEGREE})
+        self.quadrature_degree = quadrature_degree(domain)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": self.quadrature_degree})
         self._u = fem.Function(self.space)
         self._x, self._y = fem.Function(self.space), fem.Function(self.space)
+        self._change = fem.Function(self.space)
         self._out = fem.Function(self.space)
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        lame, mu = self.first_lame * self.thickness, self.shear_modulus * self.thickness
+        lame = self.constant(self.first_lame * self.thickness)
+        mu = self.constant(self.shear_modulus * self.thickness)
+        self.density = self.constant(self.material.density * self.thickness)
 
         def stress(strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
             return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
@@ -136,13 +151,13 @@ class ElasticBody:
         gx, gy = ufl.grad(self._x), ufl.grad(self._y)
         sx, sy = stress(ufl.sym(f.T * gx)), stress(ufl.sym(f.T * gy))
         sxy = stress(ufl.sym(gx.T * gy))
-        self.mass_form = fem.form(
-            self.material.density * self.thickness * ufl.inner(trial, test) * self.dx
-        )
+        gc = ufl.grad(self._change)
+        predicted = stress(strain - 0.5 * gc.T * gc)
+        self.mass_form = fem.form(self.density * ufl.inner(trial, test) * self.dx)
         self._force_form = fem.form(ufl.inner(f * s, dv) * self.dx)
-        self._weight = fem.Constant(domain, 1.0)
+        self._weight = self.constant(1.0)
         self._tangent_form = fem.form(
-            self._weight * ufl.inner(dg * s + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
+            self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
         )
         self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self.dx)
         self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
@@ -151,11 +166,10 @@ class ElasticBody:
         """The rotating frame of the body, or None without rotation."""
         if rotation is None:
             return None
-        density = self.material.density * self.thickness
         return RotatingFrame(
             rotation,
             self.space,
-            lambda form: density * form * self.dx,
+            lambda form: self.density * form * self.dx,
             lambda form: self.matrix(fem.form(form), 0.0),
             lambda form: self._vector(fem.form(form)),
         )
@@ -214,15 +228,26 @@ class ElasticBody:
         force = self._vector(self._force_form)
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
-    def tangent(self, u: Array, matrix: PETSc.Mat | None = None) -> PETSc.Mat:
-        """Tangent stiffness (3) at a displacement u (local,), N/m; into `matrix` if it is given."""
+    def tangent(
+        self, u: Array, matrix: PETSc.Mat | None = None, change: Array | None = None
+    ) -> PETSc.Mat:
+        """Tangent stiffness (3) at a displacement u (local,), N/m.
+
+        Args:
+            u: (local,).
+            matrix: a matrix that is overwritten; a new one by default.
+            change: (local,) the last change of u gives the mixed tangent (5).
+        """
         self._set(self._u, u)
+        if change is not None:
+            self._set(self._change, change)
         if matrix is None:
             matrix = self.matrix(self._tangent_form, 1.0)
         else:
             matrix.zeroEntries()
             fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
             matrix.assemble()
+        self._change.x.array[:] = 0.0
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         return matrix
@@ -255,32 +280,61 @@ class ElasticBody:
         self._set(self._y, y)
         return self._vector(self._derivative_form)
 
-    def tabulate(self, fields: Array, about: Array) -> Iterator[tuple[Array, Array]]:
-        """Tabulate displacement gradients at the quadrature points, in chunks of owned cells.
+    def owned_cells(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the cells that this rank owns."""
+        topology = self.mesh.domain.topology
+        return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+
+    def quadrature_points(self, degree: int) -> Array:
+        """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
+        domain = self.mesh.domain
+        points, _ = basix.make_quadrature(domain.basix_cell(), degree)
+        place, cells = fem.Expression(ufl.SpatialCoordinate(domain), points), self.owned_cells()
+        if not cells.size:
+            return np.zeros((0, self.dimension))
+        return np.asarray(place.eval(domain, cells)).reshape(-1, self.dimension)
+
+    def tabulate(
+        self,
+        fields: Array,
+        about: Array,
+        degree: int | None = None,
+        cells: npt.NDArray[np.int32] | None = None,
+    ) -> Iterator[tuple[Array, Array]]:
+        """Tabulate displacement gradients at the quadrature points, in chunks of cells. Collective.
+
+        All ranks must take all chunks; a rank may have fewer of them than another, or none.
 
         Args:
             fields: (local, n) displacement fields.
             about: (local,) one more displacement, which comes first.
+            degree: degree of the quadrature rule; by default that of the forms.
+            cells: local numbers of the cells; by default all that this rank owns.
 
         Yields:
             Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
         """
         domain, d = self.mesh.domain, self.dimension
-        points, weights = basix.make_quadrature(domain.basix_cell(), QUADRATURE_DEGREE)
+        degree = self.quadrature_degree if degree is None else degree
+        points, weights = basix.make_quadrature(domain.basix_cell(), degree)
         gradient = fem.Expression(ufl.grad(self._x), points)
         volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
-        cells = np.arange(domain.topology.index_map(domain.topology.dim).size_local, dtype=np.int32)
+        cells = self.owned_cells() if cells is None else cells
         n = fields.shape[1]
         columns = 1 + n + n * (n + 1) // 2
         chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
-        for start in range(0, cells.size, chunk):
+        # every rank sets the fields equally often, because their ghost values are exchanged
+        parts = self.comm.allreduce(-(-cells.size // chunk), op=MPI.MAX)
+        for start in range(0, parts * chunk, chunk):
             part = cells[start : start + chunk]
-            detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
             gradients = np.empty((part.size * weights.size, 1 + n, d, d))
             for k in range(1 + n):
                 self._set(self._x, about if k == 0 else fields[:, k - 1])
-                gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
-            yield (self.thickness * detj * weights).reshape(-1), gradients
+                if part.size:
+                    gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            if part.size:
+                detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+                yield (self.thickness * detj * weights).reshape(-1), gradients
 
 
 def lame_parameters(material: Material, plane: str | None) -> tuple[float, float]:

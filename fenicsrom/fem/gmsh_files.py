@@ -1,13 +1,16 @@
-"""Mesh and geometry files in gmsh: .geo, .msh and .step, and through meshio .inp, .bdf and .vtu."""
+"""Mesh and geometry files in gmsh: its own formats, and those that `fenicsrom.fem.formats` reads.
+
+A .geo file is a program that gmsh runs. Every other file is data: its header is checked before gmsh
+sees it, because gmsh would run a script whatever the name of the file is.
+"""
 
 from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +18,10 @@ import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import formats
-from fenicsrom.fem.gmsh_queries import Ints
+from fenicsrom.fem.formats import Block, MeshFile
+from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.fem.gmsh_queries import Ints, model_nodes
+from fenicsrom.fem.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.scene import Geometry
 
 FARTHEST = 1e15
@@ -24,37 +30,21 @@ FARTHEST = 1e15
 MOST_CELLS = 1e5
 """Largest number of cells along the body."""
 
-SUFFIXES = {
-    ".geo": "geo",
-    ".msh": "msh",
-    ".step": "step",
-    ".stp": "step",
-    ".inp": "abaqus",
-    ".bdf": "nastran",
-    ".nas": "nastran",
-    ".vtu": "vtu",
-}
-"""Formats by the suffix of the file."""
+SUFFIXES = {".geo": "geo", ".msh": "mesh", ".unv": "mesh", ".step": "step", ".stp": "step"}
+"""Formats that gmsh reads, by the suffix of the file."""
 
-_READ = """
-import sys, gmsh
-gmsh.initialize(readConfigFiles=False, interruptible=False)
-gmsh.option.setNumber("General.Terminal", 0)
-gmsh.option.setNumber("General.AbortOnError", 0)
-try:
-    gmsh.model.add("file")
-    gmsh.merge(sys.argv[1])
-    gmsh.model.mesh.getNodes()
-    for d, tag in gmsh.model.getEntities():
-        for kind in gmsh.model.mesh.getElements(d, tag)[0]:
-            gmsh.model.mesh.getElementProperties(kind)
-    for d, tag in gmsh.model.getPhysicalGroups():
-        gmsh.model.getEntitiesForPhysicalGroup(d, tag)
-except Exception:
-    pass
-gmsh.finalize()
-"""
-"""A script that reads a file as this program does; it only shows whether gmsh crashes."""
+
+@dataclass(frozen=True)
+class Loaded:
+    """What a file has besides the model in gmsh.
+
+    Attributes:
+        node_sets: node numbers of each node set by its name.
+        warnings: sentences for the user.
+    """
+
+    node_sets: dict[str, Ints] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 @contextmanager
@@ -86,41 +76,15 @@ def open_gmsh() -> Iterator[Any]:
         gmsh.finalize()
 
 
-def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
-    """Read the file and, if it is a geometry, mesh it; give the node numbers of its node sets.
+def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
+    """Read the file and, if it is a geometry, mesh it.
 
     Raises:
         SceneError: the file cannot be read or meshed.
     """
-    source, d, form = (
-        str(geometry.mesh),
-        geometry.dimension,
-        SUFFIXES.get(geometry.mesh.suffix.lower()),
-    )
-    if not geometry.mesh.is_file() or form is None:
-        raise SceneError(
-            f"geometry.mesh = {source!r}: must be an existing file of one of {', '.join(SUFFIXES)}",
-            kind=ErrorKind.FILE,
-            key="geometry.mesh",
-            source=source,
-        )
-    gmsh.model.add("file")
-    if form == "geo":
-        _set_parameters(gmsh, geometry)
-    sets = {}
-    with _errors(gmsh, source):
-        if form in ("msh", "step"):
-            _survive(source)
-        if form in ("geo", "msh"):
-            gmsh.merge(source)
-        elif form == "step":
-            gmsh.option.setString("Geometry.OCCTargetUnit", "M")
-            gmsh.model.occ.importShapes(source)
-            gmsh.model.occ.synchronize()
-        else:
-            sets = _import(gmsh, geometry.mesh, form, geometry.curved)
-    if form in ("geo", "step"):
-        _check_reach(gmsh, geometry)
+    source, d = str(geometry.mesh), geometry.dimension
+    form = SUFFIXES.get(geometry.mesh.suffix.lower())
+    loaded = merge_file(gmsh, geometry)
     if gmsh.model.getDimension() != d:
         raise SceneError(
             f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} "
@@ -138,7 +102,52 @@ def load_file(gmsh: Any, geometry: Geometry) -> dict[str, Ints]:
             gmsh.model.mesh.generate(d)
             if geometry.curved:
                 gmsh.model.mesh.setOrder(2)
-    return sets
+    return loaded
+
+
+def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
+    """Read the file into a new model of gmsh, without meshing a geometry.
+
+    The dimension of the geometry is not used.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    source, suffix = str(geometry.mesh), geometry.mesh.suffix.lower()
+    form = SUFFIXES.get(suffix)
+    if not geometry.mesh.is_file() or (form is None and suffix not in formats.SUFFIXES):
+        raise SceneError(
+            f"geometry.mesh = {source!r}: must be an existing file of one of "
+            f"{', '.join((*SUFFIXES, *formats.SUFFIXES))}",
+            kind=ErrorKind.FILE,
+            key="geometry.mesh",
+            source=source,
+        )
+    gmsh.model.add("file")
+    if form is None:
+        file = formats.read(geometry.mesh)
+        return _add_mesh(gmsh, source, formats.complete(file) if geometry.curved else file)
+    if form == "geo":
+        _set_parameters(gmsh, geometry)
+        with _errors(gmsh, source):
+            gmsh.merge(source)
+        _check_reach(gmsh, geometry)
+        return Loaded()
+    check_header(geometry.mesh)
+    with _errors(gmsh, source), linked_alone(geometry.mesh) as link:
+        check_survival(source, link)
+        if form == "mesh":
+            gmsh.merge(link)
+            _check_numbers(gmsh, source)
+        else:
+            gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+            gmsh.model.occ.importShapes(link)
+            gmsh.model.occ.synchronize()
+    if form == "step":
+        _check_reach(gmsh, geometry)
+    elif geometry.curved and _has_serendipity_cells(gmsh):
+        return _add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
+    return Loaded()
 
 
 def _check_reach(gmsh: Any, geometry: Geometry) -> None:
@@ -173,39 +182,6 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
             f"{source}: geometry.size = {geometry.size:g}: {allowed}",
             kind=ErrorKind.RANGE,
             key="geometry.size",
-            source=source,
-        )
-
-
-def _survive(source: str) -> None:
-    """Read a .msh or .step file in another process first.
-
-    A damaged file can crash gmsh, or gmsh may never finish reading it.
-
-    Raises:
-        SceneError: gmsh crashed or did not finish.
-    """
-    seconds = 60.0 + 1e-6 * Path(source).stat().st_size
-    try:
-        code = subprocess.run(
-            [sys.executable, "-c", _READ, source],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            timeout=seconds,
-            check=False,
-        ).returncode
-    except subprocess.TimeoutExpired:
-        raise SceneError(
-            f"{source}: gmsh did not finish reading the file within {seconds:.0f} s; "
-            "it may be damaged",
-            kind=ErrorKind.FORMAT,
-            source=source,
-        ) from None
-    if code:
-        raise SceneError(
-            f"{source}: gmsh crashed while reading the file; it is damaged",
-            kind=ErrorKind.FORMAT,
             source=source,
         )
 
@@ -246,31 +222,66 @@ def _name_faces(gmsh: Any, d: int) -> None:
         gmsh.model.addPhysicalGroup(d - 1, members, name=name)
 
 
-def _import(gmsh: Any, path: Path, form: str, curved: bool) -> dict[str, Ints]:
-    """Read a file with meshio into gmsh, and give the node numbers of each node set."""
-    file = formats.read(path, form, curved)
-    dimensions = [gmsh.model.mesh.getElementProperties(kind)[1] for kind, _ in file.blocks]
-    gmsh.model.addDiscreteEntity(max(dimensions), 1)
-    gmsh.model.mesh.addNodes(
-        max(dimensions), 1, np.arange(len(file.points)) + 1, file.points.ravel()
-    )
+def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
+    """Put a mesh file into a new model of gmsh."""
+    dimensions = [SHAPES[block.kind].dimension for block in file.blocks]
+    highest = max(dimensions)
+    gmsh.model.add("file")
+    gmsh.model.addDiscreteEntity(highest, 1)
+    gmsh.model.mesh.addNodes(highest, 1, np.arange(len(file.points)) + 1, file.points.ravel())
     entities: dict[tuple[int, str], list[int]] = {}
-    for index, ((kind, cells), d) in enumerate(zip(file.blocks, dimensions, strict=True)):
-        member = np.array([marks[index] for marks in file.groups.values()], dtype=bool)
+    for block, d in zip(file.blocks, dimensions, strict=True):
+        member = np.array(list(block.groups.values()), dtype=bool)
         kinds, which = np.unique(
-            member.reshape(len(file.groups), len(cells)).T, axis=0, return_inverse=True
+            member.reshape(len(block.groups), len(block.nodes)).T, axis=0, return_inverse=True
         )
         for k, marks in enumerate(kinds):
             entity = gmsh.model.addDiscreteEntity(d)
             gmsh.model.mesh.addElementsByType(
-                entity, kind, [], (cells[which.ravel() == k] + 1).ravel()
+                entity, block.kind, [], (block.nodes[which.ravel() == k] + 1).ravel()
             )
-            for name in (name for name, marked in zip(file.groups, marks, strict=True) if marked):
+            for name in (name for name, marked in zip(block.groups, marks, strict=True) if marked):
                 entities.setdefault((d, name), []).append(entity)
     # one call per name, because gmsh leaves a second group of this name unnamed
     for (d, name), members in entities.items():
         gmsh.model.addPhysicalGroup(d, members, name=name)
-    return {name: nodes + 1 for name, nodes in file.nodes.items()}
+    warnings = [f"{source}: {note}" for note in file.notes]
+    if file.not_read:
+        warnings.append(f"{source}: not read: {', '.join(file.not_read)}")
+    sets = {name: nodes + 1 for name, nodes in file.node_groups.items()}
+    return Loaded(sets, tuple(warnings))
+
+
+def mesh_of_model(gmsh: Any) -> MeshFile:
+    """The mesh and the physical groups of the current model of gmsh."""
+    numbers, points = model_nodes(gmsh)
+    blocks = []
+    for d, entity in gmsh.model.getEntities():
+        tags = gmsh.model.getPhysicalGroupsForEntity(d, entity)
+        names = [gmsh.model.getPhysicalName(d, tag) or str(tag) for tag in tags]
+        for kind, elements, nodes in zip(*gmsh.model.mesh.getElements(d, entity), strict=True):
+            rows = np.searchsorted(numbers, nodes.reshape(len(elements), -1))
+            groups = {name: np.ones(len(rows), dtype=bool) for name in names}
+            blocks.append(Block(int(kind), rows, groups))
+    return MeshFile(points, tuple(blocks))
+
+
+def _has_serendipity_cells(gmsh: Any) -> bool:
+    """Whether cells of the current model lack the nodes in the middle of faces."""
+    return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
+
+
+def _check_numbers(gmsh: Any, source: str) -> None:
+    """Check that gmsh found each node number once; it would keep the first node only.
+
+    Raises:
+        SceneError: a number was given twice.
+    """
+    for line in gmsh.logger.get():
+        if match := re.search(r"duplicate node (\d+)", line):
+            raise SceneError(
+                f"{source}: node {match[1]} is given twice", kind=ErrorKind.FORMAT, source=source
+            )
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.conformity import check_conforming
 from fenicsrom.fem.gmsh_checks import check_cells, check_facets
 from fenicsrom.fem.gmsh_queries import (
     FACETS,
@@ -42,14 +43,16 @@ class CleanModel:
     """Description of a clean model, for all ranks.
 
     Attributes:
-        groups: dimension and tags of each group by its name.
+        facet_groups: tags of each facet group by its name.
+        cell_groups: tags of each cell group by its name.
         facets: number of facets in the file of each facet group.
         nodes: node numbers, from 0, of the vertices (n,) and of the ends of the edges (k, 2) of
             each node group.
         warnings: sentences for the user.
     """
 
-    groups: dict[str, tuple[int, tuple[int, ...]]]
+    facet_groups: dict[str, tuple[int, ...]]
+    cell_groups: dict[str, tuple[int, ...]]
     facets: dict[str, int]
     nodes: dict[str, tuple[Ints, Ints]]
     warnings: tuple[str, ...]
@@ -72,10 +75,9 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     """
     source, d = str(geometry.mesh), geometry.dimension
     in_cells, in_facets = group_entities(gmsh, source, d), group_entities(gmsh, source, d - 1)
-    if shared := {SOLID, *in_cells} & in_facets.keys():
+    if SOLID in in_facets:
         raise _mesh_error(
-            source,
-            f"group {min(shared)!r} has dimension {d - 1}: rename it, or give it dimension {d}",
+            source, f"group {SOLID!r} has dimension {d - 1}: rename it, or give it dimension {d}"
         )
     in_cells.setdefault(SOLID, [entity for _, entity in gmsh.model.getEntities(d)])
     given, kind, warnings = check_cells(gmsh, geometry, in_cells[SOLID])
@@ -86,22 +88,22 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
 
     cells, cell_tags, cell_groups = _solid_cells(gmsh, d, in_cells, cell)
     used = np.unique(cells)
-    corners = np.unique(cells[:, : gmsh.model.mesh.getElementProperties(kind)[5]])
+    vertices = gmsh.model.mesh.getElementProperties(kind)[5]
+    corners = np.unique(cells[:, :vertices])
     node_groups, left_out = _node_groups(gmsh, source, d, in_cells[SOLID], given, sets, corners)
     rows = {name: elements_of(gmsh, d - 1, on, facet) for name, on in in_facets.items()}
     if sets:
         on_sets = _facets_of_sets(gmsh, d, in_cells[SOLID], given, facet, FACETS[kind], sets)
-        rows = {name: on for name, on in on_sets.items() if name not in cell_groups} | rows
-    facets, facet_tags, groups = _combine(rows)
-    facet_groups = {name: (d - 1, tags) for name, tags in groups.items()}
-    sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in groups.items()}
+        rows = on_sets | rows
+    facets, facet_tags, facet_groups = _combine(rows)
+    sizes = {name: int(np.isin(facet_tags, tags).sum()) for name, tags in facet_groups.items()}
     near = np.isin(facets, used).all(axis=1)
-    if groups and not near.any():
-        raise _mesh_error(
-            source, f"facet groups {', '.join(groups)}: at least one facet must touch the cells"
-        )
+    if facet_groups and not near.any():
+        named = ", ".join(facet_groups)
+        raise _mesh_error(source, f"facet groups {named}: at least one facet must touch the cells")
     numbers, points = model_nodes(gmsh)
     points = points * geometry.scale
+    check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)
     warnings += left_out
     if apart := _coincident(points[np.searchsorted(numbers, corners)]):
         what = f"{apart} nodes coincide with another node: the cells there are not joined"
@@ -114,12 +116,12 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
         name: (np.searchsorted(used, a), np.searchsorted(used, b))
         for name, (a, b) in node_groups.items()
     }
-    return CleanModel(cell_groups | facet_groups, sizes, found, warnings)
+    return CleanModel(facet_groups, cell_groups, sizes, found, warnings)
 
 
 def _solid_cells(
     gmsh: Any, d: int, in_cells: dict[str, list[int]], cell: int
-) -> tuple[Ints, Ints, dict[str, tuple[int, tuple[int, ...]]]]:
+) -> tuple[Ints, Ints, dict[str, tuple[int, ...]]]:
     """Collect the cells of the solid.
 
     Args:
@@ -129,15 +131,15 @@ def _solid_cells(
         cell: kind of the cells in the mesh.
 
     Returns:
-        Node numbers (k, nodes) and tags (k,) of the cells, and the dimension and the tags of each
-        group that has cells of the solid.
+        Node numbers (k, nodes) and tags (k,) of the cells, and the tags of each group that has
+        cells of the solid.
     """
     cells, tags, groups = _combine(
         {name: elements_of(gmsh, d, on, cell) for name, on in in_cells.items()}
     )
     solid = np.isin(tags, groups[SOLID])
     cells, tags = cells[solid], tags[solid]
-    return cells, tags, {name: (d, on) for name, on in groups.items() if np.isin(on, tags).any()}
+    return cells, tags, {name: on for name, on in groups.items() if np.isin(on, tags).any()}
 
 
 def _add_model(gmsh: Any, d: int, points: Floats) -> None:

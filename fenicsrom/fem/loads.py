@@ -44,19 +44,18 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     """
     if load.kind == "force":
         return np.array(load.direction) @ places.find(load.place, key)[0]
-    domain = body.mesh.domain
     test = ufl.TestFunction(body.space)
     if load.kind == "acceleration":
-        density = body.material.density * body.thickness
-        direction = fem.Constant(domain, np.array(load.direction))
-        return body.assembled(fem.form(density * ufl.dot(direction, test) * body.dx))
+        direction = body.constant(load.direction)
+        return body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
     surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
+    thickness = body.constant(body.thickness)
     if load.kind == "traction":
-        direction = fem.Constant(domain, np.array(load.direction))
-        return body.assembled(fem.form(body.thickness * ufl.dot(direction, test) * surface))
+        direction = body.constant(load.direction)
+        return body.assembled(fem.form(thickness * ufl.dot(direction, test) * surface))
     _check_on_boundary(body, load, key)
-    normal = ufl.FacetNormal(domain)
-    return body.assembled(fem.form(-body.thickness * ufl.dot(normal, test) * surface))
+    normal = ufl.FacetNormal(body.mesh.domain)
+    return body.assembled(fem.form(-thickness * ufl.dot(normal, test) * surface))
 
 
 def _check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -35,11 +36,11 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
     the physical groups, by their names or numbers.
 
     A .step file is converted to metres and meshed with simplices of `geometry.size`; its faces are
-    groups by their names or numbers. The groups of other files are: element sets and node sets in
-    .inp; the elements of each property, by its number, in .bdf; and in .vtu each integer field of
-    cells or points that is 0 or 1, and `name:value` for each value of the other integer fields.
-    If a node set contains all nodes of some boundary facets, these facets are a facet group of the
-    same name.
+    groups by their names or numbers. The groups of other files are: node sets, element sets and
+    surfaces in .inp; the elements of each property, by its number, in .bdf; components in .cdb; and
+    in .vtu each integer field of cells or points that is 0 or 1, and `name:value` for each value of
+    the other integer fields. If a node set contains all nodes of some boundary facets, these facets
+    are a facet group of the same name. A group of cells may have the name of a group of facets.
 
     Args:
         geometry: the [geometry] of the scene.
@@ -50,16 +51,17 @@ def build_mesh(geometry: Geometry, comm: MPI.Comm) -> Mesh:
 
     Raises:
         SceneError: on every rank, if the file cannot be read or meshed; a parameter is unknown or
-            refused; cells are mixed, inverted, or of another dimension or kind than those of the
-            scene; a group is empty; or meshio is missing.
+            refused; cells are mixed, inverted, overlapping, or of another dimension or kind than
+            those of the scene; a node hangs; a group is empty; or meshio is missing.
         RuntimeError: gmsh is in use in this process.
     """
     with ExitStack() as stack:
 
         def draft() -> tuple[CleanModel, Any]:
             gmsh = stack.enter_context(open_gmsh())
-            sets = load_file(gmsh, geometry)
-            return clean_model(gmsh, geometry, sets), gmsh.model
+            loaded = load_file(gmsh, geometry)
+            clean = clean_model(gmsh, geometry, loaded.node_sets)
+            return replace(clean, warnings=(*loaded.warnings, *clean.warnings)), gmsh.model
 
         return _distributed(draft, geometry, comm)
 
@@ -144,13 +146,11 @@ def mesh_from_dolfinx(
     if cell_tags is not None:
         check_tags(domain, cell_tags, d, "cell_tags", source)
     present = set().union(*domain.comm.allgather(set(facet_tags.values.tolist())))
-    named = {
-        name: (d - 1, group_tags(name, tags, present, source)) for name, tags in groups.items()
-    }
+    named = {name: group_tags(name, tags, present, source) for name, tags in groups.items()}
     if cell_tags is None:
         cells = np.arange(domain.topology.index_map(d).size_local, dtype=np.int32)
         cell_tags = dolfinx.mesh.meshtags(domain, d, cells, np.ones_like(cells))
-    return Mesh(domain, cell_tags, facet_tags, named, source)
+    return Mesh(domain, cell_tags, facet_tags, named, {}, source)
 
 
 def _distributed(
@@ -184,9 +184,11 @@ def _distributed(
         raise failure
     domain, cell_tags, facet_tags = compat.model_to_mesh(model, comm, geometry.dimension)
     domain.topology.create_entities(geometry.dimension - 1)
-    groups, warnings = _groups_on_cells(source, clean, facet_tags, domain)
+    facet_groups, warnings = _facet_groups_on_cells(source, clean, facet_tags, domain)
     nodes = _local_node_groups(clean.nodes, domain)
-    return Mesh(domain, cell_tags, facet_tags, groups, source, warnings, nodes)
+    return Mesh(
+        domain, cell_tags, facet_tags, facet_groups, clean.cell_groups, source, warnings, nodes
+    )
 
 
 def _local_node_groups(
@@ -228,18 +230,17 @@ def _keys(pairs: Ints) -> Ints:
     return pairs[:, 0].astype(np.int64) * 2**31 + pairs[:, 1].astype(np.int64)
 
 
-def _groups_on_cells(
+def _facet_groups_on_cells(
     source: str, clean: CleanModel, facet_tags: dolfinx.mesh.MeshTags, domain: dolfinx.mesh.Mesh
-) -> tuple[dict[str, tuple[int, tuple[int, ...]]], tuple[str, ...]]:
+) -> tuple[dict[str, tuple[int, ...]], tuple[str, ...]]:
     """Leave out facets that do not belong to a cell; give groups and warnings. Collective."""
     below = domain.topology.dim - 1
     tags = facet_tags.values[facet_tags.indices < domain.topology.index_map(below).size_local]
-    number = domain.comm.allreduce(
-        np.bincount(tags, minlength=1 + max(max(t) for _, t in clean.groups.values()))
-    )
-    groups, warnings = dict(clean.groups), list(clean.warnings)
+    highest = max((max(tags) for tags in clean.facet_groups.values()), default=0)
+    number = domain.comm.allreduce(np.bincount(tags, minlength=1 + highest))
+    groups, warnings = dict(clean.facet_groups), list(clean.warnings)
     for name, size in clean.facets.items():
-        lost = size - int(number[list(groups[name][1])].sum())
+        lost = size - int(number[list(groups[name])].sum())
         if lost:
             what = f"{lost} of {size} facets are not facets of a cell and are left out"
             warnings.append(f"{source}: group {name!r}: {what}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,8 +33,8 @@ class Mesh:
         domain: the dolfinx mesh, in metres.
         cell_tags: tags of the cells.
         facet_tags: tags of the facets in a group.
-        groups: dimension and tags of each group by name; facets (or cells) with any of the tags
-        belong to it.
+        facet_groups: tags of each facet group by name; facets with any of the tags belong to it.
+        cell_groups: tags of each cell group by name; it may have the name of a facet group.
         source: path of the file of the mesh.
         warnings: sentences for the user.
         node_groups: local vertices and, in 3D, local edges of each node group by name: of a point
@@ -44,7 +45,8 @@ class Mesh:
     domain: dolfinx.mesh.Mesh
     cell_tags: dolfinx.mesh.MeshTags
     facet_tags: dolfinx.mesh.MeshTags
-    groups: dict[str, tuple[int, tuple[int, ...]]]
+    facet_groups: dict[str, tuple[int, ...]]
+    cell_groups: dict[str, tuple[int, ...]]
     source: str
     warnings: tuple[str, ...] = ()
     node_groups: dict[str, tuple[Ints, Ints]] = field(default_factory=dict)
@@ -52,7 +54,24 @@ class Mesh:
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
         name = where.group if isinstance(where, Region) else where
-        return name is None or self.groups.get(name, (None,))[0] == self.domain.topology.dim - 1
+        return name is None or name in self.facet_groups
+
+    def cells(self, name: str) -> npt.NDArray[np.int32]:
+        """Give the cells of a group on this rank.
+
+        Args:
+            name: a cell group.
+
+        Returns:
+            Sorted local cell indices, shape (k,), ghosts included; k may be 0.
+
+        Raises:
+            SceneError: the mesh has no such cell group.
+        """
+        if name not in self.cell_groups:
+            raise self._unknown("cell group", name, self.cell_groups)
+        tags = self.cell_groups[name]
+        return np.sort(self.cell_tags.indices[np.isin(self.cell_tags.values, tags)])
 
     def facets(self, where: str | Region) -> npt.NDArray[np.int32]:
         """Give the facets of a group or a pick on this rank. Collective.
@@ -70,20 +89,21 @@ class Mesh:
         """
         if isinstance(where, Region) and where.group is None:
             return self._picked(where)
-        name = where.group if isinstance(where, Region) else where
-        below = self.domain.topology.dim - 1
-        dimension, tags = self.groups.get(str(name), (None, ()))
-        if dimension != below:
-            known = ", ".join(
-                sorted(group for group, (dim, _) in self.groups.items() if dim == below)
-            )
-            raise SceneError(
-                f"{self.source}: there is no facet group {name!r}; the mesh has "
-                f"{f'the facet groups {known}' if known else 'none'}",
-                kind=ErrorKind.PLACE,
-                source=self.source,
-            )
+        name = str(where.group if isinstance(where, Region) else where)
+        if name not in self.facet_groups:
+            raise self._unknown("facet group", name, self.facet_groups)
+        tags = self.facet_groups[name]
         return np.sort(self.facet_tags.indices[np.isin(self.facet_tags.values, tags)])
+
+    def _unknown(self, kind: str, name: str, groups: Iterable[str]) -> SceneError:
+        """The error that the mesh has no group of a kind with a name."""
+        known = ", ".join(sorted(groups))
+        return SceneError(
+            f"{self.source}: there is no {kind} {name!r}; the mesh has "
+            f"{f'the {kind}s {known}' if known else 'none'}",
+            kind=ErrorKind.PLACE,
+            source=self.source,
+        )
 
     def _picked(self, region: Region) -> npt.NDArray[np.int32]:
         """Facets of the boundary in a box or on a plane. Collective."""
@@ -146,9 +166,7 @@ class Mesh:
         below = self.domain.topology.dim - 1
         if name not in self.node_groups:
             if self.node_groups and not self.has_facets(where):
-                known = {
-                    group for group, (dim, _) in self.groups.items() if dim == below
-                } | self.node_groups.keys()
+                known = self.facet_groups.keys() | self.node_groups.keys()
                 raise SceneError(
                     f"{self.source}: there is no facet group or node group {name!r}; the mesh has "
                     f"the groups {', '.join(sorted(known))}",

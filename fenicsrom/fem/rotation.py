@@ -37,6 +37,7 @@ class RotatingFrame:
         omega_squared: Ω² of the centrifugal force, rad²/s²; load steps vary it between two speeds.
         mass: Q of (2), the mass matrix of the motion normal to the axis, kg.
         unit_centrifugal_force: (local,) c of (2), kg m.
+        arm: X − a of (2), a UFL expression.
     """
 
     def __init__(
@@ -59,23 +60,29 @@ class RotatingFrame:
         """
         d = space.mesh.geometry.dim
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-        point = ufl.as_vector([float(value) for value in rotation.point or (0.0,) * d])
-        if rotation.axis is None:
-            normal = ufl.Identity(d)
-            turned = ufl.as_vector([-trial[1], trial[0]])
-        else:
-            axis = ufl.as_vector([float(value) for value in rotation.axis])
-            normal = ufl.Identity(d) - ufl.outer(axis, axis)
-            turned = ufl.cross(axis, trial)
-        self.unit_centrifugal_force = assemble_vector(
-            density(ufl.dot(normal * (ufl.SpatialCoordinate(space.mesh) - point), test))
-        )
-        self.mass = assemble_matrix(density(ufl.dot(normal * trial, test)))
+        point = fem.Constant(space.mesh, np.array(rotation.point or (0.0,) * d, dtype=np.float64))
+        self._axis = None
+        if rotation.axis is not None:
+            self._axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
+        self.arm = ufl.SpatialCoordinate(space.mesh) - point
+        self.unit_centrifugal_force = assemble_vector(density(self.out_of_axis(self.arm, test)))
+        self.mass = assemble_matrix(density(self.out_of_axis(trial, test)))
         self._unit = (
-            assemble_matrix(density(2.0 * ufl.dot(turned, test))) if rotation.coriolis else None
+            assemble_matrix(density(self.coriolis(trial, test))) if rotation.coriolis else None
         )
         self._comm = space.mesh.comm
         self.set_speed(rotation.omega)
+
+    def out_of_axis(self, a: Any, b: Any) -> Any:
+        """P a · b of two UFL vectors."""
+        if self._axis is None:
+            return ufl.dot(a, b)
+        return ufl.dot(a - ufl.dot(self._axis, a) * self._axis, b)
+
+    def coriolis(self, w: Any, v: Any) -> Any:
+        """The integrand 2 v · (e × w) of (3) for two UFL vectors, without ρ and Ω."""
+        turned = ufl.as_vector([-w[1], w[0]]) if self._axis is None else ufl.cross(self._axis, w)
+        return 2.0 * ufl.dot(turned, v)
 
     def set_speed(self, omega: float) -> None:
         """Set the angular velocity, rad/s."""

@@ -24,6 +24,7 @@ from fenicsrom.online.state import TIME, Checkpoint, PeriodicSearch, no_record, 
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 FORMAT = "fenicsrom checkpoint 2"
+TIME_TOLERANCE = 1e-6  # of the time after a number of periods, relative to the period
 INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 
 
@@ -182,6 +183,13 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
                 source=str(path),
             )
         array[...] = given
+    if not _is_consistent(found, scene.period):
+        raise SceneError(
+            f"{path}: the times or the numbers of the run contradict each other: the file is "
+            "damaged",
+            kind=ErrorKind.FORMAT,
+            source=str(path),
+        )
     end = scene.time.periods if scene.period is not None else scene.time.duration
     reached = found.spans if scene.period is not None else found.state.scalars[TIME]
     assert end is not None
@@ -196,6 +204,16 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             source=str(path),
         )
     return found
+
+
+def _is_consistent(found: Checkpoint, period: float | None) -> bool:
+    """Whether the times and numbers of a checkpoint can be those of a run."""
+    times, now = found.last.time, float(found.state.scalars[TIME])
+    if found.spans < 0 or found.buckled < 0 or not (np.isfinite(found.size) and found.size >= 0.0):
+        return False
+    if not times.size or np.any(np.diff(times) <= 0.0) or times[0] < 0.0 or times[-1] != now:
+        return False
+    return period is None or abs(now / period - found.spans) <= TIME_TOLERANCE
 
 
 def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
@@ -240,7 +258,7 @@ def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> b
     end = motion.end
     if end is None or (
         motion.load_period is not None
-        and abs(motion.time[-1] / motion.load_period - end.spans) > 1e-6
+        and abs(motion.time[-1] / motion.load_period - end.spans) > TIME_TOLERANCE
     ):
         return False
     save_checkpoint(path, model, scene, end)

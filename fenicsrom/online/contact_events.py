@@ -66,9 +66,14 @@ def _least(record: Record, contacts: Contacts) -> Array:
     return np.where(rubs, NEGLIGIBLE * largest / stiffness, -1.0)
 
 
-def extremes(record: Record, contacts: Contacts) -> Extremes:
-    """The distances of the contact states from occurring, from the rows of a period."""
-    bits = state_bits(record, contacts)
+def extremes(record: Record, contacts: Contacts, bits: NDArray[np.int64]) -> Extremes:
+    """The distances of the contact states from occurring, from the rows of a period.
+
+    Args:
+        record: the rows.
+        contacts: parameters of the contact points.
+        bits: (P,) the `state_bits` of the rows.
+    """
     force = contacts.preload - contacts.normal_stiffness * record.gap
     friction = np.linalg.norm(record.force[:, :, 1:], axis=2)
     stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes, spin_of
+from fenicsrom.online.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
+from fenicsrom.scene.excitation import surface_spin
 
 
 class ContactPoints(NamedTuple):
@@ -86,7 +87,7 @@ def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
         found.axes[p, : len(axes)] = axes @ local.T
         found.centre[p] = local @ (np.array(surface.point) - points.position[p])
         found.side[p] = 1.0 if surface.inside else -1.0
-        found.spin[p] = spin_of(scene, surface)
+        found.spin[p] = surface_spin(surface, scene.rotation)
         for order, height, phase in surface.waves:
             found.height[p, orders.index(order)] += height
             found.phase[p, orders.index(order)] = phase

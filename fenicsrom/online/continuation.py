@@ -1,21 +1,20 @@
 """Curves of periodic motions: pseudo-arclength continuation in a parameter.
 
-The curve is followed by a polynomial through its last points, and each point is corrected by
-`fenicsrom.online.curve_correction`. `fenicsrom.online.bifurcations` locates special points between
-two points.
+The curve is extrapolated by the cubic through its last two points with their tangents, and each
+point is corrected by `fenicsrom.online.curve_correction`. `fenicsrom.online.bifurcations` locates
+special points between two points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
-from fenicsrom.online.curve import Curve, CurvePoint, hermite, predict, replaced
+from fenicsrom.online.curve import Curve, CurvePoint, hermite, replaced
 from fenicsrom.online.curve_correction import CURVE_TOLERANCE, Corrector
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
@@ -25,6 +24,7 @@ from fenicsrom.online.surfaces import Contacts
 FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
 AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
 STRAIGHT = 0.8  # least cosine of the angle between the tangents of two neighbours
+REACH = 4.0  # longest step that the cubic predicts, in parts of the distance of its points
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
 
 
@@ -77,13 +77,10 @@ class Continuation(Corrector):
             tangent = tangent * (np.sign(start.tangent[-1]) or 1.0) * np.sign(direction)
         curve = Curve([*earlier, start]) if curve is None else curve
         curve.reason = "interrupted"
-        ys: list[Array] = []
-        arcs: list[float] = []
-        for point in _since_kink([*earlier, start]):
-            self._extend(ys, arcs, point)
+        before = earlier[-1] if earlier else None
         while len(curve.points) < points:
             behind = replaced(curve.points[-1], tangent=tangent)
-            guess = predict(ys, arcs, tangent, step)
+            guess = self._guess(before, behind, step)
             inside = self.low <= guess[-1] * self.range <= self.high
             found = self._next(behind, guess, step, smallest_step)
             if found is not None and not self.low <= found.parameter <= self.high:
@@ -106,11 +103,7 @@ class Continuation(Corrector):
                 return curve
             curve.special.extend(special or [])
             curve.points.append(found)
-            if _kink(behind, found):
-                ys.clear()
-                arcs.clear()
-            self._extend(ys, arcs, found)
-            tangent = found.tangent
+            before, tangent = behind, found.tangent
             marched, derived = found.marches
             effort = marched + derived
             step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
@@ -125,11 +118,16 @@ class Continuation(Corrector):
         curve.reason = "number of points"
         return curve
 
-    def _extend(self, ys: list[Array], arcs: list[float], point: CurvePoint) -> None:
-        """Add a point to those through which the curve is extrapolated, which have no kink."""
-        y = self.place(point)
-        arcs.append(arcs[-1] + float(np.linalg.norm(y - ys[-1])) if ys else 0.0)
-        ys.append(y)
+    def _guess(self, before: CurvePoint | None, here: CurvePoint, step: float) -> Array:
+        """The unknowns (N + 1,) a step beyond a point, which may have one before it."""
+        y = self.place(here)
+        if before is None or _kink(before, here):
+            return np.asarray(y + step * here.tangent)
+        first = self.place(before)
+        chord = y - first
+        length, turn = float(np.linalg.norm(chord)), np.sign(before.tangent @ chord) or 1.0
+        share = 1.0 + min(step, REACH * length) / length
+        return hermite(first, y, turn * before.tangent, here.tangent, length, share)
 
     def _next(
         self, before: CurvePoint, guess: Array, step: float, smallest_step: float
@@ -192,12 +190,6 @@ class Continuation(Corrector):
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
         return float(np.linalg.norm(near - y)) < CLOSED * length
-
-
-def _since_kink(points: list[CurvePoint]) -> list[CurvePoint]:
-    """The last points of a curve without a kink between them."""
-    kinks = [k for k, (a, b) in enumerate(pairwise(points), 1) if _kink(a, b)]
-    return points[max(kinks, default=0) :]
 
 
 def _kink(a: CurvePoint, b: CurvePoint) -> bool:

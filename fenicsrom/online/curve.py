@@ -12,8 +12,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.periodic import judged
 
-DEGREE = 3  # of the polynomial that predicts
-
 BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth")
 """Kinds of special points where the stability changes; "non-smooth": the multipliers jump."""
 CONTACT_CHANGES = ("touch", "lift-off", "slip")
@@ -111,21 +109,8 @@ def replaced(point: CurvePoint, **changes: Any) -> CurvePoint:
     return CurvePoint(**(point.__dict__ | changes))
 
 
-def predict(ys: list[Array], arcs: list[float], tangent: Array, step: float) -> Array:
-    """Extrapolate the last points to `step` beyond them, by a polynomial of `DEGREE` at most."""
-    count = min(len(ys), DEGREE + 1)
-    if count < 2:
-        return np.asarray(ys[-1] + step * tangent)
-    nodes, target = np.array(arcs[-count:]) - arcs[-1], step
-    weights = [
-        np.prod([(target - b) / (a - b) for j, b in enumerate(nodes) if j != i])
-        for i, a in enumerate(nodes)
-    ]
-    return np.asarray(np.tensordot(weights, np.array(ys[-count:]), axes=1))
-
-
 def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:
-    """Cubic between two points with their tangents."""
+    """Cubic through two points with their tangents; a share above 1 lies beyond the second one."""
     t = share
     return np.asarray(
         (1.0 + 2.0 * t) * (1.0 - t) ** 2 * ya

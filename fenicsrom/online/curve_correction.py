@@ -23,6 +23,9 @@ CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
 LARGEST_CORRECTION = 0.5  # longer steps of Newton's method are not trusted
 DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be taken
+# A guess with a small residual may be far from the motion, if a multiplier is near 1: it is a point
+# of the curve if Newton's method would move it by less than this.
+GUESSED_WITHIN = 1e-7
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
@@ -82,7 +85,7 @@ class Corrector:
         Args:
             y: (N + 1,) s / size and p / range.
             along: (N + 1,) unit normal; a unit vector of p keeps the parameter.
-            exact: whether the derivative is taken at the very point.
+            exact: whether the derivative is taken at the very point, after one correction or more.
         """
         jacobian, last, marched, derived = None, np.inf, 0, 0
         monodromy, stuck = np.zeros((0, 0)), False
@@ -97,17 +100,18 @@ class Corrector:
             relative = float(
                 np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
             )
-            if relative > max(10.0 * last, self.may_grow):
+            if relative > max(10.0 * last, self.may_grow, self.tolerance):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
                 jacobian = self._bordered(matrix, by_parameter, along)
             assert jacobian is not None
-            if relative <= self.tolerance:
-                tangent, free = self._tangent(jacobian, stuck)
-                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
             step = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
             length = float(np.linalg.norm(step))
+            is_near = marched > 1 or length <= (0.0 if exact else GUESSED_WITHIN)
+            if relative <= self.tolerance and is_near:
+                tangent, free = self._tangent(jacobian, stuck)
+                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
             if length > LARGEST_CORRECTION:
                 return None
             if length > within or (not fresh and relative > GOOD_RATE * last):
@@ -175,6 +179,7 @@ class Corrector:
         multipliers, verdict = floquet(monodromy, free)
         s = y[:-1] * self.size
         problem = self.family(float(y[-1] * self.range))
+        bits = state_bits(record, problem.contacts)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         return CurvePoint(
             parameter=float(y[-1] * self.range),
@@ -187,10 +192,10 @@ class Corrector:
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=state_bits(record, problem.contacts),
+            states=bits,
             residual=residual,
             marches=marches,
-            extremes=extremes(record, problem.contacts),
+            extremes=extremes(record, problem.contacts, bits),
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
@@ -211,4 +216,4 @@ class Corrector:
         """The point at a value of the parameter near scaled variables s."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
-        return self.correct(np.append(s / self.size, value / self.range), along)
+        return self.correct(np.append(s / self.size, value / self.range), along, exact=True)

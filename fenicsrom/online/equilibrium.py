@@ -57,7 +57,9 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     problem = _Statics(model, contacts, dimension)
     q = np.zeros_like(problem.static_force)
     if not problem.touches(q):
-        return q, 0
+        is_free = model.linear or not contacts.preload.size
+        unstable = 0 if is_free else problem.unstable(q)
+        return (problem.downhill(q), unstable) if unstable else (q, 0)
     q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
     if reached < 1.0:
         raise ConvergenceError(

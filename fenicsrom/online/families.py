@@ -44,12 +44,12 @@ def frequency_family(
         period: of the loads that are given, s.
         spin: whether the surfaces turn in proportion to the frequency (an engine order).
     """
+    nothing = no_drift(contacts, model.load_histories)
 
     def at(frequency: float) -> Problem:
         factor = frequency * period
         sines = model.load_histories.sines.copy()
         sines[:, OMEGA] *= factor
-        nothing = no_drift(contacts, model.load_histories)
         by_sines = nothing.sines.copy()
         by_sines[:, OMEGA] = sines[:, OMEGA] / frequency
         moved, by_contacts = contacts, nothing.contacts

@@ -50,12 +50,15 @@ class ForcedPeak:
         frequency: Hz.
         amplitude: m.
         point: the motion.
+        ends: how the curve ended on both sides of the peak, the first end first: "fallen" where the
+            amplitude had fallen enough, else as `Curve.reason`: a larger amplitude may lie beyond.
     """
 
     factor: float
     frequency: float
     amplitude: float
     point: CurvePoint
+    ends: tuple[str, str]
 
 
 class _Fallen(Exception):
@@ -107,14 +110,16 @@ def forced_peaks(
 
         path = StickingContinuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
-        top = None if first is None else _climb(path, first, height)
+        top, ends = (None, ()) if first is None else _climb(path, first, height)
         if top is None:
+            reasons = " and ".join(dict.fromkeys(ends)) or "no convergence"
             raise ConvergenceError(
                 f"no largest amplitude of the forced motion was found between {path.low:.6g} and "
-                f"{path.high:.6g} Hz with {factor:g} times the loads"
+                f"{path.high:.6g} Hz with {factor:g} times the loads; the curve ended with "
+                f"{reasons}"
             )
         s, frequency, before = top.s, top.parameter, factor
-        yield ForcedPeak(factor, frequency, height(top), top)
+        yield ForcedPeak(factor, frequency, height(top), top, (ends[0], ends[1]))
 
 
 def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
@@ -148,13 +153,14 @@ def _at_larger_force(
         size = FINE * float(np.linalg.norm(s))
         path = StickingContinuation(shooting, family, before, goal, size)
         first = path.at_parameter(s, before)
-        points = [] if first is None else [first]
+        points, reason = [] if first is None else [first], "no convergence"
         if first is not None:
             curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
-            points = curve.points
+            points, reason = curve.points, curve.reason
         if not points or abs(points[-1].parameter - goal) > 1e-9 * goal:
             raise ConvergenceError(
-                f"the forced motion was lost between {before:g} and {goal:g} times the loads"
+                f"the forced motion was lost between {before:g} and {goal:g} times the loads: "
+                f"{reason}"
             )
         s, before = points[-1].s, goal
     return s
@@ -162,13 +168,14 @@ def _at_larger_force(
 
 def _climb(
     path: StickingContinuation, start: CurvePoint, height: Callable[[CurvePoint], float]
-) -> CurvePoint | None:
-    """The point of the largest height on the curve through a point; None without one.
+) -> tuple[CurvePoint | None, tuple[str, ...]]:
+    """The point of the largest height on the curve through a point, and how both ends ended.
 
     The curve is followed in both directions until the height has fallen below `FALLEN` of the
-    largest, so that a small dip does not end the search.
+    largest, so that a small dip does not end the search. Where an end of the curve is the highest,
+    there is no such point.
     """
-    points, heights = [start], [height(start)]
+    points, heights, ends = [start], [height(start)], []
     for direction in (1.0, -1.0):
 
         def keep(point: CurvePoint) -> None:
@@ -177,8 +184,8 @@ def _climb(
             if heights[-1] < FALLEN * max(heights):
                 raise _Fallen
 
-        with contextlib.suppress(_Fallen):
-            path.run(
+        try:
+            curve = path.run(
                 start,
                 direction,
                 largest_step=LARGEST_STEP,
@@ -186,12 +193,16 @@ def _climb(
                 locate=False,
                 progress=keep,
             )
+            ends.append(curve.reason)
+        except _Fallen:
+            ends.append("fallen")
         points.reverse()
         heights.reverse()
+    ends.reverse()
     best = int(np.argmax(heights))
     if not 0 < best < len(points) - 1:
-        return None
-    return _top(path, points[best - 1 : best + 2], height)
+        return None, tuple(ends)
+    return _top(path, points[best - 1 : best + 2], height), tuple(ends)
 
 
 def _top(

@@ -43,6 +43,7 @@ from fenicsrom.online.march_records import copied_rows, joined_rows, last_coordi
 from fenicsrom.online.march_setup import MarchRun, mass_norm, set_up_run
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Interrupted, Motion
+from fenicsrom.online.periodic import Stopped
 from fenicsrom.online.scheme import scheme
 from fenicsrom.online.state import (
     ITERATIONS,
@@ -63,6 +64,7 @@ from fenicsrom.online.steady import (
     prepare,
 )
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.progress import tell
 
 
 def integrate(
@@ -104,7 +106,8 @@ def integrate(
             since the last period.
         checkpoint: called with a checkpoint after each period, or without a period after each
             `ROWS` steps. Its arrays are overwritten afterwards.
-        stop: called at the same instants; the run ends when it returns True.
+        stop: called at the same instants, and while Newton's method marches; the run ends when it
+            returns True.
 
     Returns:
         The motion, steady or at the end of the periods (`Motion.steady` says which); the motion of
@@ -130,33 +133,37 @@ def integrate(
     if by_newton and (spans > FIRST_ATTEMPT or start is not None):
         prepare(model, contacts, settings, run.horizon)
     begin = clock.perf_counter()
-    steady, stopped, status, span = False, False, DONE, run.done
-    for span in range(run.done + 1, spans + 1):
-        if by_newton and not run.found and (is_due(span - 1) or (start is not None and span == 1)):
-            _try_newton(run, settings, span - 1)
-        q0 = run.state.q.copy()
-        status, stopped = _run_span(run, span, checkpoint, stop)
-        if status == FAILED or period is None:
-            break
-        before = run.history[-2] if run.reference is None else run.reference
-        change = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
-        run.reference = None
-        if change <= settings.steady_tolerance and run.multiple == 1:
-            # the contact points repeat; check the whole state too
-            size = max(run.state.scalars[SIZE], 1e-300)
-            change = max(change, mass_norm(model, run.state.q - q0) / size)
-        steady = change <= settings.steady_tolerance
-        if steady and by_newton and not run.found:
-            steady = _confirm(run, settings, span, last=span == spans)
-        if progress is not None:
-            progress(span / spans, change)
-        if checkpoint is not None:
-            checkpoint(run.checkpoint(span))
-        stopped = not steady and span < spans and stop is not None and stop()
-        if steady or stopped:
-            break
+    steady, stopped, status, done = False, False, DONE, run.done
+    try:
+        for span in range(run.done + 1, spans + 1):
+            at_start = start is not None and span == 1
+            if by_newton and not run.found and (is_due(span - 1) or at_start):
+                _try_newton(run, settings, span - 1, stop)
+            q0, done = run.state.q.copy(), span
+            status, stopped = _run_span(run, span, spans, checkpoint, stop)
+            if status == FAILED or period is None:
+                break
+            before = run.history[-2] if run.reference is None else run.reference
+            change = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+            run.reference = None
+            if change <= settings.steady_tolerance and run.multiple == 1:
+                # the contact points repeat; check the whole state too
+                size = max(run.state.scalars[SIZE], 1e-300)
+                change = max(change, mass_norm(model, run.state.q - q0) / size)
+            steady = change <= settings.steady_tolerance
+            if steady and by_newton and not run.found:
+                steady = _confirm(run, settings, span, stop, last=span == spans)
+            if progress is not None:
+                progress(span / spans, change)
+            if checkpoint is not None:
+                checkpoint(run.checkpoint(span))
+            stopped = not steady and span < spans and stop is not None and stop()
+            if steady or stopped:
+                break
+    except Stopped:
+        steady, stopped = False, True
     run.seconds = clock.perf_counter() - begin
-    motion = _motion(run, steady, span)
+    motion = _motion(run, steady, done)
     _require_convergence(run, status, motion, settings.scheme)
     if stopped:
         raise Interrupted(motion)
@@ -167,6 +174,7 @@ def integrate(
 def _run_span(
     run: MarchRun,
     span: int,
+    spans: int,
     checkpoint: Callable[[Checkpoint], None] | None,
     stop: Callable[[], bool] | None,
 ) -> tuple[int, bool]:
@@ -179,8 +187,8 @@ def _run_span(
     counts: list[int] = []
     status, stopped = DONE, False
     origin = (span - 1) * run.horizon
-    for instant in run.stops:
-        end = (span - 1 + instant / run.horizon) * run.horizon
+    stops = run.stops(span)
+    for end in stops:
         status = FULL
         while status == FULL and not stopped:
             status, count = run.advance(
@@ -188,10 +196,11 @@ def _run_span(
             )
             pieces.append(copied_rows(run.record, count))
             counts.append(count)
+            tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
             if run.period is None and count:
                 if checkpoint is not None:
                     checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
-                is_over = status == FAILED or (status == DONE and instant == run.stops[-1])
+                is_over = status == FAILED or (status == DONE and end == stops[-1])
                 stopped = not is_over and stop is not None and stop()
         if status == FAILED or stopped:
             break
@@ -219,10 +228,13 @@ def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name
     )
 
 
-def _try_newton(run: MarchRun, settings: Any, done: int) -> None:
+def _try_newton(run: MarchRun, settings: Any, done: int, stop: Callable[[], bool] | None) -> None:
     """Try Newton's method after so many periods; an accepted motion replaces the marched one.
 
     The last row of the record becomes that of the periodic motion.
+
+    Raises:
+        Stopped: `stop` returned True; nothing has changed.
     """
     assert run.period is not None
     if run.contacts.times.size > 1 and run.state.scalars[TIME] < run.contacts.times[-1]:
@@ -232,7 +244,7 @@ def _try_newton(run: MarchRun, settings: Any, done: int) -> None:
     fractions = fractions_of(run.history[-1], run.period) if settings.tolerance else None
     before = run.checkpoint(done)
     found = attempt(
-        run.model, run.contacts, settings, run.period, before, done, run.search, fractions
+        run.model, run.contacts, settings, run.period, before, done, run.search, fractions, stop
     )
     run.search = found.search
     if found.state is None:
@@ -246,14 +258,16 @@ def _try_newton(run: MarchRun, settings: Any, done: int) -> None:
         run.reference = found.record._replace(time=found.record.time - run.period)
 
 
-def _confirm(run: MarchRun, settings: Any, span: int, last: bool) -> bool:
+def _confirm(
+    run: MarchRun, settings: Any, span: int, stop: Callable[[], bool] | None, *, last: bool
+) -> bool:
     """Whether a march that repeats is steady.
 
     A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
     method decides; the march is believed where it finds no motion, or after the last period.
     """
     kept = run.state, run.history[-1]
-    _try_newton(run, settings, span)
+    _try_newton(run, settings, span, stop)
     if run.found and last:
         assert run.search is not None
         (run.state, run.history[-1]), run.search = kept, run.search._replace(time=None)

@@ -12,7 +12,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.equilibrium import equilibrium
-from fenicsrom.online.load_histories import instants, largest, quarter_period
+from fenicsrom.online.load_histories import largest
 from fenicsrom.online.loop import write
 from fenicsrom.online.march_records import joined_rows
 from fenicsrom.online.scheme import Control, Scheme
@@ -28,6 +28,7 @@ from fenicsrom.online.state import (
 )
 from fenicsrom.online.steady import periods_of
 from fenicsrom.online.step import measure
+from fenicsrom.online.step_limits import landings, longest_step
 from fenicsrom.online.surfaces import Contacts
 
 ROWS = 4096  # of a record
@@ -102,7 +103,6 @@ class MarchRun:
         advance: `march`, plain or compiled.
         period: period of the loads, s; None without a period.
         horizon: length of a span: the period, or the whole duration, s.
-        stops: times in a span on which steps must land, s.
         control: how the step is chosen.
         state: the last accepted state.
         record: rows for `advance`.
@@ -120,7 +120,6 @@ class MarchRun:
     advance: Callable[..., tuple[int, int]]
     period: float | None
     horizon: float
-    stops: Array
     control: Control
     state: State
     record: Record
@@ -140,6 +139,13 @@ class MarchRun:
     def multiple(self) -> int:
         """Number of periods of the loads in one of the motion, as far as it is known."""
         return self.search.periods if self.search is not None and self.found else 1
+
+    def stops(self, span: int) -> Array:
+        """The times in s on which the steps of a span land, the last at its end."""
+        begin, end = (span - 1) * self.horizon, span * self.horizon
+        if not self.control.tolerance:
+            return np.array([end])
+        return landings(self.model.load_histories, self.contacts, begin, end)
 
     def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
         """The checkpoint of the run after a span."""
@@ -171,10 +177,10 @@ def set_up_run(
     step = settings.step
     if period is not None and not tolerance:
         step = period / settings.steps_per_period
-    stops, grid = np.array([horizon]), horizon if tolerance else step
-    if tolerance and period is None:  # adaptive steps must not miss a load
-        stops = instants(model.load_histories, horizon)
-        grid = min(horizon, quarter_period(model.load_histories))
+    grid = step
+    if tolerance:  # adaptive steps must not miss a load or a surface
+        longest = longest_step(model.load_histories, contacts, tolerance)
+        grid = horizon / np.ceil(max(horizon / longest, 1.0))
     done, buckled, search = 0, 0, None
     if resume is not None:
         state, size, buckled = copy.deepcopy(resume.state), resume.size, resume.buckled
@@ -185,7 +191,10 @@ def set_up_run(
             q, buckled = equilibrium(model, contacts, dimension)
             start = (q, np.zeros_like(q))
         state = initial_state(model, contacts, plan, dimension, *start)
-        state.scalars[STEP] = 1e-4 * min(grid, stops[0]) if tolerance else step
+        state.scalars[STEP] = step
+        if tolerance:
+            first = landings(model.load_histories, contacts, 0.0, horizon)[0]
+            state.scalars[STEP] = 1e-4 * min(grid, first)
         size = state.scalars[SIZE]
         if tolerance:
             size = max(size, static_size(model, contacts, dimension, start[0]))
@@ -206,7 +215,6 @@ def set_up_run(
         advance,
         period,
         horizon,
-        stops,
         control,
         state,
         record,

@@ -16,6 +16,9 @@ from fenicsrom.online.state import PeriodicSearch
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
 # a motion is at rest if its amplitude, relative to the largest displacement, is smaller
 REST = 1e-6
+# amplitudes and dissipated energies count as zero in a comparison if they are smaller, relative to
+# the whole amplitude and the largest energy: the rounding of a run is smaller still
+NEGLIGIBLE = 1e-9
 # amplitudes have settled if their relative change from period to period is smaller
 SETTLED = 1e-3
 
@@ -284,24 +287,30 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
     Returns:
         `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ...,
         "dissipated_per_period": ...}`; tangential amplitudes are compared as a vector. None where
-        the reference does not move in that direction (less than 1e-9 of its whole amplitude), or
-        has no such force or friction.
+        the reference has no such motion, force or friction, and where both are `NEGLIGIBLE`
+        relative to the whole amplitude or to the largest energy of the reference. A negligible
+        reference of a larger value counts as the largest negligible one.
     """
     ours, theirs = amplitudes(motion), amplitudes(reference)
     pairs = list(itertools.zip_longest(ours["tangential"], theirs["tangential"], fillvalue=0.0))
-    least = 1e-9 * math.hypot(theirs["normal"], *theirs["tangential"])
+    least = NEGLIGIBLE * math.hypot(theirs["normal"], *theirs["tangential"])
 
     def percent(difference: float, of: float, least: float = 0.0) -> float | None:
-        return 100 * abs(difference) / of if of > least else None
+        if not of > 0.0 or (of <= least and abs(difference) <= least):
+            return None
+        return 100 * abs(difference) / max(of, least)
 
     force, friction = peak_normal_force(reference), dissipated_per_period(reference)
+    energy = NEGLIGIBLE * float(np.max(reference.kinetic + reference.elastic, initial=0.0))
     return {
         "amplitude_tangential": percent(
             math.hypot(*(a - b for a, b in pairs)), math.hypot(*theirs["tangential"]), least
         ),
         "amplitude_normal": percent(ours["normal"] - theirs["normal"], theirs["normal"], least),
         "peak_normal_force": percent(peak_normal_force(motion) - force, force),
-        "dissipated_per_period": percent(dissipated_per_period(motion) - friction, friction),
+        "dissipated_per_period": percent(
+            dissipated_per_period(motion) - friction, friction, energy
+        ),
     }
 
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.progress import tell
 
 STATIC_TOLERANCE = 1e-9
 """Newton's decrement relative to the work of the load is at most the square of this."""
@@ -87,6 +88,7 @@ def in_load_steps(
         trial = solve(u, aim)
         if trial is not None:
             u, reached, step = trial, aim, 2.0 * step
+            tell(reached)
         elif step <= smallest:
             break
         else:

@@ -12,6 +12,7 @@ member of the family that is nearest to the start.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,10 @@ DECREASE = 1e-4  # smallest decrease of the residual, as a part of the damping (
 RANK = 1e-8  # singular values below this part of the largest count as zero
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
+
+
+class Stopped(Exception):
+    """Newton's method was asked to stop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +106,10 @@ class Shooting:
     Attributes:
         guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
             size of that step, s: the first guess of the first step is extrapolated from them.
+        stop: asked before each march, which raises `Stopped` if it returns True; None asks nobody.
     """
+
+    stop: Callable[[], bool] | None = None
 
     def __init__(
         self,
@@ -171,7 +179,13 @@ class Shooting:
         *,
         derive: bool = True,
     ) -> tuple[Array, Array, Array, PeriodEnd] | None:
-        """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed."""
+        """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed.
+
+        Raises:
+            Stopped: `stop` returned True.
+        """
+        if self.stop is not None and self.stop():
+            raise Stopped
         guess, last_step = self.guess
         status, end = self.map(
             self.model if model is None else model,

@@ -20,7 +20,6 @@ q: one matrix-vector product gives both. No mesh is touched online.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -59,60 +58,11 @@ def pairs(n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return i.astype(np.int64), j.astype(np.int64)
 
 
-def strain_products(
-    chunks: Iterable[tuple[Array, Array]], first_lame: float, shear_modulus: float, count: int
-) -> Array:
-    """Integrate the products of E0, eps_i and h_ij under the elasticity tensor.
-
-    Args:
-        chunks: pairs (weights (k,), gradients (k, 1 + n, d, d)) at k quadrature points; gradient 0
-        is that of u0.
-        first_lame: lambda (lambda* in plane stress), Pa.
-        shear_modulus: mu, Pa.
-        count: n.
-
-    Returns:
-        (s, s) symmetric, s = 1 + n + n (n + 1) / 2: products <x, y> = int lambda tr x tr y + 2 mu x
-        : y, in J; rows of h_ij come in the order of `pairs`.
-    """
-    first, second = pairs(count)
-    size = 1 + count + first.size
-    total = np.zeros((size, size))
-    for weights, gradients in chunks:
-        k, _, d, _ = gradients.shape
-        f0 = np.eye(d) + gradients[:, 0]
-        strains = np.empty((k, d, d, size))
-        strains[..., 0] = gradients[:, 0] + 0.5 * np.einsum(
-            "kab,kac->kbc", gradients[:, 0], gradients[:, 0]
-        )
-        modes = np.ascontiguousarray(
-            np.moveaxis(gradients[:, 1:], 1, -1)
-        )  # (k, d, d, n): grad phi_i = modes[..., i]
-        strains[..., 1 : 1 + count] = np.einsum("kab,kaci->kbci", f0, modes)
-        strains[..., 1 + count :] = np.einsum(
-            "kabp,kacp->kbcp", modes[..., first], modes[..., second], optimize=True
-        )
-        # Mandel's rows: the product of two columns is x : y; one more row carries the trace
-        a, b = np.triu_indices(d)
-        shear = np.where(a == b, 0.5, np.sqrt(0.5))
-        rows = np.empty((k, a.size + 1, size))
-        scale = np.sqrt(2.0 * shear_modulus * weights)
-        for r in range(a.size):
-            rows[:, r] = (strains[:, a[r], b[r]] + strains[:, b[r], a[r]]) * (shear[r] * scale)[
-                :, None
-            ]
-        trace = strains[:, range(d), range(d)].sum(axis=1)
-        rows[:, -1] = trace * np.sqrt(first_lame * weights)[:, None]
-        flat = rows.reshape(-1, size)
-        total += flat.T @ flat
-    return total
-
-
 def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
     """The totally symmetric coefficients from the integrated strain products (module docstring).
 
     Args:
-        products: (s, s) from `strain_products`, summed over all ranks.
+        products: (s, s) from `fenicsrom.reduction.strain_products`, summed over all ranks.
         count: n.
     """
     first, second = pairs(count)

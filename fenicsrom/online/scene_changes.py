@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
-from fenicsrom.scene import Contact, Load, Scene
+from fenicsrom.scene import Contact, Geometry, Load, Scene
 
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
@@ -21,17 +22,13 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, or None.
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
-    contact parameters and another time integration.
+    contact parameters and another time integration. The mesh file may be in another folder.
     """
-    names = (
-        "geometrically_nonlinear",
-        "geometry",
-        "supports",
-        "rotation",
-        "damping",
-        "probe",
-        "basis",
-    )
+    if wanted.basis.modes == "auto":  # a stored model keeps its modes
+        wanted = replace(wanted, basis=replace(wanted.basis, modes=made.basis.modes))
+    if _without_folder(made.geometry) != _without_folder(wanted.geometry):
+        return "geometry"
+    names = ("geometrically_nonlinear", "supports", "rotation", "damping", "probe", "basis")
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):
@@ -47,6 +44,11 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
         if (name := _changed_contact_key(contact, other)) is not None:
             return f"contacts[{k}].{name}"
     return None
+
+
+def _without_folder(geometry: Geometry) -> Geometry:
+    """The geometry with the name of its mesh file only."""
+    return replace(geometry, mesh=Path(geometry.mesh.name))
 
 
 def _changed_load_key(made: Load, wanted: Load) -> str | None:

@@ -8,11 +8,15 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.load_histories import LoadHistories, of_loads
 from fenicsrom.online.march import end_of, integrate
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Scene
+
+TOUCH = 1e-9
+"""Smaller distances of a round surface, relative to its radius, are rounding errors."""
 
 
 def load_histories(scene: Scene) -> LoadHistories:
@@ -43,7 +47,8 @@ def simulate(
             `fenicsrom.online.march.integrate`.
 
     Raises:
-        SceneError: the model does not belong to the scene.
+        SceneError: the model does not belong to the scene; or a round surface of a given radius
+            has a preload and a distance from the undeformed body.
         ConvergenceError: the smallest step did not converge.
         AccuracyError: the energy balance is off.
     """
@@ -52,9 +57,11 @@ def simulate(
     if isinstance(model, StoredModel):
         model = model.with_scene(scene).model
     _require_fit(model, scene)
+    contacts = contacts_of(scene, model.points)
+    _require_touch(contacts, model.points, scene)
     return integrate(
         model,
-        contacts_of(scene, model.points),
+        contacts,
         scene.time,
         scene.period,
         dimension=scene.geometry.dimension,
@@ -81,6 +88,34 @@ def _require_fit(model: Any, scene: Scene) -> None:
                 f"{scene.source}: {key} of the scene and of the model differ; build the model from "
                 "this scene, or run a StoredModel",
                 kind=ErrorKind.MISMATCH,
+                key=key,
+                source=scene.source,
+            )
+
+
+def _require_touch(contacts: Contacts, points: ContactPoints, scene: Scene) -> None:
+    """Check that round surfaces with a preload touch the undeformed body.
+
+    A preload is the force at the undeformed position. Keys that give a gap are checked with the
+    scene; the distance from a surface of a given radius is known only with the mesh.
+
+    Raises:
+        SceneError: a surface with a preload does not touch; the error names its radius.
+    """
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is None or not contact.preload:
+            continue
+        gaps = []
+        for p in np.flatnonzero(points.contact == k):
+            across = contacts.axes[p, : contacts.kind[p]] @ contacts.centre[p]
+            gaps.append(contacts.side[p] * (contacts.radius[p] - float(np.linalg.norm(across))))
+        if min(gaps) > TOUCH * contacts.radius[points.contact == k][0]:
+            key = f"contacts[{k}].surface.radius"
+            raise SceneError(
+                f"{scene.source}: {key} = {contact.surface.radius:.9g}: not allowed with a "
+                "preload, which is the force at the undeformed position: the surface is "
+                f"{min(gaps):.3g} m from the nearest contact point",
+                kind=ErrorKind.CONFLICT,
                 key=key,
                 source=scene.source,
             )

@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,6 +124,7 @@ def attempt(
     marched: int,
     before: PeriodicSearch | None = None,
     fractions: Array | None = None,
+    stop: Callable[[], bool] | None = None,
 ) -> Attempt:
     """Try Newton's method from a marched state.
 
@@ -136,8 +137,12 @@ def attempt(
         marched: periods marched so far.
         before: the record of the attempts before.
         fractions: instants in [0, 1] of a period on which the steps land; equal steps if not given.
+        stop: asked before each period; the attempt ends when it returns True.
+
+    Raises:
+        Stopped: `stop` returned True.
     """
-    problem = _Problem(model, settled_contacts(contacts), settings, period, start, fractions)
+    problem = _Problem(model, settled_contacts(contacts), settings, period, start, fractions, stop)
     iterations = before.iterations if before is not None else 0
     best: Attempt | None = None
     multiples = [1]
@@ -167,6 +172,7 @@ class _Problem:
     period: float
     start: Any
     fractions: Array | None
+    stop: Callable[[], bool] | None = None
 
     def shooting(self, m: int) -> tuple[Shooting, Array]:
         """The equation of a motion of m periods, and the marched state in its variables."""
@@ -174,6 +180,7 @@ class _Problem:
         if grid is not None:
             grid = np.append(0.0, (np.arange(m)[:, None] + grid[1:]).ravel())
         found = Shooting(self.model, self.contacts, self.settings, self.period, m, grid)
+        found.stop = self.stop
         return found, found.scaled(start_variables(found, self.start))
 
     def recurrences(self) -> list[int]:

@@ -111,16 +111,6 @@ def axes_of(surface: Any, d: int) -> Array:
     return frame(np.array(surface.axis))[1:] if surface.axis is not None else np.eye(d)
 
 
-def spin_of(scene: Any, surface: Any) -> float:
-    """Rate (rad/s) at which a surface turns about its axis, as the body sees it."""
-    if surface.spin is not None or scene.rotation is None or surface.kind == "sphere":
-        return float(surface.spin or 0.0)
-    about = np.dot(surface.axis, scene.rotation.axis) if surface.axis is not None else 1.0
-    return (
-        -about * 2.0 * np.pi * scene.rotation.speed_rpm / 60.0 if abs(about) > 1.0 - 1e-9 else 0.0
-    )
-
-
 @part
 def penetration(contacts: Contacts, p: int, x: Array, time: float) -> float:
     """Depth of point p at x (d,) in its surface, negative outside of it, m."""

@@ -12,8 +12,10 @@ from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.post.backbone_figures import NO_DAMPING, figure
 from fenicsrom.post.html_page import write_report
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 
 def rows(found: Backbone) -> list[dict[str, Any]]:
@@ -152,16 +154,19 @@ def write(found: Backbone, folder: Path) -> list[Path]:
     write_summary(folder / "backbone.json", summary(found))
     pictures = []
     if found.scene.output.pictures:
-        pictures = [write_figure(folder / "backbone.png", figure(found))]
+        diagram = Picture("Nonlinear mode", "backbone.png", lambda: figure(found))
+        pictures = draw_pictures([diagram], folder, found.warnings)
+        write_summary(folder / "backbone.json", summary(found))
     table = peak_table(found)
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
-        *(("Nonlinear mode", [path]) for path in pictures),
+        *((name, [path]) for name, path in pictures),
         *([("Peaks of the forced response", [table])] if table else []),
     ]
-    title = f"{found.scene.title or found.scene.source}: nonlinear mode {found.table.mode}"
+    title = f"{scene_heading(found.scene)}: nonlinear mode {found.table.mode}"
     write_report(folder / "report.html", title, sections)
-    return [folder / "report.html", folder / "backbone.json", folder / "backbone.csv", *pictures]
+    names = ("report.html", "backbone.json", "backbone.csv")
+    return [*(folder / name for name in names), *(path for _, path in pictures)]
 
 
 def terminal(found: Backbone) -> str:

@@ -10,9 +10,11 @@ import numpy as np
 from fenicsrom.assess.campbell import Campbell
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -141,17 +143,20 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     write_summary(folder / "campbell.json", summary(found))
     pictures = []
     if found.scene.output.pictures:
-        pictures = [write_figure(folder / "campbell.png", figure(found))]
+        diagram = Picture("Campbell diagram", "campbell.png", lambda: figure(found))
+        pictures = draw_pictures([diagram], folder, found.warnings)
+        write_summary(folder / "campbell.json", summary(found))
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)])
     ]
-    sections += [("Campbell diagram", [path]) for path in pictures]
+    sections += [(name, [path]) for name, path in pictures]
     if found.critical:
         sections.append(("Critical speeds", [critical_table(found)]))
     sections.append(("Frequencies", [frequency_table(found)]))
-    title = f"{found.scene.title or found.scene.source}: Campbell diagram"
+    title = f"{scene_heading(found.scene)}: Campbell diagram"
     write_report(folder / "report.html", title, sections)
-    return [folder / "report.html", folder / "campbell.json", folder / "campbell.csv", *pictures]
+    names = ("report.html", "campbell.json", "campbell.csv")
+    return [*(folder / name for name in names), *(path for _, path in pictures)]
 
 
 def terminal(found: Campbell) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +18,10 @@ from fenicsrom.post.compare_figures import (
     tip_error,
 )
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import not_drawn
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
@@ -30,6 +32,21 @@ ERRORS = {
     "dissipated_per_period": "energy per period",
     "state": "wrong state",
 }
+SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
+SHORT_HEADS = {
+    "derivatives": "deriv.",
+    "speed-up": "times faster",
+    "tip amplitude %": "tip %",
+    "time history %": "history %",
+    "peak normal force %": "force %",
+    "energy per period %": "energy %",
+    "indicator": "indicator",
+}
+REPORT_ONLY = ("±", "break-even", "axial amplitude %", "wrong state %")
+TERMINAL_NOTE = (
+    "CB is Craig–Bampton. The errors are those of the tip amplitude, the time history, the peak "
+    "normal force and the energy per period; report.html and comparison.csv have more."
+)
 
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
@@ -104,7 +121,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 
 def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the terminal and the report; the first row is the header."""
+    """Compose the table of the report; the first row is the header."""
     several = {
         "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
@@ -145,6 +162,20 @@ def table(comparison: Comparison) -> list[list[Any]]:
             line += [_three(outcome.errors.get(name)) for name in ERRORS]
         found.append([*line, _three(outcome.indicator)])
     return found
+
+
+def terminal_table(comparison: Comparison) -> list[list[Any]]:
+    """Compose the table of the terminal: the columns that decide, and errors with two digits."""
+    long, *lines = table(comparison)
+    wanted = [name for name in long if name not in REPORT_ONLY]
+    head = [SHORT_HEADS.get(name, name) for name in wanted]
+    rows = [dict(zip(long, line, strict=True)) for line in lines]
+    for row in rows:
+        row["method"] = SHORT_METHODS[row["method"]]
+        for name in SHORT_HEADS:
+            if isinstance(row.get(name), float):
+                row[name] = float(f"{row[name]:.2g}")
+    return [head, *([row[name] for name in wanted] for row in rows)]
 
 
 def _three(value: float | None) -> float | int | None:
@@ -260,26 +291,28 @@ def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
     ]
     warnings = list(comparison.warnings)
     pictures: list[tuple[str, list[Any]]] = []
-    if comparison.full is not None and any(
-        o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes
-    ):
-        if sentence := not_drawn([f"{name}.png" for name, *_ in PICTURES]):
-            warnings.append(sentence)
-        else:
-            for name, heading, words, draw in PICTURES:
-                path = write_figure(folder / f"{name}.png", draw(comparison))
-                pictures.append((heading, [path, words] if words else [path]))
-                files.append(path)
+    rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
+    if comparison.scene.output.pictures and comparison.full is not None and rated:
+        words = {heading: text for _, heading, text, _ in PICTURES}
+        listed = [
+            Picture(heading, f"{name}.png", partial(draw, comparison))
+            for name, heading, _, draw in PICTURES
+        ]
+        for heading, path in draw_pictures(listed, folder, warnings):
+            pictures.append((heading, [path, *filter(None, [words[heading]])]))
+            files.append(path)
     sections: list[tuple[str, list[Any]]] = [
         ("Results", sentences(comparison) or ["There is no full model to compare with."]),
         *pictures,
         ("All combinations", [table(comparison), *warnings]),
         ("Timing", timing_note(comparison)),
     ]
-    title = f"{comparison.scene.title or comparison.scene.source}: error against run time"
+    title = f"{scene_heading(comparison.scene)}: error against run time"
     return [write_report(folder / "report.html", title, sections), *files]
 
 
 def terminal(comparison: Comparison) -> str:
     """Compose the table and the sentences for the terminal."""
-    return "\n".join([text_table(table(comparison)), "", *sentences(comparison)])
+    rows = terminal_table(comparison)
+    keys = rows[0].index("size")
+    return "\n".join([text_table(rows, keys), "", TERMINAL_NOTE, *sentences(comparison)])

@@ -33,7 +33,7 @@ def draw_shapes() -> None:
         camera.show(grid, vectors, 0.15 * camera.length / largest, largest)
         images.append(camera.photograph())
     camera.plotter.close()
-    shape_panels(task["labels"], _cropped(images)).savefig(task["picture"])
+    shape_panels(task["labels"], cropped(images)).savefig(task["picture"])
 
 
 def draw_motion() -> None:
@@ -63,8 +63,31 @@ def draw_motion() -> None:
         images.append(camera.photograph())
     camera.plotter.close()
     scale = "displacements to scale" if factor == 1.0 else f"displacements × {factor:g}"
-    frames = film_frames(_cropped(images), motion.time_values, scale, largest, points is not None)
+    frames = film_frames(cropped(images), motion.time_values, scale, largest, points is not None)
     _write_gif(task["picture"], frames)
+
+
+def draw_stress() -> None:
+    """Draw the von Mises stress on a deformed body as one PNG; the task is on the command line."""
+    import pyvista
+
+    task = json.loads(sys.argv[1])
+    grid = pyvista.read(task["source"])
+    vectors = np.asarray(grid.point_data["displacement"])
+    stress = np.asarray(grid.point_data["von Mises"])
+    largest = float(np.linalg.norm(vectors, axis=1).max())
+    factor = magnification(largest, float(np.ptp(np.asarray(grid.points), axis=0).max()))
+    camera = Camera(grid, margin=factor * largest)
+    camera.face(grid, int(np.argmax(stress)))
+    peak = float(stress.max()) or 1.0
+    camera.show(grid, vectors, factor, largest or 1.0, (stress / peak, "turbo"))
+    place = np.asarray(grid.points)[int(np.argmax(stress))]
+    moved = place + factor * vectors[int(np.argmax(stress))]
+    camera.mark(moved[None], ["#FFFFFF"])
+    (image,) = cropped([camera.photograph()])
+    camera.plotter.close()
+    scale = "displacements to scale" if factor == 1.0 else f"displacements × {factor:g}"
+    stress_panel(image, peak, task["title"], f"{task['label']} ({scale})").savefig(task["picture"])
 
 
 def _write_gif(path: str, images: Sequence[np.ndarray]) -> None:
@@ -145,21 +168,45 @@ class Camera:
             feature_angle=40.0, manifold_edges=False, non_manifold_edges=False
         )
 
-    def show(self, grid: Any, vectors: np.ndarray, factor: float, largest: float) -> None:
+    def face(self, grid: Any, node: int) -> None:
+        """Look from a side from which a node of the grid is seen, if it is on the boundary."""
+        if self._flat:
+            return
+        surface = grid.extract_surface(nonlinear_subdivision=0)
+        surface = surface.compute_normals(
+            cell_normals=False, split_vertices=False, auto_orient_normals=True
+        )
+        place = np.asarray(grid.points)[node]
+        normal = np.asarray(surface.point_data["Normals"])[surface.find_closest_point(place)]
+        if normal @ self.towards < 0.0:
+            across = self.towards - (self.towards @ self._up) * self._up
+            turned = [self.towards - 2.0 * across, self.towards * np.where(self._up, -1.0, 1.0)]
+            self.towards = max([-self.towards, *turned], key=lambda side: float(normal @ side))
+
+    def show(
+        self,
+        grid: Any,
+        vectors: np.ndarray,
+        factor: float,
+        largest: float,
+        colour: tuple[np.ndarray, str] | None = None,
+    ) -> None:
         """Show the body displaced by factor times the vectors (n, 3).
 
-        The colour is the length of a vector relative to the largest.
+        The colour is the length of a vector relative to the largest, or the given values (n,) from
+        0 to 1 by a colour map of this name.
         """
+        values, colours = colour or (np.linalg.norm(vectors, axis=1) / largest, "viridis")
         self.plotter.clear_actors()
         self.plotter.add_mesh(self._outline, color="#8c8c8c", line_width=2, render=False)
         shape = grid.copy()
         shape.clear_data()
-        shape.point_data["size"] = np.linalg.norm(vectors, axis=1) / largest
+        shape.point_data["size"] = values
         shape.points = self._points + factor * vectors
         self.plotter.add_mesh(
             shape.extract_surface(nonlinear_subdivision=2),
             scalars="size",
-            cmap="viridis",
+            cmap=colours,
             clim=(0, 1),
             show_scalar_bar=False,
             lighting=not self._flat,
@@ -199,7 +246,7 @@ class Camera:
         return np.asarray(self.plotter.screenshot(return_img=True))
 
 
-def _cropped(images: Sequence[np.ndarray]) -> list[np.ndarray]:
+def cropped(images: Sequence[np.ndarray]) -> list[np.ndarray]:
     """Cut off the margin that is white in all pictures, except for 20 pixels."""
     drawn = np.array([(image < 250).any(axis=2) for image in images]).any(axis=0)
     rows, columns = (np.flatnonzero(drawn.any(axis=axis)) for axis in (1, 0))
@@ -241,6 +288,38 @@ def shape_panels(labels: Sequence[str], images: Sequence[np.ndarray]) -> Figure:
         ticks=[0, 0.5, 1],
     )
     bar.set_label("displacement / largest")
+    bar.outline.set_visible(False)
+    return figure
+
+
+@styled
+def stress_panel(image: np.ndarray, peak: float, title: str, label: str) -> Figure:
+    """Add a title and a colour bar in MPa to a picture of stresses.
+
+    Args:
+        image: picture (height, width, 3).
+        peak: largest stress, Pa.
+        title: title of the picture.
+        label: label of the colour bar.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    height, width = image.shape[:2]
+    wide = 9.6 * min(1.0, max(0.6, width / height))
+    figure = new_figure(wide, wide * height / width + 1.2)
+    axis = figure.subplots()
+    axis.set_axis_off()
+    axis.imshow(image, interpolation="antialiased")
+    axis.set_title(title, fontsize=11)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0.0, 1e-6 * peak), "turbo"),
+        ax=axis,
+        location="bottom",
+        shrink=0.5,
+        aspect=40,
+    )
+    bar.set_label(label)
     bar.outline.set_visible(False)
     return figure
 

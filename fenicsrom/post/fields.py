@@ -13,7 +13,15 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.surfaces import Contacts, unit_normals
-from fenicsrom.post.vtk import write_fields, write_motion, write_points
+from fenicsrom.post.paraview import (
+    CONTACT_NAMES,
+    array_name,
+    cell_groups,
+    joined,
+    notes,
+    stress_fields,
+)
+from fenicsrom.post.vtk import Attached, write_fields, write_motion, write_points
 
 if TYPE_CHECKING:
     from fenicsrom.post.record import Study
@@ -114,11 +122,35 @@ def shapes(study: Study) -> dict[str, dict[str, Any]]:
 
 
 def write_shapes(study: Study, folder: Path) -> list[Path]:
-    """Write the ParaView files of the shapes. Collective."""
+    """Write the ParaView files of the shapes, with stresses if there are any. Collective."""
     return [
-        write_fields(folder, name, study.solid.space, fields)
-        for name, fields in shapes(study).items()
+        write_fields(
+            folder,
+            kind,
+            study.solid.space,
+            {array_name(study, kind, label): field for label, field in fields.items()},
+            _attached(study, kind),
+        )
+        for kind, fields in shapes(study).items()
     ]
+
+
+def _attached(study: Study, kind: str) -> Attached:
+    """Groups and texts, and the stresses of the equilibrium or of the normal modes. Collective."""
+    parts = [Attached(cells=cell_groups(study.solid))]
+    if study.recovery is not None and kind == "equilibrium":
+        table = study.recovery.stress
+        stress = table.stress(np.zeros(table.size), study.scene.output.stresses)
+        parts.append(stress_fields(study)(stress, "", "Pa"))
+    if study.recovery is not None and study.modes is not None and kind == "normal_modes":
+        from fenicsrom.fem.stress_points import stress_table
+
+        modes, attach = study.modes.normal, stress_fields(study)
+        table = stress_table(study.solid, study.scene, study.solid.equilibrium, modes)
+        stresses = table.modal_stress(np.eye(modes.shape[1]))
+        for k, label in enumerate(study.modes.labels[: modes.shape[1]]):
+            parts.append(attach(stresses[k], f"{label}_", "Pa_per_m_sqrt_kg"))
+    return joined(parts, notes(study, kind))
 
 
 def moving_field(study: Study) -> Callable[[int], Array]:
@@ -142,10 +174,34 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     """
     motion, solid = study.motions["reduced"], study.solid
     times = motion.time[frame_rows(motion)]
-    files = [write_motion(folder, "motion", solid.space, times, moving_field(study))]
+    files = [
+        write_motion(
+            folder,
+            "motion",
+            solid.space,
+            times,
+            moving_field(study),
+            "displacement_m",
+            _attached_to_frames(study),
+        )
+    ]
     if study.scene.contacts and solid.comm.rank == 0:
         files += write_contact_points(study, folder, contacts)
     return files
+
+
+def _attached_to_frames(study: Study) -> Callable[[int], Attached]:
+    """Make a function of the frame number that gives groups, texts and stresses. Collective."""
+    groups, texts = Attached(cells=cell_groups(study.solid)), notes(study, "motion")
+    if study.recovery is None:
+        return lambda number: joined([groups], texts)
+    motion, table, attach = study.motions["reduced"], study.recovery.stress, stress_fields(study)
+    assert motion.coordinates is not None
+    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    measure = study.scene.output.stresses
+    return lambda number: joined(
+        [groups, attach(table.stress(q[number], measure), "", "Pa")], texts
+    )
 
 
 def write_contact_points(
@@ -157,4 +213,5 @@ def write_contact_points(
     """
     motion = study.motions["reduced"]
     points, arrays = contact_points(study, motion, contacts)
+    arrays = {CONTACT_NAMES[name]: values for name, values in arrays.items()}
     return [write_points(folder, "contact_points", motion.time[frame_rows(motion)], points, arrays)]

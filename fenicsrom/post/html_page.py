@@ -5,12 +5,16 @@ from __future__ import annotations
 import base64
 import html
 import io
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.post.tables import cell_text, numeric_columns
+from fenicsrom.post.origin import origin_table
+from fenicsrom.post.tables import cell_text, filled_columns, numeric_columns
 from fenicsrom.post.writers import write_text
+
+FEW_COLUMNS = 8  # a table with more columns has smaller letters
+SHORT = 28  # characters of the longest cell that is not broken into lines
 
 
 def write_report(
@@ -18,10 +22,14 @@ def write_report(
 ) -> Path:
     """Write a report, see `html_report`; return its path.
 
+    The report ends with what was run, if the folder has the record of `fenicsrom.post.origin`.
+
     Raises:
         OSError: the file cannot be written.
     """
-    return write_text(path, html_report(title, sections))
+    run = origin_table(Path(path).parent)
+    last = [("What was run", [run])] if run else []
+    return write_text(path, html_report(title, [*sections, *last]))
 
 
 def html_report(title: str, sections: Iterable[tuple[str, Iterable[Any]]]) -> str:
@@ -54,18 +62,28 @@ def _item(item: Any, heading: str) -> str:
         png = io.BytesIO()
         item.savefig(png, format="png")
         return _picture(png.getvalue(), heading, "png")
-    right = numeric_columns(item)
+    return _table(filled_columns(item))
+
+
+def _table(rows: Sequence[Sequence[Any]]) -> str:
+    """Compose a table: headers may break between words, short cells do not."""
+    right = numeric_columns(rows)
     lines = []
-    for i, row in enumerate(item):
+    for i, row in enumerate(rows):
         tag = "td" if i else "th"
-        cells = "".join(
-            f"<{tag}{' class=n' if flag else ''}>{html.escape(cell_text(value))}</{tag}>"
-            for value, flag in zip(row, right, strict=True)
-        )
+        cells = ""
+        for value, number in zip(row, right, strict=True):
+            text = cell_text(value)
+            short = bool(i) and len(text) <= SHORT
+            kinds = " ".join(["n"] * number + ["s"] * short)
+            cells += f"<{tag}{f' class={chr(34)}{kinds}{chr(34)}' if kinds else ''}>"
+            cells += f"{html.escape(text)}</{tag}>"
         lines.append(f"<tr>{cells}</tr>")
     head, *rest = lines
+    kinds = "wide broad many" if len(right) > FEW_COLUMNS else "wide"
     return (
-        f"<div class=wide><table><thead>{head}</thead><tbody>{''.join(rest)}</tbody></table></div>"
+        f'<div class="{kinds}"><table><thead>{head}</thead><tbody>{"".join(rest)}</tbody></table>'
+        "</div>"
     )
 
 
@@ -98,11 +116,20 @@ img {{ display: block; max-width: 100%; height: auto; margin: 1rem 0; padding: .
   box-sizing: border-box;
   background: #fff; border: 1px solid var(--line); border-radius: 6px; }}
 .wide {{ overflow-x: auto; margin: 1rem 0; }}
+.broad {{ width: max-content; min-width: 100%;
+  max-width: calc(100vw - 3rem); position: relative; left: 50%; transform: translateX(-50%); }}
 table {{ border-collapse: collapse; font-size: .92rem; font-variant-numeric: tabular-nums; }}
 th, td {{ text-align: left; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }}
 th {{ color: var(--soft); font-weight: 600; }}
-.n {{ text-align: right; padding-left: .9rem; white-space: nowrap; }}
+.n {{ text-align: right; }}
+td.n {{ padding-left: .9rem; }}
+.s {{ white-space: nowrap; }}
+td {{ overflow-wrap: anywhere; }}
+.many table {{ font-size: .82rem; }}
+.many th, .many td, .many td.n {{ padding: .25rem .7rem .25rem 0; }}
+.many th {{ vertical-align: bottom; }}
+@media print {{ .wide, .broad {{ max-width: none; overflow: visible; }} }}
 </style>
 </head>
 <body>

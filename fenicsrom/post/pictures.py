@@ -20,13 +20,16 @@ from fenicsrom.post.figures import (
     plot_points,
 )
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.rendering import animate, picture_modes
+from fenicsrom.post.rendering import animate, picture_modes, picture_stress
 from fenicsrom.post.writers import write_figure
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fenicsrom.online.motion import Motion
+    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.online.stress_peaks import Stresses
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
@@ -95,16 +98,45 @@ def not_drawn(names: Sequence[str]) -> str | None:
     return f"{listed} not drawn: {reason}"
 
 
-def write_motion_pictures(pictures: Sequence[Picture], folder: Path) -> list[tuple[str, Path]]:
-    """Draw and write pictures; return their headings and files.
+def draw_pictures(
+    pictures: Sequence[Picture], folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw and write pictures; one that cannot be drawn becomes a warning.
+
+    Args:
+        pictures: the pictures.
+        folder: folder of the files.
+        notes: receives the warnings.
+
+    Returns:
+        The headings and files of the written pictures.
 
     Raises:
         OSError: a file cannot be written.
     """
-    return [
-        (picture.heading, write_figure(folder / picture.name, picture.draw()))
-        for picture in pictures
-    ]
+    if sentence := not_drawn([picture.name for picture in pictures]):
+        notes.append(sentence)
+        return []
+    written = []
+    for picture in tracked(pictures):
+        with softly(picture.name, notes):
+            written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
+    return written
+
+
+@contextmanager
+def softly(name: str, notes: list[str]) -> Iterator[None]:
+    """Turn an error in the drawing of a picture into a warning: the numbers are written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        notes.append(f"{name} was not drawn: {type(error).__name__}: {error}")
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
@@ -125,7 +157,7 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
         study.warnings.append(sentence)
         return []
     root = study.solid.comm.rank == 0
-    written = write_motion_pictures(motions, folder) if root else []
+    written = draw_pictures(motions, folder, study.warnings) if root else []
     return written + (_write_shapes(study, fields, folder) if fields else [])
 
 
@@ -135,9 +167,14 @@ def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list
     positions, values = centreline(space, fields)
     pictures = []
     if study.solid.comm.rank == 0:
-        figure = plot_modes(list(fields), positions, values)
-        pictures.append(("Shapes along the axis", write_figure(folder / "modes.png", figure)))
-    with _warnings_kept(study):
+        along = Picture(
+            "Shapes along the axis",
+            "modes.png",
+            lambda: plot_modes(list(fields), positions, values),
+        )
+        pictures = draw_pictures([along], folder, study.warnings)
+    bodies = None
+    with softly("shapes.png", study.warnings), _kept(study.warnings):
         bodies = picture_modes(folder / "shapes.png", space, fields)
     return pictures + ([("Shapes", bodies)] if bodies is not None else [])
 
@@ -151,15 +188,32 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     motion, solid = study.motions["reduced"], study.solid
     marks = contact_points(study, motion) if study.scene.contacts else None
     times = motion.time[frame_rows(motion)]
-    with _warnings_kept(study):
+    film = None
+    with softly("motion.gif", study.warnings), _kept(study.warnings):
         film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
     return [("Animation", film)] if film is not None else []
 
 
+def write_stress_picture(
+    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    picture = None
+    with softly("stress.png", notes), _kept(notes):
+        picture = picture_stress(
+            folder / "stress.png", recovery.stress, stresses.largest, stresses.measure
+        )
+    return [("Von Mises stress", picture)] if picture is not None else []
+
+
 @contextmanager
-def _warnings_kept(study: Study) -> Iterator[None]:
-    """Add Python warnings to the warnings of the study."""
+def _kept(notes: list[str]) -> Iterator[None]:
+    """Add Python warnings to a list."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    study.warnings.extend(str(warning.message) for warning in caught)
+    notes.extend(str(warning.message) for warning in caught)

@@ -21,8 +21,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.files import atomic_write
+from fenicsrom.online.stress import StressTable, von_mises
+from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.vtk import write_fields, write_motion, write_points
+from fenicsrom.post.vtk_files import in_space, refined_grid, write_vtu
+from fenicsrom.reduction.beam import SerialCommunicator
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
@@ -100,6 +104,43 @@ def animate(
     return _draw(gif, comm, "draw_motion", task)
 
 
+def picture_stress(png: str | Path, table: StressTable, peak: Peak, measure: str) -> Path | None:
+    """Draw the von Mises stress of a state on the deformed body. On one rank.
+
+    Displacements are magnified as in `animate`; the largest stress is marked.
+
+    Args:
+        png: the picture to write.
+        table: the table of the stresses.
+        peak: the state.
+        measure: the stress, one of `fenicsrom.online.stress.MEASURES`.
+
+    Returns:
+        The picture, or None after a warning if this machine cannot draw.
+
+    Raises:
+        OSError: the picture cannot be written.
+    """
+
+    def task(scratch: Path) -> dict[str, Any]:
+        grid, mean = refined_grid(table.vertex_position, table.cells)
+        stress = table.at_vertices(table.stress(peak.coordinates, measure))
+        arrays = {
+            "displacement": in_space(mean @ table.displacement(peak.coordinates)),
+            "von Mises": von_mises(mean @ stress),
+        }
+        write_vtu(scratch / "stress.vtu", grid, arrays)
+        when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+        place = ", ".join(f"{x:.4g}" for x in peak.position)
+        return {
+            "source": str(scratch / "stress.vtu"),
+            "title": f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m",
+            "label": "von Mises stress, MPa",
+        }
+
+    return _draw(png, SerialCommunicator(), "draw_stress", task)
+
+
 def _draw(
     picture: str | Path, comm: Any, draw: str, task: Callable[[Path], dict[str, Any]]
 ) -> Path | None:
@@ -121,7 +162,7 @@ def _draw(
         given = task(scratch)
         if comm.rank == 0:
             drawn = scratch / Path(picture).name
-            reason = _run_drawing(draw, drawn, given)
+            reason = run_drawing(draw, drawn, given)
             if reason:
                 warnings.warn(f"{picture} was not drawn: {reason}.", stacklevel=3)
             else:
@@ -139,11 +180,23 @@ def _draw(
     return None if reason else Path(picture)
 
 
-def _run_drawing(draw: str, picture: Path, task: Mapping[str, Any]) -> str | None:
-    """Run a drawing function in a separate process; return the reason of a failure, or None."""
+def run_drawing(
+    draw: str, picture: Path, task: Mapping[str, Any], module: str = "drawing"
+) -> str | None:
+    """Run a drawing function in a separate process.
+
+    Args:
+        draw: name of the function.
+        picture: the file that it writes.
+        task: its input, as JSON.
+        module: the module of this package that has the function.
+
+    Returns:
+        The reason of a failure, or None.
+    """
     if reason := missing_module("pyvista", "matplotlib"):
         return reason
-    program = f"from fenicsrom.post.drawing import {draw}; {draw}()"
+    program = f"from fenicsrom.post.{module} import {draw}; {draw}()"
     command = [sys.executable, "-c", program, json.dumps({"picture": str(picture), **task})]
     if server := shutil.which("xvfb-run"):
         command = [server, "-a", *command]

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.record import Study
+from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
     equilibrium_sentence,
@@ -17,9 +17,19 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+    unreliable_sentence,
+)
+from fenicsrom.post.stress_tables import (
+    MEASURE_NAMES,
+    MODAL_NOTE,
+    RECOVERY_NOTE,
+    modal_rows,
+    reaction_note,
+    reaction_rows,
+    stress_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import Scene
+from fenicsrom.scene import scene_heading
 
 REPORT = "report.html"
 
@@ -35,41 +45,59 @@ def write_study_report(study: Study, folder: Path) -> Path:
     sections = [
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
+        *_stresses(study.stresses),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
-        ("Versions", [_versions()]),
     ]
-    title = study.scene.title or study.scene.source
+    title = scene_heading(study.scene)
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
-def write_rerun_report(
-    stored: StoredModel,
-    scene: Scene,
-    motion: Motion,
-    pictures: Sequence[tuple[str, Path]],
-    warnings: Sequence[str],
-    folder: Path,
-) -> Path:
-    """Write the report of a motion of a stored model.
+def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folder: Path) -> Path:
+    """Write the report of a run of a stored model.
 
     Raises:
         OSError: the file cannot be written.
     """
-    rows = response_rows({"reduced": motion}, {"reduced": stored.size})
-    sections: list[Section] = [
-        ("Results", [rows, RESPONSE_NOTE, *_periodic(motion), *_warnings(warnings)]),
-        *((heading, [path]) for heading, path in pictures),
+    scene, motion = found.stored.scene, found.motion
+    results: list[Any] = [
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
+        RESPONSE_NOTE,
+        *_periodic(motion),
     ]
-    return write_report(folder / REPORT, scene.title or scene.source, sections)
+    if found.errors:
+        results.append(estimate_sentence(found.errors, motion))
+    if found.unfinished:
+        results.append(unreliable_sentence("reduced", found.unfinished))
+    sections: list[Section] = [
+        ("Results", [*results, *_warnings(found.warnings)]),
+        *((heading, [path]) for heading, path in pictures),
+        *_stresses(found.stresses),
+    ]
+    return write_report(folder / REPORT, scene_heading(scene), sections)
+
+
+def _stresses(stresses: Stresses | None) -> list[Section]:
+    """Compose the tables of stresses and reactions, if there are any."""
+    if stresses is None:
+        return []
+    name = MEASURE_NAMES[stresses.measure]
+    tables: list[Any] = [f"Von Mises and principal values of the {name}."]
+    tables += [stress_rows(stresses.peaks), RECOVERY_NOTE]
+    if stresses.modes:
+        tables += [modal_rows(stresses.modes), MODAL_NOTE]
+    return [
+        ("Stresses", tables),
+        ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
+    ]
 
 
 def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
     if study.motions:
-        found += [response_rows(study.motions, study.sizes), RESPONSE_NOTE]
+        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.deflection is not None:
@@ -79,8 +107,7 @@ def _results(study: Study) -> list[Any]:
     if study.errors:
         found.append(estimate_sentence(study.errors, study.motions["reduced"]))
     if study.unfinished:
-        name, error = study.unfinished
-        found.append(f"The {name} model has no reliable result: {error}")
+        found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
 
 
@@ -127,9 +154,3 @@ def _seconds(study: Study) -> list[list[str]]:
 def _left_out(study: Study) -> list[list[str]]:
     """Compose the table of what was not computed."""
     return [["stage", "reason"], *[line.split(": ", 1) for line in study.left_out]]
-
-
-def _versions() -> str:
-    """List the versions of the program and its libraries."""
-    made = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    return made or "this program, not installed as a package"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +9,7 @@ from fenicsrom.assess.response_results import Response
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.post.contact_map import contact_map
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import not_drawn
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.response_details import harmonics_figure, multiplier_figure
 from fenicsrom.post.response_figures import figure
 from fenicsrom.post.response_motion import (
@@ -26,11 +25,10 @@ from fenicsrom.post.response_tables import (
     sentences,
     trust_table,
 )
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from fenicsrom.post.record import Study
 
 
@@ -49,17 +47,17 @@ def write_numbers(found: Response, folder: Path) -> list[Path]:
     return files
 
 
-def _pictures(found: Response) -> dict[str, tuple[str, Callable[[Response], Figure]]]:
-    """The headings and drawing functions of the pictures by their files."""
-    listed: dict[str, tuple[str, Callable[[Response], Figure]]] = {
-        "response.png": ("Response curves", figure),
-        "contact_map.png": ("Contact states over the period", contact_map),
-        "multipliers.png": ("Floquet multipliers", multiplier_figure),
-        "harmonics.png": ("Harmonics", harmonics_figure),
-    }
-    if not found.contacts:
-        del listed["contact_map.png"]
-    return listed
+def _pictures(found: Response) -> list[Picture]:
+    """The pictures of response curves."""
+    contact = Picture(
+        "Contact states over the period", "contact_map.png", lambda: contact_map(found)
+    )
+    return [
+        Picture("Response curves", "response.png", lambda: figure(found)),
+        *([contact] if found.contacts else []),
+        Picture("Floquet multipliers", "multipliers.png", lambda: multiplier_figure(found)),
+        Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
+    ]
 
 
 def write_pictures(found: Response, folder: Path) -> list[tuple[str, Path]]:
@@ -68,19 +66,8 @@ def write_pictures(found: Response, folder: Path) -> list[tuple[str, Path]]:
     Raises:
         OSError: a file cannot be written.
     """
-    listed = _pictures(found) if found.scene.output.pictures else {}
-    if sentence := not_drawn(list(listed)):
-        found.warnings.append(sentence)
-        return []
-    written = []
-    for name, (heading, draw) in listed.items():
-        try:
-            drawn = draw(found)
-        except Exception as error:  # the numbers are written: a picture must not end the run
-            found.warnings.append(f"{name} was not drawn: {type(error).__name__}: {error}")
-            continue
-        written.append((heading, write_figure(folder / name, drawn)))
-    return written
+    listed = _pictures(found) if found.scene.output.pictures else []
+    return draw_pictures(listed, folder, found.warnings)
 
 
 def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) -> Path:
@@ -98,7 +85,7 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
         ("Estimated errors", [trust_table(found)]),
         ("Effort", [run_table(found)]),
     ]
-    title = f"{found.scene.title or found.scene.source}: response curves"
+    title = f"{scene_heading(found.scene)}: response curves"
     return write_report(folder / "report.html", title, sections)
 
 

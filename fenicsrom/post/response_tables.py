@@ -6,7 +6,8 @@ from typing import Any
 
 from fenicsrom.assess.response_results import Response
 from fenicsrom.online.curve import COMPLETE, CurvePoint
-from fenicsrom.post.response_figures import directions, largest_direction, parameter_label
+from fenicsrom.post.directions import direction_names
+from fenicsrom.post.response_figures import largest_direction, parameter_label
 from fenicsrom.post.response_motion import largest_point
 from fenicsrom.post.response_rows import with_unit
 from fenicsrom.post.tables import text_table
@@ -15,7 +16,7 @@ from fenicsrom.scene.rules import counted
 
 def sentences(found: Response) -> list[str]:
     """The results in sentences, for the terminal and the report."""
-    families, name = found.table.families, directions(found)[largest_direction(found)]
+    families, name = found.table.families, direction_names(found.scene)[largest_direction(found)]
     lines = []
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
@@ -59,7 +60,7 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [families.key]
     head = [*first, "bifurcation", parameter_label(found)]
-    head += [f"{directions(found)[direction]} amplitude, mm"]
+    head += [f"{direction_names(found.scene)[direction]} amplitude, mm"]
     listed = [
         [
             *([] if families is None else [curve.value]),
@@ -78,7 +79,11 @@ def full_table(found: Response) -> list[list[Any]]:
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [families.key]
     head = [*first, parameter_label(found)]
-    head += [f"{directions(found)[direction]} amplitude, mm", "full model, mm", "difference, %"]
+    head += [
+        f"{direction_names(found.scene)[direction]} amplitude, mm",
+        "full model, mm",
+        "difference, %",
+    ]
     head += ["full periods", "run time, s"]
     listed = [
         [
@@ -138,5 +143,6 @@ def trust_table(found: Response) -> list[list[Any]]:
 def terminal(found: Response) -> str:
     """The tables of bifurcations and of the full model and the sentences, for the terminal."""
     tables = [table for table in (bifurcation_table(found), full_table(found)) if table]
-    parts = [*map(text_table, tables), "\n".join(sentences(found))]
+    keys = 1 if found.table.families is None else 2
+    parts = [*(text_table(table, keys) for table in tables), "\n".join(sentences(found))]
     return "\n\n".join(parts)

@@ -8,39 +8,39 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import (
+    has_contact,
     has_settled,
     out_of_reach,
     response_summary,
     search_summary,
 )
 from fenicsrom.online.motion import Motion
+from fenicsrom.post.directions import direction_names
+from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.post.record import Study
+    from fenicsrom.assess.estimates import MotionErrors
+    from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
 RESPONSE_HEAD = (
-    "model",
-    "unknowns",
-    "tangential mm",
-    "normal mm",
     "open %",
     "slip %",
     "stick %",
     "peak N",
-    "J/period",
+    "J per period",
     "periods",
     "steady",
     "imbalance",
 )
 RESPONSE_NOTE = (
-    "Amplitudes are half of peak-to-peak over the last period of the motion. The imbalance is the "
-    "largest error of the energy balance relative to the largest energy of the motion."
+    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
+    "of the motion. The imbalance is the largest error of the energy balance relative to the "
+    "largest energy of the motion."
 )
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
@@ -48,28 +48,40 @@ ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
     "dissipated_per_period": "dissipation",
 }
+UNJUDGED = (
+    "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
+    "basis is not estimated; run the scene again to store them"
+)
 
 
-def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> list[list[Any]]:
-    """Compose the table of responses; the first row is the header."""
-    rows: list[list[Any]] = [list(RESPONSE_HEAD)]
+def response_rows(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
+) -> list[list[Any]]:
+    """Compose the table of responses; the first row is the header.
+
+    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
+    third direction.
+    """
+    names = direction_names(scene)
+    directions = [f"{name} mm" for name in [*names[1:], names[0]]]
+    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
     for name, motion in motions.items():
         r = response_summary(motion)
-        tangential = " / ".join(f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"])
-        fraction: list[str | None] = [
-            f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")
+        amplitude = [f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"]]
+        missing = [None] * (len(names) - 1 - len(amplitude))
+        contact: list[str | None] = [
+            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
+            f"{r['peak_normal_force_N']:.5g}",
+            f"{r['dissipated_per_period_J']:.5g}",
         ]
-        if motion.force.shape[1] == 0:
-            fraction = [None, None, None]
         rows.append(
             [
                 name,
                 sizes.get(name),
-                tangential,
+                *amplitude,
+                *missing,
                 f"{1e3 * r['amplitude_m']['normal']:.5g}",
-                *fraction,
-                f"{r['peak_normal_force_N']:.5g}",
-                f"{r['dissipated_per_period_J']:.5g}",
+                *(contact if motion.force.shape[1] else [None] * len(contact)),
                 r["periods"],
                 "yes" if r["steady"] else "no",
                 f"{r['energy_imbalance']:.1e}",
@@ -78,9 +90,9 @@ def response_rows(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> li
     return rows
 
 
-def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int]) -> str:
+def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
     """Compose the table of responses for the terminal; empty without a motion."""
-    return text_table(response_rows(motions, sizes)) if motions else ""
+    return text_table(response_rows(motions, sizes, scene)) if motions else ""
 
 
 def error_sentence(errors: Mapping[str, float | None]) -> str:
@@ -89,7 +101,9 @@ def error_sentence(errors: Mapping[str, float | None]) -> str:
         f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
     ]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
-    return f"Error of the reduced model against the full one: {listed}."
+    left = [ERROR_NAMES[name] for name, value in errors.items() if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
@@ -98,36 +112,56 @@ def equilibrium_sentence(deflection: Array) -> str:
     return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
-def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
+def estimate_sentence(errors: Mapping[str, MotionErrors], motion: Motion) -> str:
     """State the estimated errors of the reduced model.
 
     Args:
         errors: as `Study.errors`.
         motion: the motion of the reduced model.
     """
-    sizes = {
-        name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
-        for name, value in errors.items()
-    }
-    parts = [
-        f"{size} due to the {name}" for name, size in sizes.items() if not name.startswith("peak")
-    ]
-    peak = [
-        f"; of the {name.replace(' by', f' {size} due to')}"
-        for name, size in sizes.items()
-        if name.startswith("peak")
-    ]
+    contact = has_contact(motion)
     what = "amplitude" if has_settled(motion) else "root mean square displacement"
-    return (
-        f"Estimated error of the reduced model's {what} (all directions together): "
-        f"{', '.join(parts)}{''.join(peak)}."
+    together = [f"{_percent(e.amplitude)} due to the {name}" for name, e in errors.items()]
+    names = (
+        ["normal", *(f"tangential {k}" for k in range(1, motion.displacement.shape[2]))]
+        if contact
+        else list("xyz"[: motion.displacement.shape[2]])
     )
+    if contact and len(names) == 2:
+        names[1] = "tangential"
+    by_direction = [
+        f"{direction} {' and '.join(_percent(e.directions[k]) for e in errors.values())}"
+        for k, direction in enumerate(names)
+    ]
+    sentence = (
+        f"Estimated error of the reduced model's {what}: {' and '.join(together)}, all directions "
+        f"together; by direction {', '.join(by_direction)}"
+    )
+    if contact:
+        peak = " and ".join(_percent(e.peak_force) for e in errors.values())
+        sentence += f"; of the peak force {peak}"
+    return f"{sentence}."
 
 
-def rerun_sentences(motion: Motion, points: ContactPoints) -> list[str]:
+def _percent(value: float) -> str:
+    """A relative error in percent, or "unknown"."""
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
+
+
+def unreliable_sentence(name: str, error: Exception) -> str:
+    """State why the motion of a model cannot be relied on."""
+    return f"The {name} model has no reliable result: {error}."
+
+
+def rerun_sentences(found: Rerun) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
-    found = [resumed_sentence(motion), periodic_sentence(motion)]
-    return [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
+    motion = found.motion
+    told = [resumed_sentence(motion), periodic_sentence(motion)]
+    if found.errors:
+        told.append(estimate_sentence(found.errors, motion))
+    told += out_of_reach(motion, found.stored.model.points)
+    told += [] if found.stresses is None else stress_sentences(found.stresses)
+    return [sentence for sentence in told if sentence]
 
 
 def resumed_sentence(motion: Motion) -> str | None:
@@ -214,6 +248,8 @@ def study_sentences(study: Study) -> list[str]:
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
     found.append(speed_sentence(study.motions))
+    if study.stresses is not None:
+        found += stress_sentences(study.stresses)
     return [sentence for sentence in found if sentence]
 
 

@@ -13,8 +13,10 @@ import numpy as np
 from fenicsrom.assess.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.style import new_figure, styled
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
 
 COLOURS = {
@@ -41,8 +43,9 @@ HOW = (
     "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
     "error is the difference from the run with half the step; the estimate comes from the run with "
     f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. The columns are relative to "
-    "the amplitude. Basis: difference from a basis with more modes and all derivatives. Peak N: "
-    "difference of the largest normal force from the run with half the step. Ledger: imbalance of "
+    "the amplitude. Basis: difference from a basis with more modes and all derivatives, or, of "
+    "random variants, from the full model. Peak N: difference of the largest normal force from the "
+    "run with half the step. Ledger: imbalance of "
     "the energies."
 )
 
@@ -168,10 +171,14 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
         },
     )
     write_rows(files[2], rows)
-    picture = write_figure(folder / "stability.png", figure(matrix))
+    pictures: list[tuple[str, Path]] = []
+    notes: list[str] = []
+    if matrix.scene.output.pictures:
+        tiles = Picture("Verdicts", "stability.png", lambda: figure(matrix))
+        pictures = draw_pictures([tiles], folder, notes)
     sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(matrix), HOW]),
-        ("Verdicts", [picture]),
+        ("What was found", [*sentences(matrix), HOW, *map("Warning: {}".format, notes)]),
+        *((name, [path]) for name, path in pictures),
     ]
     for verdict in reversed(Verdict):
         chosen = [finding for finding in matrix.findings if finding.verdict is verdict]
@@ -179,8 +186,6 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
             sections.append((verdict.capitalize(), [table(chosen)]))
     if matrix.left_out:
         sections.append(("Left out", list(matrix.left_out)))
-    versions = ", ".join(f"{name} {number}" for name, number in provenance().items())
-    sections.append(("Made by", [versions or "this program"]))
-    title = f"Stability: {matrix.scene.title or matrix.scene.source}"
+    title = f"Stability: {scene_heading(matrix.scene)}"
     write_report(files[0], title, sections)
-    return [*files, picture]
+    return [*files, *(path for _, path in pictures)]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.assess.estimates import MotionErrors
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
@@ -21,7 +22,8 @@ from fenicsrom.online.measures import (
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.fields import contact_places
-from fenicsrom.post.record import Study
+from fenicsrom.post.record import Rerun, Study
+from fenicsrom.post.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.writers import write_arrays, write_summary
 from fenicsrom.scene import Scene
 
@@ -52,11 +54,14 @@ def summary(study: Study) -> dict[str, Any]:
         "left_out": study.left_out,
     }
     if study.deflection is not None:
-        found["equilibrium"] = {"displacement_m": study.deflection}
+        found["equilibrium"] = {
+            "displacement_m": study.deflection,
+            "unstable_directions": study.solid.unstable,
+        }
     found |= motions_summary(study.motions, study.solid.points)
-    found["estimated_error_percent"] = {
-        name: 100.0 * value if np.isfinite(value) else None for name, value in study.errors.items()
-    }
+    found["estimated_error_percent"] = estimates_summary(study.errors)
+    if study.stresses is not None:
+        found |= stress_summary(study.stresses)
     if study.unfinished:
         found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.warnings
@@ -64,12 +69,30 @@ def summary(study: Study) -> dict[str, Any]:
     return found
 
 
-def rerun_summary(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str]
-) -> dict[str, Any]:
+def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
+    """The estimated errors in percent; None where there is no estimate.
+
+    Returns:
+        By the causes "time step" and "basis": the error of the amplitudes (root mean squares of a
+        motion that does not settle). "peak force by the CAUSE" is that of the largest normal force,
+        and "directions by the CAUSE" lists the errors of the amplitudes by direction.
+    """
+
+    def percent(value: float) -> float | None:
+        return 100.0 * value if np.isfinite(value) else None
+
+    found: dict[str, Any] = {name: percent(error.amplitude) for name, error in errors.items()}
+    for name, error in errors.items():
+        found[f"peak force by the {name}"] = percent(error.peak_force)
+        found[f"directions by the {name}"] = [percent(value) for value in error.directions]
+    return found
+
+
+def rerun_summary(found: Rerun) -> dict[str, Any]:
     """Collect the contents of `summary.json` for a motion of a stored model."""
-    return {
-        "scene": scene.source,
+    stored, motion = found.stored, found.motion
+    contents = {
+        "scene": stored.scene.source,
         "dofs": stored.dofs,
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
@@ -80,9 +103,14 @@ def rerun_summary(
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
-        "warnings": warnings,
-        "provenance": stored.provenance,
+        "estimated_error_percent": estimates_summary(found.errors),
+        **({} if found.stresses is None else stress_summary(found.stresses)),
     }
+    if found.unfinished:
+        contents["unfinished"] = {"model": "reduced", "reason": str(found.unfinished)}
+    contents["warnings"] = found.warnings
+    contents["provenance"] = stored.provenance
+    return contents
 
 
 def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
@@ -147,11 +175,13 @@ def stored_model(study: Study) -> StoredModel:
         study.solid.free,
         study.modes.frequencies_hz,
         provenance(),
+        study.recovery,
+        study.candidates,
     )
 
 
 def write_numbers(study: Study, folder: Path) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz`, as far as the study has them.
+    """Write the summary, the history, the checkpoint and the stresses that the study has.
 
     Raises:
         OSError: a file cannot be written.
@@ -162,19 +192,21 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
         files += write_checkpoint(folder, study.model, study.scene, motion)
+    if study.stresses is not None:
+        files += write_stresses(study.stresses, folder)
     return files
 
 
-def write_rerun_numbers(
-    stored: StoredModel, scene: Scene, motion: Motion, warnings: list[str], folder: Path
-) -> list[Path]:
-    """Write `summary.json`, `history.npz` and `checkpoint.npz` for a motion of a stored model.
+def write_rerun_numbers(found: Rerun, folder: Path) -> list[Path]:
+    """Write the summary, the history, the checkpoint and the stresses of a stored model.
 
     Raises:
         OSError: a file cannot be written.
     """
+    stored, motion = found.stored, found.motion
     return [
-        write_summary(folder / SUMMARY, rerun_summary(stored, scene, motion, warnings)),
+        write_summary(folder / SUMMARY, rerun_summary(found)),
         write_history(folder / HISTORY, {"reduced": motion}),
-        *write_checkpoint(folder, stored.model, scene, motion),
+        *write_checkpoint(folder, stored.model, stored.scene, motion),
+        *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

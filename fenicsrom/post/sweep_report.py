@@ -9,10 +9,11 @@ from typing import Any
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.optional import missing_module
+from fenicsrom.post.pictures import Picture, draw_pictures
 from fenicsrom.post.sweep_figures import figure
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
 
 MOST_LINES = 20  # of a table in the terminal
@@ -97,26 +98,28 @@ def write(found: Sweep, folder: Path) -> list[Path]:
     """
     write_rows(folder / "sweep.csv", found.rows)
     write_summary(folder / "sweep.json", summary(found))
-    pictures = []
-    drawable = found.with_outcome(DONE, DOUBTFUL) and missing_module("matplotlib") is None
-    if found.scene.output.pictures and drawable:
-        pictures = [write_figure(folder / "sweep.png", figure(found))]
+    pictures: list[tuple[str, Path]] = []
+    notes: list[str] = []
+    if found.scene.output.pictures and found.with_outcome(DONE, DOUBTFUL):
+        drawn = Picture("Results", "sweep.png", lambda: figure(found))
+        pictures = draw_pictures([drawn], folder, notes)
     problems = failures(found)
     sections: list[tuple[str, list[Any]]] = [
-        ("What was found", sentences(found)),
-        *(("Results", [path]) for path in pictures),
+        ("What was found", [*sentences(found), *map("Warning: {}".format, notes)]),
+        *((heading, [path]) for heading, path in pictures),
         *([("Doubtful and failed runs", problems)] if problems else []),
         ("Runs", [table(found)]),
     ]
-    title = f"{found.scene.title or found.scene.source}: sweep"
+    title = f"{scene_heading(found.scene)}: sweep"
     write_report(folder / "report.html", title, sections)
-    return [folder / "report.html", folder / "sweep.csv", folder / "sweep.json", *pictures]
+    names = ("report.html", "sweep.csv", "sweep.json")
+    return [*(folder / name for name in names), *(path for _, path in pictures)]
 
 
 def terminal(found: Sweep) -> str:
     """The table (or its beginning) and the sentences, for the terminal."""
     lines = table(found)
-    parts = [text_table(lines[: MOST_LINES + 1])]
+    parts = [text_table(lines[: MOST_LINES + 1], 1 + sum(len(axis.keys) for axis in found.axes))]
     if len(lines) > MOST_LINES + 1:
         parts.append(f"The other {len(lines) - MOST_LINES - 1} runs stand in sweep.csv.")
     return "\n".join([*parts, *sentences(found), *failures(found)])

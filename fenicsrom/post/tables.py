@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+TERMINAL_WIDTH = 100  # characters of the widest line of a table
+GAP = "  "  # between two columns
 
 
 def cell_text(value: Any) -> str:
@@ -27,16 +31,66 @@ def numeric_columns(rows: Sequence[Sequence[Any]]) -> list[bool]:
     ]
 
 
-def text_table(rows: Sequence[Sequence[Any]]) -> str:
-    """Format a table for the terminal: the first row is the header, numbers are right-aligned."""
+def filled_columns(rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Leave out the columns without content, but not the first one; the first row is the header."""
+    kept = [
+        k == 0 or any(value is not None and value != "" for value in column[1:])
+        for k, column in enumerate(zip(*rows, strict=True))
+    ]
+    return [[value for value, keep in zip(row, kept, strict=True) if keep] for row in rows]
+
+
+def text_table(rows: Sequence[Sequence[Any]], keys: int = 1) -> str:
+    """Format a table for the terminal, at most `TERMINAL_WIDTH` characters wide.
+
+    Numbers are right-aligned, and columns without content are left out. The header takes several
+    lines if the table is too wide otherwise. If this is not enough, the columns are distributed
+    over several tables that all begin with the first columns.
+
+    Args:
+        rows: the table; the first row is the header.
+        keys: number of the columns that tell the rows apart.
+    """
+    rows = filled_columns(rows)
     cells = [[cell_text(value) for value in row] for row in rows]
     right = numeric_columns(rows)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    if _total(widths) > TERMINAL_WIDTH:
+        widths = [
+            max(*map(len, column[1:]), *map(len, column[0].split()), 1) if len(column) > 1 else wide
+            for column, wide in zip(zip(*cells, strict=True), widths, strict=True)
+        ]
+    groups = [list(range(min(keys, len(widths))))]
+    for k in range(len(groups[0]), len(widths)):
+        used = [widths[j] for j in groups[-1]]
+        if len(groups[-1]) > keys and _total([*used, widths[k]]) > TERMINAL_WIDTH:
+            groups.append(list(range(keys)))
+        groups[-1].append(k)
+    return "\n\n".join(_block(cells, widths, right, group) for group in groups)
+
+
+def _total(widths: Sequence[int]) -> int:
+    """Width of a table with columns of these widths."""
+    return sum(widths) + len(GAP) * (len(widths) - 1)
+
+
+def _block(
+    cells: Sequence[Sequence[str]], widths: Sequence[int], right: Sequence[bool], group: list[int]
+) -> str:
+    """Some columns of a table."""
+    heads = [textwrap.wrap(cells[0][k], widths[k]) or [""] for k in group]
+    deepest = max(map(len, heads))
     lines = [
-        "  ".join(
-            cell.rjust(width) if flag else cell.ljust(width)
-            for cell, width, flag in zip(row, widths, right, strict=True)
-        ).rstrip()
-        for row in cells
+        [head[depth - deepest] if len(head) >= deepest - depth else "" for head in heads]
+        for depth in range(deepest)
     ]
-    return "\n".join([lines[0], "  ".join("─" * width for width in widths), *lines[1:]])
+    body = [[row[k] for k in group] for row in cells[1:]]
+    shown = [
+        GAP.join(
+            cell.rjust(widths[k]) if right[k] else cell.ljust(widths[k])
+            for cell, k in zip(line, group, strict=True)
+        ).rstrip()
+        for line in [*lines, *body]
+    ]
+    rule = GAP.join("─" * widths[k] for k in group)
+    return "\n".join([*shown[:deepest], rule, *shown[deepest:]])

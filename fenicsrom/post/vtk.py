@@ -7,37 +7,54 @@ quadratic cells keep VTK's quadratic types and a full disk raises an error.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from fenicsrom.files import atomic_folder, atomic_write
+from fenicsrom.post.vtk_files import (
+    CELLS,
+    Grid,
+    in_space,
+    reference_nodes,
+    write_pieces,
+    write_series,
+    write_vtp,
+    write_vtu,
+)
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
 
 
-# Cell -> VTK's types of the linear and the quadratic cell, and the reference coordinates of the
-# nodes of the quadratic cell in halves and in VTK's order (corners, edges, faces, centre). The
-# corners alone make the linear cell.
-_CELLS: dict[str, tuple[tuple[int, int], str]] = {
-    "triangle": ((5, 22), "00 20 02 10 11 01"),
-    "quadrilateral": ((9, 28), "00 20 22 02 10 21 12 01 11"),
-    "tetrahedron": ((10, 24), "000 200 020 002 100 110 010 001 101 011"),
-    "hexahedron": (
-        (12, 29),
-        "000 200 220 020 002 202 222 022 100 210 120 010 102 212 122 012 001 201 221 021 "
-        "011 211 101 121 110 112 111",
-    ),
-}
+@dataclass(frozen=True)
+class Attached:
+    """Values that go into the file of a displacement field.
+
+    Attributes:
+        nodes: name -> values (nodes, m) or (nodes,) at the local nodes of the space.
+        cells: name -> values (cells, m) or (cells,) in the cells of this rank.
+        notes: name -> text, such as units.
+    """
+
+    nodes: Mapping[str, np.ndarray] = field(default_factory=dict)
+    cells: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+
+NOTHING = Attached()
 
 
 def write_fields(
-    folder: str | Path, name: str, space: FunctionSpace, fields: Mapping[str, np.ndarray | Function]
+    folder: str | Path,
+    name: str,
+    space: FunctionSpace,
+    fields: Mapping[str, np.ndarray | Function],
+    attached: Attached = NOTHING,
 ) -> Path:
     """Write displacement fields as point arrays of one grid. Collective.
 
@@ -49,6 +66,7 @@ def write_fields(
         name: name of the file, without suffix.
         space: vector Lagrange space of degree 1 or 2.
         fields: label -> nodal values, as an array of the local and ghost unknowns or a Function.
+        attached: values besides the fields.
 
     Returns:
         The file to open.
@@ -58,15 +76,15 @@ def write_fields(
     """
     comm = space.mesh.comm
     grid = _grid(space)
-    arrays = {label: _nodal(grid, space, field) for label, field in fields.items()}
+    arrays = _arrays(grid, space, fields, attached)
     if comm.size == 1:
         path = Path(folder) / f"{name}.vtu"
         with atomic_write(path) as temporary:
-            _write_vtu(temporary, grid, arrays)
+            write_vtu(temporary, grid.grid, arrays, attached.cells, attached.notes)
         return path
     path = Path(folder) / name
     with atomic_folder(path, comm) as temporary:
-        file = _write_parts(temporary, name, grid, arrays, comm)
+        file = _write_parts(temporary, name, grid, arrays, attached, comm)
     return path / file
 
 
@@ -77,6 +95,7 @@ def write_motion(
     times: Sequence[float] | np.ndarray,
     frames: Callable[[int], np.ndarray | Function] | np.ndarray | Sequence[np.ndarray],
     label: str = "displacement",
+    attach: Callable[[int], Attached] = lambda number: NOTHING,
 ) -> Path:
     """Write a displacement that changes in time, one grid per instant. Collective.
 
@@ -92,6 +111,7 @@ def write_motion(
             a function of the frame number. The function is called once for each frame in order, on
             every rank at a different moment: it must not communicate.
         label: name of the point array.
+        attach: values besides the displacement, by the frame number; called as `frames`.
 
     Returns:
         The `.pvd` file to open.
@@ -105,17 +125,14 @@ def write_motion(
     path = Path(folder) / name
     with atomic_folder(path, comm) as temporary:
         entries = []
-        for number, time in enumerate(times):
-            file = _write_parts(
-                temporary,
-                f"{name}_{number:05d}",
-                grid,
-                {label: _nodal(grid, space, frame(number))},
-                comm,
-            )
+        for number, time in enumerate(tracked(times)):
+            attached = attach(number)
+            arrays = _arrays(grid, space, {label: frame(number)}, attached)
+            file = f"{name}_{number:05d}"
+            file = _write_parts(temporary, file, grid, arrays, attached, comm)
             entries.append((float(time), file))
         if comm.rank == 0:
-            _write_series(temporary / f"{name}.pvd", entries)
+            write_series(temporary / f"{name}.pvd", entries)
     return path / f"{name}.pvd"
 
 
@@ -148,12 +165,12 @@ def write_points(
     with atomic_folder(path) as temporary:
         entries = [(float(time), f"{name}_{number:05d}.vtp") for number, time in enumerate(times)]
         for number, (_, file) in enumerate(entries):
-            _write_vtp(
+            write_vtp(
                 temporary / file,
                 points,
                 {label: values[number] for label, values in arrays.items()},
             )
-        _write_series(temporary / f"{name}.pvd", entries)
+        write_series(temporary / f"{name}.pvd", entries)
     return path / f"{name}.pvd"
 
 
@@ -162,15 +179,11 @@ class _Grid:
     """The cells of one rank in VTK's numbering.
 
     Attributes:
-        points: (n_points, 3) coordinates, m.
-        cells: (n_cells, nodes per cell) point numbers of each cell.
-        cell_type: VTK's number of the cell type.
-        nodes: (n_points,) local numbers of the points in the function space.
+        grid: the grid.
+        nodes: (n_points,) local numbers of its points in the function space.
     """
 
-    points: np.ndarray
-    cells: np.ndarray
-    cell_type: int
+    grid: Grid
     nodes: np.ndarray
 
 
@@ -178,11 +191,10 @@ def _grid(space: FunctionSpace) -> _Grid:
     """Make the grid of the cells that this rank owns, all with positive volume."""
     mesh = space.mesh
     d = mesh.topology.dim
-    (linear, quadratic), digits = _CELLS[mesh.topology.cell_type.name]
+    name = mesh.topology.cell_type.name
+    linear, quadratic = CELLS[name][0]
     nodes = np.asarray(space.element.basix_element.points)
-    reference = (
-        np.array([[int(digit) for digit in node] for node in digits.split()])[: len(nodes)] / 2
-    )
+    reference = reference_nodes(name)[: len(nodes)]
 
     def places(points: np.ndarray, among: np.ndarray) -> np.ndarray:
         """Find points in a list of points."""
@@ -200,7 +212,7 @@ def _grid(space: FunctionSpace) -> _Grid:
     cells = np.where(inverted[:, None], cells[:, mirror], cells)
     used, renumbered = np.unique(cells, return_inverse=True)
     cell_type = linear if len(nodes) == 2**d or len(nodes) == d + 1 else quadratic
-    return _Grid(points[used], renumbered.reshape(cells.shape), cell_type, used)
+    return _Grid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
 
 
 def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarray:
@@ -216,119 +228,36 @@ def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarra
     return values
 
 
-def _nodal(grid: _Grid, space: FunctionSpace, field: np.ndarray | Function) -> np.ndarray:
-    """Give the vectors (n_points, 3) at the points of the grid, padded with zeros in 2D."""
-    values = unknowns_of(space, field).reshape(-1, space.dofmap.index_map_bs)
-    vectors = np.zeros((len(grid.nodes), 3))
-    vectors[:, : values.shape[1]] = values[grid.nodes]
-    return vectors
-
-
-def _write_vtu(path: Path, grid: _Grid, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write one grid."""
-    count, per_cell = grid.cells.shape
-    cells = {
-        "connectivity": grid.cells.astype(np.int64).ravel(),
-        "offsets": np.arange(1, count + 1, dtype=np.int64) * per_cell,
-        "types": np.full(count, grid.cell_type, dtype=np.uint8),
+def _arrays(
+    grid: _Grid,
+    space: FunctionSpace,
+    fields: Mapping[str, np.ndarray | Function],
+    attached: Attached,
+) -> dict[str, np.ndarray]:
+    """Give the values at the points of the grid by name; vectors are padded with zeros in 2D."""
+    block = space.dofmap.index_map_bs
+    found = {
+        label: in_space(unknowns_of(space, field).reshape(-1, block)[grid.nodes])
+        for label, field in fields.items()
     }
-    _write_vtk(path, "UnstructuredGrid", grid.points, arrays, "Cells", count, cells)
-
-
-def _write_vtp(path: Path, points: np.ndarray, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write one point set."""
-    count = np.arange(len(points), dtype=np.int64)
-    _write_vtk(
-        path,
-        "PolyData",
-        points,
-        arrays,
-        "Verts",
-        len(points),
-        {"connectivity": count, "offsets": count + 1},
-    )
-
-
-def _write_vtk(
-    path: Path,
-    kind: str,
-    points: np.ndarray,
-    arrays: Mapping[str, np.ndarray],
-    section: str,
-    count: int,
-    cells: Mapping[str, np.ndarray],
-) -> None:
-    """Write points, their arrays and `count` cells: an XML header, then the raw arrays."""
-    blocks: list[np.ndarray] = []
-    position = 0
-
-    def array(values: np.ndarray, name: str) -> str:
-        nonlocal position
-        values = np.ascontiguousarray(values, dtype=values.dtype.newbyteorder("<"))
-        vtk_type = {"f8": "Float64", "i8": "Int64", "u1": "UInt8", "i1": "Int8"}[
-            values.dtype.str[1:]
-        ]
-        components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-        tag = (
-            f'<DataArray type="{vtk_type}" Name={quoteattr(name)}{components} '
-            f'format="appended" offset="{position}"/>'
-        )
-        blocks.append(values)
-        position += 8 + values.nbytes
-        return tag
-
-    lines = [
-        '<?xml version="1.0"?>',
-        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        f'<{kind}><Piece NumberOfPoints="{len(points)}" NumberOf{section}="{count}">',
-        "<PointData>",
-        *(array(values, label) for label, values in arrays.items()),
-        "</PointData><Points>",
-        array(points.astype(np.float64), "Points"),
-        f"</Points><{section}>",
-        *(array(values, name) for name, values in cells.items()),
-        f'</{section}></Piece></{kind}><AppendedData encoding="raw">\n_',
-    ]
-    with open(path, "wb") as stream:
-        stream.write("\n".join(lines).encode())
-        for values in blocks:
-            stream.write(np.uint64(values.nbytes).astype("<u8").tobytes())
-            stream.write(values.data)
-        stream.write(b"\n</AppendedData></VTKFile>\n")
-
-
-def _write_series(path: Path, entries: Iterable[tuple[float, str]]) -> None:
-    """Write the `.pvd` file that lists the instants (s) and their files."""
-    lines = [
-        f'<DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>' for time, file in entries
-    ]
-    head, tail = (
-        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0"><Collection>',
-        "</Collection></VTKFile>\n",
-    )
-    path.write_text("\n".join([head, *lines, tail]), encoding="utf-8")
+    return found | {label: values[grid.nodes] for label, values in attached.nodes.items()}
 
 
 def _write_parts(
-    folder: Path, name: str, grid: _Grid, arrays: Mapping[str, np.ndarray], comm: Any
+    folder: Path,
+    name: str,
+    grid: _Grid,
+    arrays: Mapping[str, np.ndarray],
+    attached: Attached,
+    comm: Any,
 ) -> str:
     """Write the piece of this rank, and on the first rank the list of pieces; return its name."""
     if comm.size == 1:
-        _write_vtu(folder / f"{name}.vtu", grid, arrays)
+        write_vtu(folder / f"{name}.vtu", grid.grid, arrays, attached.cells, attached.notes)
         return f"{name}.vtu"
-    _write_vtu(folder / f"{name}_p{comm.rank}.vtu", grid, arrays)
+    piece = folder / f"{name}_p{comm.rank}.vtu"
+    write_vtu(piece, grid.grid, arrays, attached.cells, attached.notes)
     if comm.rank == 0:
-        vector = '<PDataArray type="Float64" Name={} NumberOfComponents="3"/>'
-        lines = [
-            '<?xml version="1.0"?>',
-            '<VTKFile type="PUnstructuredGrid" version="1.0"><PUnstructuredGrid GhostLevel="0">',
-            "<PPointData>",
-            *(vector.format(quoteattr(label)) for label in arrays),
-            "</PPointData><PPoints>",
-            vector.format('"Points"'),
-            "</PPoints>",
-            *(f"<Piece Source={quoteattr(f'{name}_p{rank}.vtu')}/>" for rank in range(comm.size)),
-            "</PUnstructuredGrid></VTKFile>",
-        ]
-        (folder / f"{name}.pvtu").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        pieces = [f"{name}_p{rank}.vtu" for rank in range(comm.size)]
+        write_pieces(folder / f"{name}.pvtu", pieces, arrays, attached.cells)
     return f"{name}.pvtu"

@@ -6,11 +6,13 @@ it treats the solid.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -24,6 +26,7 @@ from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
 from fenicsrom.scene import Damping, Scene
+from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
 """Largest number of Newton iterations of an equilibrium."""
@@ -95,6 +98,7 @@ class BeamStructure:
         mass_damping: float,
         source: str,
         damping: Damping = UNDAMPED,
+        excitation: float = 0.0,
     ):
         """Factorise the stiffness.
 
@@ -104,14 +108,16 @@ class BeamStructure:
             mass_damping: α of the damping C = α M, 1/s.
             source: name of the scene file, for messages.
             damping: the other damping.
+            excitation: the highest frequency that the scene excites, Hz.
         """
+        self.excitation = excitation
         self.beam, self.source, self.mass_damping = beam, source, mass_damping
         self.geometrically_nonlinear = not beam.linear
         self.mass, self.stiffness = beam.mass, beam.stiffness
         self.size = self.local = self.free = beam.mass.shape[0]
         self.dimension = places.probe_rows.shape[0]
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
-        self.points, self.contact_rows = places.points, places.contact_rows
+        self.points, self.contact_rows = places.points, csr_array(places.contact_rows)
         self.probe_rows = places.probe_rows
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force = self.equilibrium
@@ -130,7 +136,7 @@ class BeamStructure:
             self.load_vectors,
             self.load_histories,
             self.points,
-            self.contact_rows,
+            self.contact_rows.toarray(),
             np.zeros(self.contact_rows.shape[0]),
             self.probe_rows,
             np.zeros(self.probe_rows.shape[0]),
@@ -251,6 +257,17 @@ class BeamStructure:
             )
         return found
 
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (n, k) under k increasing parts of a force (n,), to the last digits.
+
+        Raises:
+            ConvergenceError: an iteration did not converge.
+        """
+        found: list[Array] = [self.equilibrium]
+        for part in parts:
+            found.append(self.static(part * force, found[-1]))
+        return np.array(found[1:]).T
+
 
 def beam_model(scene: Scene) -> DenseModel:
     """The full model of the 1D beam of a scene.
@@ -279,7 +296,8 @@ def beam_structure(scene: Scene) -> BeamStructure:
         ) from None
     _check_planar(scene)
     places = _places(scene, beam)
-    return BeamStructure(beam, places, scene.material.mass_damping, scene.source, scene.damping)
+    damping, excitation = scene.material.mass_damping, highest_frequency(scene)
+    return BeamStructure(beam, places, damping, scene.source, scene.damping, excitation)
 
 
 def _check_planar(scene: Scene) -> None:

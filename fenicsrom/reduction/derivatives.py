@@ -16,6 +16,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError
+from fenicsrom.progress import tracked
 from fenicsrom.reduction.protocols import Inverse
 
 SYMMETRY_TOLERANCE = 1e-8
@@ -65,7 +66,7 @@ def modal_derivatives(
     """
     column = {label: k for k, label in enumerate(labels)}
     rhs = np.zeros((vectors.shape[0], len(wanted)))
-    for k, label in enumerate(wanted):
+    for k, label in enumerate(tracked(wanted)):
         i, j = (column[part] for part in split(label))
         rhs[:, k] = derivative(vectors[:, j], vectors[:, i])
         if i == j:

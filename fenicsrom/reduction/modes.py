@@ -25,14 +25,16 @@ eq. (9), and a minus sign in their eq. (11).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
+from fenicsrom.reduction.masters import master_directions, scaled_condition
+from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.scene import Basis
+from fenicsrom.scene import Basis, Scene
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
@@ -42,18 +44,6 @@ An exact pair of a symmetric section is split by a mesh of tetrahedra.
 
 FACING_TOLERANCE = 1e-6
 """Smaller works of a mode on a direction, relative to the largest work, count as zero."""
-
-INDEPENDENCE = 1e-12
-"""Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
-
-LARGEST_CONDITION = 1e12
-"""Contact coordinates depend if the scaled flexibility has a larger condition number."""
-
-IMMOBILE = 1e-14
-"""A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
-
-EXTRA_MODES = 2
-"""Modes computed beyond those asked for, so that the last group of close modes is complete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +63,7 @@ class ComponentModes:
         flexibility_condition: condition number, after scaling to unit diagonal, of Bᵀ Ψʳ (Rubin) or
             of Bᵀ G (Craig-Bampton); 1 without contact. With Rubin's method it grows with the number
             of modes; the basis does not use the inverse of this matrix.
+        loads: static responses to the loads that the modes leave out.
     """
 
     method: str
@@ -84,6 +75,7 @@ class ComponentModes:
     inverse: Inverse
     labels: tuple[str, ...]
     flexibility_condition: float
+    loads: LoadVectors
 
     @property
     def frequencies_hz(self) -> Array:
@@ -123,6 +115,8 @@ class SolvedModes:
         flexibility: (m, m) Bᵀ G.
         masters: (local, m) R_m of (2).
         inverse: K⁻¹ (Rubin) or K_held⁻¹ (Craig-Bampton).
+        load_responses: (local, k) K⁻¹ p of the loads that vary.
+        count: the number of normal modes that [basis] asks for.
     """
 
     method: str
@@ -133,6 +127,8 @@ class SolvedModes:
     flexibility: Array
     masters: Array
     inverse: Inverse
+    load_responses: Array
+    count: int
 
 
 def component_modes(structure: Structure, options: Basis) -> ComponentModes:
@@ -151,34 +147,31 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
         ConvergenceError: the eigensolver did not find all modes.
         AccuracyError: a mode failed its residual check.
     """
-    return first_modes(structure, solve_modes(structure, options), options.modes)
+    solved = solve_modes(structure, options)
+    return first_modes(structure, solved, solved.count)
+
+
+def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
+    """The scene with the number of its normal modes in place of "auto"."""
+    return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
 
 
 def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
-    """Do the solves of `component_modes`, for `options.modes` normal modes or fewer.
+    """Do the solves of `component_modes`, for the number of normal modes of [basis] or fewer.
 
     Raises:
         SceneError, ConvergenceError, AccuracyError: as `component_modes`.
     """
-    method, count = options.method, options.modes
+    method = options.method
     b, attachment = master_directions(structure, options.masters or "all")
     m = b.shape[0]
     free = structure.free - (m if method == "craig-bampton" else 0)
-    if count > free:
-        raise SceneError(
-            f"{structure.source}: basis.modes = {count}: must be at most {free}, the number of "
-            "free unknowns",
-            kind=ErrorKind.RANGE,
-            key="basis.modes",
-            source=structure.source,
-        )
-    extra = min(EXTRA_MODES, max(free - count, 0))
     flexibility = structure.inner(b.T, attachment)
     masters = unit_displacements(structure, b, flexibility)
     inverse: Inverse = structure.factor
     if method == "craig-bampton" and m:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
-    omega_squared, normal = structure.eigenmodes(inverse, count + extra if count else 0)
+    omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     if np.any(omega_squared <= 0.0):
         structure.warnings.append(
             f"the equilibrium is unstable: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
@@ -192,6 +185,8 @@ def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
         flexibility,
         masters,
         inverse,
+        load_responses(structure),
+        count,
     )
 
 
@@ -220,6 +215,9 @@ def first_modes(structure: Structure, solved: SolvedModes, count: int) -> Compon
         solved.inverse,
         (*normal_labels, *static_labels),
         scaled_condition(contact_flexibility),
+        load_vectors(
+            structure, np.concatenate([solved.masters, normal], axis=1), solved.load_responses
+        ),
     )
 
 
@@ -238,83 +236,6 @@ def unit_displacements(structure: Structure, rows: Array, flexibility: Array) ->
         return np.zeros((structure.local, 0))
     near = structure.factor.solve(rows.T @ np.linalg.inv(flexibility))
     return np.asarray(near @ np.linalg.inv(structure.inner(rows.T, near)))
-
-
-def master_directions(structure: Structure, masters: str | int) -> tuple[Array, Array]:
-    """Give the master directions W of the contact forces and their attachment modes.
-
-    Interface modes are the eigenvectors of Bᵀ K⁻¹ B with the largest eigenvalues. Among all sets of
-    the same number of force combinations, their static responses are closest, in the energy norm,
-    to the responses under all contact forces.
-
-    Args:
-        structure: the structure.
-        masters: "all" directions, "normal" directions, or a number of interface modes.
-
-    Returns:
-        Wᵀ Bᵀ (m, local), and the attachment modes K⁻¹ B W (local, m).
-
-    Raises:
-        SceneError: the supports forbid a contact direction; or, without interface modes, contact
-            directions depend on one another.
-    """
-    rows = structure.contact_rows
-    if rows.shape[0] == 0:
-        return rows, np.zeros((structure.local, 0))
-    if masters == "normal":
-        rows = rows[:: structure.dimension]
-    attachment = structure.factor.solve(rows.T.copy())
-    flexibility = structure.inner(rows.T, attachment)
-    check_flexibility(structure, flexibility, isinstance(masters, str))
-    if isinstance(masters, str):
-        return rows, attachment
-    values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    independent = int(np.sum(values > INDEPENDENCE * values[-1]))
-    chosen = vectors[:, ::-1][:, : min(masters, independent)]
-    largest = chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])]
-    chosen *= np.where(largest < 0.0, -1.0, 1.0)
-    return chosen.T @ rows, attachment @ chosen
-
-
-def check_flexibility(structure: Structure, flexibility: Array, independent: bool) -> None:
-    """Check that the contact coordinates can move.
-
-    Args:
-        structure: the structure.
-        flexibility: (m, m) Bᵀ K⁻¹ B of the contact coordinates.
-        independent: each coordinate must also move independently of the others.
-
-    Raises:
-        SceneError: a coordinate cannot move, or coordinates depend on one another.
-    """
-    contact = structure.points.contact
-    d = flexibility.shape[0] // len(contact)
-    diagonal = np.diag(flexibility)
-    for k in np.flatnonzero(~(diagonal > IMMOBILE * np.max(diagonal))):
-        key = f"contacts[{contact[k // d]}]"
-        raise SceneError(
-            f"{structure.source}: {key}: the supports forbid a motion of the contact point along "
-            f"direction {k % d + 1} of [normal, tangents]; move the contact away from the supports",
-            kind=ErrorKind.PLACE,
-            key=key,
-            source=structure.source,
-        )
-    if independent and scaled_condition(flexibility) > LARGEST_CONDITION:
-        raise SceneError(
-            f"{structure.source}: contacts: two contact coordinates always move together; remove "
-            "one of them, or set basis.masters to a number of interface modes",
-            kind=ErrorKind.CONFLICT,
-            key="contacts",
-            source=structure.source,
-        )
-
-
-def scaled_condition(matrix: Array) -> float:
-    """Condition number of a symmetric matrix after scaling to unit diagonal; 1 for an empty one."""
-    if matrix.size == 0:
-        return 1.0
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    return float(np.linalg.cond(matrix / np.outer(scale, scale)))
 
 
 def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
@@ -354,11 +275,15 @@ def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Arr
     """
     if modes.shape[1] == 0:
         return modes
-    directions = np.concatenate(
-        [structure.load_vectors, structure.contact_rows.T, structure.probe_rows.T], axis=1
+    work = np.concatenate(
+        [
+            structure.inner(modes, structure.load_vectors),
+            structure.inner(structure.contact_rows.T, modes).T,
+            structure.inner(modes, structure.probe_rows.T),
+            structure.mass_inner(modes, structure.translations()),
+        ],
+        axis=1,
     )
-    moved = structure.mass_inner(modes, structure.translations())
-    work = np.concatenate([structure.inner(modes, directions), moved], axis=1)
     largest = np.max(np.abs(work), axis=0)
     works = np.abs(work) > FACING_TOLERANCE * largest
     aligned = modes.copy()

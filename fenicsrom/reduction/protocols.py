@@ -9,7 +9,10 @@ Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Protocol
+
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
@@ -69,8 +72,10 @@ class Structure(Protocol):
         rest_force: (local,) internal force at the equilibrium, N.
         load_vectors: (local, loads) load vectors of unit loads.
         load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
         points: the contact points.
-        contact_rows: Bᵀ (m, local), contact displacements in the local frames [normal, tangents].
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents].
         probe_rows: (d, local) displacement of the probe.
     """
 
@@ -83,8 +88,9 @@ class Structure(Protocol):
     equilibrium: Array
     load_vectors: Array
     load_histories: LoadHistories
+    excitation: float
     points: ContactPoints
-    contact_rows: Array
+    contact_rows: csr_array
     probe_rows: Array
 
     @property
@@ -160,6 +166,15 @@ class Structure(Protocol):
 
         Raises:
             ConvergenceError: no equilibrium was found.
+        """
+
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
+
+        `tolerance` bounds the error in the energy norm, relative to the deflection.
+
+        Raises:
+            ConvergenceError: an equilibrium was not found.
         """
 
     def largest(self, block: Array) -> Array:

@@ -10,9 +10,11 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.simulate import simulate
+from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.projection import project
@@ -22,11 +24,27 @@ from fenicsrom.scene import Scene
 SNAPSHOTS = 200
 """Largest number of snapshots of the linear transient."""
 
+RESOLVED = 10
+"""Snapshots in a period of the excitation that resolve it."""
+
 STATIC_LEVELS = 10
 """Number of load levels of the nonlinear statics."""
 
+STATIC_ACCURACY = 1e-7
+"""Relative error of the nonlinear statics.
+
+The extrapolation to the next level amplifies errors, so a looser tolerance costs factorisations.
+"""
+
 SNAPSHOT_STEADINESS = 1e-3
 """The linear transient ends if its relative change over a period is smaller."""
+
+SNAPSHOT_PERIODS = 200
+"""Largest number of periods of the linear transient.
+
+The number does not depend on `time.periods`: a run that continues with more periods has the same
+basis.
+"""
 
 
 class Snapshots:
@@ -72,19 +90,44 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         modes.method,
         modes.masters,
         modes.rows,
-        modes.normal,
-        labels,
+        np.concatenate([modes.normal, modes.loads.vectors], axis=1),
+        [*labels, *modes.loads.labels],
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    time, tolerance = scene.time, scene.time.steady_tolerance
-    if tolerance is not None:
-        time = time.changed(steady_tolerance=max(tolerance, SNAPSHOT_STEADINESS), steady="march")
+    time = scene.time
+    if scene.period is not None:
+        steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
+        time = time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
     model = project(structure, basis, nonlinear=False)
     motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
     assert motion.coordinates is not None
-    step = -(-motion.coordinates.shape[0] // SNAPSHOTS)
-    return basis.vectors @ motion.coordinates[::step].T
+    assert motion.coordinate_time is not None
+    rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
+    return basis.vectors @ motion.coordinates[rows].T
+
+
+def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray[np.int64]:
+    """Choose at most `SNAPSHOTS` rows of a motion, and the extremes of fast ones.
+
+    Equal distances between the rows may miss fast motions at their zeros. If fewer than `RESOLVED`
+    rows lie in a period of the excitation, the rows follow the fractional parts of the multiples of
+    the golden ratio, which repeat with no period, and the rows join them in which a coordinate is
+    largest.
+
+    Args:
+        coordinates: (k, n) of the motion.
+        time: (k,) s.
+        excitation: the highest frequency that the scene excites, Hz.
+    """
+    count = coordinates.shape[0]
+    stride = -(-count // SNAPSHOTS)
+    equal = np.arange(0, count, stride)
+    if stride == 1 or equal.size > RESOLVED * excitation * (time[-1] - time[0]):
+        return equal
+    spread = np.mod(np.arange(SNAPSHOTS) * (np.sqrt(5.0) - 1.0) / 2.0, 1.0)
+    extremes = np.argmax(np.abs(coordinates), axis=0)
+    return np.unique(np.concatenate([(count * spread).astype(np.int64), extremes]))
 
 
 def static_snapshots(structure: Structure, linear: Array) -> Array:
@@ -105,9 +148,6 @@ def static_snapshots(structure: Structure, linear: Array) -> Array:
     """
     sizes = np.array([structure.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
     force = structure.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
-    rest = structure.rest_force
-    u, found = structure.equilibrium, []
-    for level in range(1, STATIC_LEVELS + 1):
-        u = structure.static(rest + level / STATIC_LEVELS * force, u)
-        found.append(u - structure.equilibrium)
-    return np.array(found).T
+    parts = [level / STATIC_LEVELS for level in range(1, STATIC_LEVELS + 1)]
+    found = structure.load_path(force, tracked(parts), STATIC_ACCURACY)
+    return np.asarray(found - structure.equilibrium[:, None])

@@ -106,7 +106,7 @@ def differentiate(
 def enrich(
     structure: Structure, modes: ComponentModes, selection: Selection, derivatives: Derivatives
 ) -> ReducedBasis:
-    """Build the basis of the selected modes and of the derivatives.
+    """Build the basis of the selected modes, the responses to loads and the derivatives.
 
     Raises:
         AccuracyError: the basis lost its orthogonality.
@@ -116,8 +116,10 @@ def enrich(
         for k, label in enumerate(modes.labels)
         if label.endswith("V") and label in selection.modes
     ]
-    vectors = np.concatenate([modes.normal[:, kept], derivatives.vectors], axis=1)
-    labels = [modes.labels[k] for k in kept] + list(derivatives.labels)
+    vectors = np.concatenate(
+        [modes.normal[:, kept], modes.loads.vectors, derivatives.vectors], axis=1
+    )
+    labels = [*(modes.labels[k] for k in kept), *modes.loads.labels, *derivatives.labels]
     return build_basis(
         modes.method,
         modes.masters,

@@ -2,6 +2,7 @@
 
 from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.checks import FEW_CONTACTS, INTERFACE_MODES
+from fenicsrom.scene.headings import scene_heading, titled
 from fenicsrom.scene.json_schema import json_schema
 from fenicsrom.scene.loads import (
     Acceleration,
@@ -49,6 +50,7 @@ from fenicsrom.scene.times import (
     Time,
     Tolerance,
 )
+from fenicsrom.scene.writing import toml_text
 
 __all__ = [
     "FEW_CONTACTS",
@@ -103,5 +105,8 @@ __all__ = [
     "parameter_of",
     "parse_scene",
     "read_scene",
+    "scene_heading",
     "scene_table",
+    "titled",
+    "toml_text",
 ]

@@ -10,7 +10,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.scene.loads import Load, Pulse
+from fenicsrom.scene.loads import Load
 from fenicsrom.scene.places import Place, Region
 from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.rules import counted
@@ -28,6 +28,7 @@ from fenicsrom.scene.times import (
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 INTERFACE_MODES = 10  # number of interface modes for more points
+LEAST_MODES = 3  # number of normal modes with modes = "auto"
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
@@ -51,8 +52,11 @@ class Problem(NamedTuple):
 Problems = Iterator[Problem]
 
 
-def problems(scene: Scene) -> Problems:
-    """Yield the keys of a scene that do not agree with each other, in the order of the checks."""
+def problems(scene: Scene, unloaded: bool = False) -> Problems:
+    """Yield the keys of a scene that do not agree with each other, in the order of the checks.
+
+    A scene that is `unloaded` may be without loads, contacts and probe.
+    """
     yield from _geometry_problems(scene.geometry)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
@@ -61,7 +65,8 @@ def problems(scene: Scene) -> Problems:
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
-    if not (scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))):
+    seen = scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))
+    if not seen and not unloaded:
         what = "without contacts and without a load at a place"
         yield Problem("probe", MISSING, f"must be a table in a scene {what}")
     yield from _basis_problems(scene)
@@ -141,6 +146,9 @@ def _place_problems(scene: Scene) -> Problems:
 def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
     if contact.surface is None and contact.normal is None:
         yield Problem(f"{key}.normal", MISSING, "a normal or a surface must be given")
+    if contact.gap and contact.preload:
+        allowed = "not allowed with a preload, which is the force at the undeformed position"
+        yield Problem(f"{key}.gap", contact.gap, allowed)
     times = [time for time, _ in contact.approach]
     if any(later <= sooner for sooner, later in pairwise(times)):
         yield Problem(f"{key}.approach", times, "times must increase", ErrorKind.RANGE)
@@ -234,7 +242,7 @@ def default_masters(scene: Scene) -> str | int:
 def _basis_problems(scene: Scene) -> Problems:
     basis = scene.basis
     if not scene.contacts:
-        if basis.modes < 1:
+        if basis.modes == 0:
             allowed = "must be at least 1 in a scene without contact"
             yield Problem("basis.modes", basis.modes, allowed)
         if basis.masters is not None:
@@ -250,11 +258,12 @@ def _basis_problems(scene: Scene) -> Problems:
     )
     each = dimension if masters == "all" else 1
     static = points * each if isinstance(masters, str) else min(masters, points * dimension)
-    available = {"V": basis.modes, "S": static}
+    available = {"V": LEAST_MODES if isinstance(basis.modes, str) else basis.modes, "S": static}
     for index, label in enumerate(basis.derivatives):
         modes = re.findall(r"([0-9]+)([VS])", label)
         if any(int(count) > available[kind] for count, kind in modes):
-            allowed = f"the basis has {basis.modes} normal (V) and {static} static (S) modes"
+            normal = f"at least {LEAST_MODES}" if basis.modes == "auto" else basis.modes
+            allowed = f"the basis has {normal} normal (V) and {static} static (S) modes"
             yield Problem(f"basis.derivatives[{index}]", label, allowed)
 
 
@@ -294,15 +303,6 @@ def _duration_problems(scene: Scene) -> Problems:
         case FixedStep(step=step):
             if step > duration:
                 allowed = f"must be at most the duration of {duration:g}"
-                yield Problem("time.step", step, allowed)
-            quarters = [(load.quarter_period, index) for index, load in enumerate(scene.loads)]
-            quarter, index = min(quarters, default=(math.inf, 0))
-            if step > quarter:
-                impact = isinstance(scene.loads[index].history, Pulse)
-                what = "impact" if impact else "shortest period"
-                allowed = (
-                    f"must be at most {quarter:.6g}, a quarter of the {what} of loads[{index}]"
-                )
                 yield Problem("time.step", step, allowed)
 
 
@@ -345,9 +345,10 @@ def _response_problems(scene: Scene) -> Problems:
             return
     table, index, name = parameter_of(response.parameter)
     if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
-        allowed = (
-            f"the scene has {counted(len(getattr(scene, table)), table[:-1])}, numbered from 0"
-        )
+        present = len(getattr(scene, table))
+        allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
+        if present == 0:
+            allowed = f"the scene has no {table}"
         yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
     elif table == "loads":
         load = scene.loads[index]

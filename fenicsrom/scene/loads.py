@@ -5,7 +5,6 @@ Action and history are tagged alternatives: the given keys select one action and
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -290,23 +289,6 @@ class Load:
     def transient(self) -> bool:
         """Whether the load varies in time and does not repeat."""
         return isinstance(self.history, Sweep | Pulse | Table)
-
-    @property
-    def quarter_period(self) -> float:
-        """A quarter of the shortest period or of the impact in s, infinite for other loads.
-
-        A longer step does not resolve the load.
-        """
-        match self.history:
-            case Pulse(pulse=pulse):
-                return pulse.duration / 4.0
-            case Harmonic(frequency=frequency):
-                return 0.25 / frequency
-            case Harmonics(frequency=frequency, harmonics=terms):
-                return 0.25 / (frequency * max(order for order, *_ in terms))
-            case Sweep(frequency=frequency, sweep=sweep):
-                return 0.25 / max(frequency, sweep.to)
-        return math.inf
 
 
 def with_rows(load: Load, rows: tuple[tuple[float, float], ...]) -> Load:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import copy
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.loads import Load
 from fenicsrom.scene.rules import show
 from fenicsrom.scene.tables import without_alternatives
 from fenicsrom.scene.times import Time
+from fenicsrom.scene.toml import parse_toml
 
 DEEPEST = 20  # names in the path of a key
+# tables whose keys exclude each other, by the first name and the number of names before the key
+ALTERNATIVES: dict[tuple[str, int], type] = {("time", 1): Time, ("loads", 2): Load}
 
 
 def override_table(
@@ -22,7 +25,8 @@ def override_table(
     """Give a copy of the table of a scene with some of its values replaced.
 
     Tables on the way to a key are made if they are missing; entries of lists must exist. A key of
-    [time] removes the keys that it excludes: `time.tolerance=1e-4` removes `steps_per_period`.
+    [time] or of a load removes the keys that it excludes: `time.tolerance=1e-4` removes
+    `steps_per_period`, and `loads.0.pulse={duration=0.01}` removes `frequency`.
 
     Args:
         table: the plain data of a scene.
@@ -38,8 +42,6 @@ def override_table(
     changed = dict(table)
     for override in [overrides] if isinstance(overrides, str) else overrides:
         names, value = _parsed(override, source)
-        if len(names) == 2 and names[0] == "time" and isinstance(changed.get("time"), dict):
-            changed["time"] = without_alternatives(Time, changed["time"], names[1])
         branch: Any = changed
         for depth, name in enumerate(names):
             numbered = re.fullmatch(r"[0-9]{1,6}", name)
@@ -51,6 +53,10 @@ def override_table(
                 reason = f"{'.'.join(names[:depth])} {_no_entry(branch, name)}"
                 raise _refuse(override, source, reason)
             if depth == len(names) - 1:
+                if (kind := ALTERNATIVES.get((names[0], depth))) and isinstance(branch, dict):
+                    kept = without_alternatives(kind, branch, name)
+                    branch.clear()
+                    branch |= kept
                 branch[step] = value
             else:  # copy only the tables on the way to the key
                 inner = branch.get(step, {}) if isinstance(branch, dict) else branch[step]
@@ -59,15 +65,20 @@ def override_table(
     return changed
 
 
+def names_of(key: str) -> list[str]:
+    """The names on the path of a key; entries of lists as `loads.0` or `loads[0]`."""
+    return [name.strip() for name in key.replace("[", ".").replace("]", "").split(".")]
+
+
 def _parsed(override: str, source: str) -> tuple[list[str], Any]:
     """Give the names on the path of an override, and its value."""
     path, equals, text = override.partition("=")
-    names = [name.strip() for name in path.replace("[", ".").replace("]", "").split(".")]
+    names = names_of(path)
     if not equals or not all(names) or len(names) > DEEPEST:
         raise _refuse(override, source, "must be a key, = and a value")
     try:
-        value = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        value = parse_toml(f"value = {text}")
+    except ValueError:
         value = {}
     if list(value) != ["value"]:
         reason = "the value must be written as in TOML, text in quotes"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import Any
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
+from fenicsrom.scene.headings import titled
 from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.paths import shared_meshes
 from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.schema import Geometry, Rotation, Scene
+from fenicsrom.scene.step_checks import step_problems
 from fenicsrom.scene.tables import plain, read_table
 from fenicsrom.scene.times import (
     GENERALISED_ALPHA,
@@ -26,16 +27,23 @@ from fenicsrom.scene.times import (
     StepsPerPeriod,
     Time,
 )
+from fenicsrom.scene.toml import parse_toml
 
-DEEPEST = 100  # largest depth of nested tables: Python's TOML parser takes minutes for 100,000
 
-
-def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()) -> Scene:
+def read_scene(
+    path: str | os.PathLike[str],
+    overrides: str | Sequence[str] = (),
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
+) -> Scene:
     """Read a scene from a TOML file.
 
     Args:
         path: the file.
-        overrides: values to replace, see `override_table`.
+        overrides: values to replace, see `override_table`. The title names them.
+        mesh: find the mesh file; False takes its path as it is, since a stored model needs no mesh.
+        unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
 
     Returns:
         The scene, with every default filled in.
@@ -45,7 +53,8 @@ def read_scene(path: str | os.PathLike[str], overrides: str | Sequence[str] = ()
     """
     source = os.fspath(path)
     table = override_table(_read_toml(source), overrides, source)
-    return parse_scene(table, source, Path(path).parent)
+    table, folder = titled(table, overrides, source), Path(path).parent
+    return parse_scene(table, source, folder, mesh=mesh, unloaded=unloaded)
 
 
 def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
@@ -65,7 +74,14 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
     )
 
 
-def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> Scene:
+def parse_scene(
+    table: Mapping[str, Any],
+    source: str,
+    folder: Path | None,
+    *,
+    mesh: bool = True,
+    unloaded: bool = False,
+) -> Scene:
     """Make a scene from plain data.
 
     Args:
@@ -73,6 +89,8 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
         source: name of the data in messages, usually that of the file.
         folder: folder to which the path of the mesh is relative; None to take the path as it is,
             without looking for the file (a reduced model needs no mesh).
+        mesh: False does not look for the mesh file, although tables are read from the folder.
+        unloaded: whether the scene may be without loads, contacts and probe.
 
     Returns:
         The scene, with every default filled in.
@@ -85,9 +103,12 @@ def parse_scene(table: Mapping[str, Any], source: str, folder: Path | None) -> S
         raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
     scene = read_table(Scene, _with_frequencies(table, where), where)
     scene = replace(scene, source=source)
-    for problem in problems(scene):
+    for problem in problems(scene, unloaded):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
-    return _complete(scene, folder)
+    scene = _complete(scene, folder, folder if mesh else None)
+    for problem in step_problems(scene):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return scene
 
 
 def scene_table(scene: Scene) -> dict[str, Any]:
@@ -103,17 +124,9 @@ def _read_toml(source: str) -> dict[str, Any]:
         return SceneError(f"{source}: {reason}", kind=kind, source=source)
 
     try:
-        text = Path(source).read_text(encoding="utf-8-sig")
-        unquoted = re.sub(r"\"[^\"\n]*\"|'[^'\n]*'", "", text)
-        if any(piece.count(".") > DEEPEST for piece in re.split(r"[\n=,{]", unquoted)):
-            raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT)
-        return tomllib.loads(text)
+        return parse_toml(Path(source).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise failure(f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
-    except RecursionError:
-        raise failure("is not TOML: nested too deeply", ErrorKind.FORMAT) from None
-    except SceneError:
-        raise
     except ValueError as error:
         raise failure(f"is not TOML: {error}", ErrorKind.FORMAT) from None
 
@@ -145,11 +158,12 @@ def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
     return {**kept, "frequency": given * abs(speed) / 60.0}
 
 
-def _complete(scene: Scene, folder: Path | None) -> Scene:
+def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:
     """Give the scene with its files found and the defaults that depend on other keys filled in."""
     probe = scene.probe
     if probe is None and not scene.contacts:
-        probe = next(load.place for load in scene.loads if load.kind != "acceleration")
+        places = (load.place for load in scene.loads if load.kind != "acceleration")
+        probe = next(places, None)
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:
         rotation = replace(rotation, point=(0.0,) * scene.geometry.dimension)
@@ -159,7 +173,7 @@ def _complete(scene: Scene, folder: Path | None) -> Scene:
     where = Where(scene.source, "loads")
     return replace(
         scene,
-        geometry=_complete_geometry(scene.geometry, scene.source, folder),
+        geometry=_complete_geometry(scene.geometry, scene.source, mesh_folder),
         time=_complete_time(scene.time, scene.period is not None),
         probe=probe,
         loads=tuple(

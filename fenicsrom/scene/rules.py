@@ -18,6 +18,9 @@ from typing import Any, TypeGuard
 from fenicsrom.errors import ErrorKind, SceneError
 
 MOST_ROWS = 1_000_000  # largest number of rows of the table of a load
+# Sizes of numbers in SI units: products of a few of them stay within the range of a float. Numbers
+# that must be above 0 must be at least `SMALLEST`.
+SMALLEST, LARGEST = 1e-30, 1e30
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,11 @@ def is_number(value: object) -> bool:
     )
 
 
+def is_quantity(value: object) -> bool:
+    """Tell whether a value is a number of a size that a computation can use."""
+    return is_number(value) and abs(value) <= LARGEST  # type: ignore[arg-type]
+
+
 def is_sequence(value: object) -> TypeGuard[Sequence[Any]]:
     """Tell whether a value is a list."""
     return isinstance(value, list | tuple)
@@ -128,6 +136,10 @@ def number(
             raise where.refuse(value, f"{allowed}{_unquoted(value)}", ErrorKind.TYPE)
         if not (is_number(value) and above < value < below and least <= value <= most):
             raise where.refuse(value, allowed)
+        if not is_quantity(value):
+            raise where.refuse(value, f"{allowed}, of a size of at most {LARGEST:g}")
+        if above == 0.0 and value < SMALLEST:
+            raise where.refuse(value, f"{allowed}, of at least {SMALLEST:g}")
         return float(value)
 
     schema = {"type": "number"} | {name: value for _, name, value in bounds}
@@ -196,11 +208,18 @@ name = Rule(_read_name, NAME_SCHEMA, "name")
 path = Rule(lambda value, where: Path(_read_name(value, where)), NAME_SCHEMA, "path of a file")
 
 
-def _read_point(value: Any, where: Where) -> tuple[float, ...]:
+def _read_vector(value: Any, where: Where) -> tuple[float, ...]:
     if not is_sequence(value) or len(value) not in (2, 3) or not all(map(is_number, value)):
         allowed = "must be a list of finite numbers, one for each dimension"
         raise where.refuse(value, allowed, ErrorKind.TYPE)
     return tuple(float(component) for component in value)
+
+
+def _read_point(value: Any, where: Where) -> tuple[float, ...]:
+    point = _read_vector(value, where)
+    if not all(map(is_quantity, point)):
+        raise where.refuse(value, f"numbers must have a size of at most {LARGEST:g}")
+    return point
 
 
 POINT_SCHEMA = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 3}
@@ -228,7 +247,7 @@ box = Rule(
 
 def _read_direction(value: Any, where: Where) -> tuple[float, ...]:
     """Give a vector scaled to unit length; a unit vector stays the same bit for bit."""
-    vector = _read_point(value, where)
+    vector = _read_vector(value, where)
     largest = max(map(abs, vector))
     if largest == 0.0:
         raise where.refuse(value, "must have a length above zero")
@@ -319,7 +338,7 @@ def read_rows(
         raise where.refuse(len(rows), f"the number of rows must be from 2 to {MOST_ROWS}")
     found: list[tuple[float, float]] = []
     for index, row in enumerate(rows):
-        if not is_sequence(row) or len(row) != 2 or not all(map(is_number, row)):
+        if not is_sequence(row) or len(row) != 2 or not all(map(is_quantity, row)):
             allowed = "must be two finite numbers, time in s and factor"
             raise place(index).refuse(row, allowed, ErrorKind.TYPE)
         found.append((float(row[0]), float(row[1])))
@@ -388,23 +407,29 @@ def _read_label(value: Any, where: Where) -> str:
     return "".join(f"{count}{'VS'[kind]}" for kind, count in pair)
 
 
-def _read_masters(value: Any, where: Where) -> str | int:
-    allowed = 'must be "all", "normal" or an integer from 1 to 1000'
-    if value in ("all", "normal"):
-        return str(value)
-    if not isinstance(value, int) or isinstance(value, bool):
-        kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
-        raise where.refuse(value, allowed, kind)
-    if not 1 <= value <= 1000:
-        raise where.refuse(value, allowed)
-    return int(value)
+def word_or_integer(*words: str, least: int, most: int) -> Rule:
+    """Make the rule of a key that takes one of these words or an integer."""
+    listed = " or ".join(f'"{word}"' for word in words)
+    allowed = f"{listed} or integer from {least} to {most}"
+
+    def read(value: Any, where: Where) -> str | int:
+        if value in words:
+            return str(value)
+        if not isinstance(value, int) or isinstance(value, bool):
+            kind = ErrorKind.RANGE if isinstance(value, str) else ErrorKind.TYPE
+            quoted = isinstance(value, str) and value.isdecimal()
+            hint = _unquoted(value) if quoted else ""
+            raise where.refuse(value, f"must be {allowed}{hint}", kind)
+        if not least <= value <= most:
+            raise where.refuse(value, f"must be {allowed}")
+        return int(value)
+
+    number = {"type": "integer", "minimum": least, "maximum": most}
+    return Rule(read, {"oneOf": [{"enum": list(words)}, number]}, allowed)
 
 
-masters = Rule(
-    _read_masters,
-    {"oneOf": [{"enum": ["all", "normal"]}, {"type": "integer", "minimum": 1, "maximum": 1000}]},
-    '"all" or "normal" or integer from 1 to 1000',
-)
+masters = word_or_integer("all", "normal", least=1, most=1000)
+modes = word_or_integer("auto", least=0, most=1000)
 
 SELECTIONS = ("none", "all", "mmi", "mmi-nls")
 
@@ -467,7 +492,7 @@ def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> R
             allowed = f"must be a list of rows {row_of} of finite numbers"
             raise where.refuse(value, allowed, ErrorKind.TYPE)
         for index, row in enumerate(value):
-            if not is_sequence(row) or len(row) != len(names) or not all(map(is_number, row)):
+            if not is_sequence(row) or len(row) != len(names) or not all(map(is_quantity, row)):
                 allowed = f"must be {row_of}, finite numbers"
                 raise where.at(index).refuse(row, allowed, ErrorKind.TYPE)
         return tuple(tuple(float(entry) for entry in row) for row in value)

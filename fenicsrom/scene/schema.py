@@ -147,7 +147,7 @@ class Contact:
         surface: a round surface instead of the plane.
         preload: normal force at the undeformed position; with at = "nodes" it is given per area,
             length or node, and so are both stiffnesses.
-        gap: initial distance; with at = "nodes" that of the nearest node.
+        gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
         approach: distances by which the surface has moved towards the body, linear between the
             times; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal.
@@ -198,7 +198,9 @@ class Basis:
 
     Attributes:
         method: method of component mode synthesis.
-        modes: number of normal modes.
+        modes: number of normal modes; "auto" takes the modes up to twice the highest frequency that
+            loads, surfaces and [response] excite and the next one, at least 3 and at most 12 (100
+            in a linear scene).
         derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
         masters: contact forces for which static modes are computed: in all directions of every
             point, along the normals only, or this number of interface modes (the combinations of
@@ -212,7 +214,7 @@ class Basis:
     """
 
     method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
-    modes: Annotated[int, integer(0, 1000)] = 3
+    modes: Annotated[str | int, rules.modes] = "auto"
     masters: Annotated[str | int | None, rules.masters] = None
     derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "mmi-nls"
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
@@ -288,12 +290,21 @@ class Output:
         paraview: ParaView files of modes and derivatives.
         motion: ParaView files of the last period of motion, and of the contact points in it.
         animation: an animated picture of the last period.
+        stresses: stresses and reactions of the equilibrium, the modes and the motion: a table with
+            the places of the maxima, a picture, arrays in the ParaView files, and the largest
+            values in the summary; the reduced model stores what it needs to give them again.
+        stress_fractions: instants at which stresses are listed besides the largest, as fractions of
+            the last period.
     """
 
     pictures: Annotated[bool, flag] = True
     paraview: Annotated[bool, flag] = True
     motion: Annotated[bool, flag] = False
     animation: Annotated[bool, flag] = False
+    stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
+    stress_fractions: Annotated[tuple[float, ...] | None, list_of(number(least=0.0, most=1.0))] = (
+        None
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -399,7 +410,7 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
-        title: title of the report.
+        title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
         material: the material.

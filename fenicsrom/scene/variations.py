@@ -18,8 +18,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.rules import is_number, show
 
@@ -124,8 +122,12 @@ def _range(text: str, key: str, values: str) -> list[float]:
         raise _refuse(text, reason + "least 2 values", key)
     if spacing == "log" and not (first > 0.0 and last > 0.0):
         raise _refuse(text, "a range with equal ratios needs ends above 0", key)
-    spaced = np.geomspace if spacing == "log" else np.linspace
-    return [float(f"{value:.{DIGITS}g}") for value in spaced(first, last, count)]
+    shares = [k / (count - 1) for k in range(count)]
+    if spacing == "log":
+        spaced = [first * (last / first) ** part for part in shares]
+    else:
+        spaced = [first + (last - first) * part for part in shares]
+    return [float(f"{value:.{DIGITS}g}") for value in spaced]
 
 
 def _refuse(text: str, reason: str, key: str) -> SceneError:

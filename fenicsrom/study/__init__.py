@@ -2,23 +2,24 @@
 
 `scene_stages` says what a scene needs, `execution` runs it. The work of a stage stands in
 `building` (mesh to reduced model), `motions` (integration and checks) or `writing` (files).
-`stored` integrates a stored model again, `curves` computes response curves, `backbones` computes
-nonlinear modes, and `sweeps` runs a scene or a stored model for many values of its keys.
+`output_folder` guards the folder of the files. `stored` integrates a stored model again, `curves`
+computes response curves, `backbones` computes nonlinear modes, and `sweeps` runs a scene or a
+stored model for many values of its keys.
 """
 
 from fenicsrom.study.backbones import backbone, backbone_of_model
 from fenicsrom.study.curves import response, response_of_model
 from fenicsrom.study.execution import build_model, execute, offline, run
 from fenicsrom.study.motions import check
+from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
-from fenicsrom.study.stored import Rerun, rerun
+from fenicsrom.study.stored import rerun
 from fenicsrom.study.sweeps import sweep
 
 __all__ = [
     "Item",
-    "Rerun",
     "Run",
     "Stage",
     "Stopwatch",
@@ -29,6 +30,7 @@ __all__ = [
     "execute",
     "never",
     "offline",
+    "output_folder",
     "plan",
     "rerun",
     "response",

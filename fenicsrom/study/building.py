@@ -23,19 +23,30 @@ def solid(run: Run) -> None:
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
-    if body.loaded:
+    if body.loaded and len(body.probe_rows):
         deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
         run.study.deflection = np.asarray(deflection)
 
 
 def modes(run: Run) -> None:
     """Compute the component modes."""
-    from fenicsrom.reduction.modes import component_modes
+    from fenicsrom.reduction.load_vectors import LOAD_SHARE
+    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.reduction.modes import component_modes, with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 
     study = run.study
     study.modes = component_modes(study.solid, study.scene.basis)
+    study.scene = with_mode_count(study.scene, study.modes)
+    if (sentence := missing_modes(study.solid.excitation, study.modes.frequencies_hz)) is not None:
+        study.warnings.append(sentence)
+    for label, share in study.modes.loads.shares.items():
+        if label not in study.modes.loads.labels:
+            study.left_out.append(
+                f"response to load {label}: the modes leave out {100.0 * share:.2g} % of it "
+                f"(at most {100.0 * LOAD_SHARE:g} % is accepted)"
+            )
     run.snapshots = Snapshots(study.solid, study.scene, study.modes)
     run.reduction = Reduction(
         study.solid, study.scene, lambda stage: nullcontext(), study.modes, run.snapshots
@@ -88,3 +99,11 @@ def basis(run: Run) -> None:
 def reduced_model(run: Run) -> None:
     """Project the solid on the basis."""
     run.study.model = run.reduction.model
+
+
+def candidates(run: Run) -> None:
+    """Project the solid on the basis and its candidates, for the error estimate."""
+    from fenicsrom.reduction.candidates import candidate_model
+
+    study = run.study
+    study.candidates = candidate_model(study.solid, study.scene.basis, run.reduction)

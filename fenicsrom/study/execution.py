@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
@@ -28,6 +30,7 @@ def run(
     modes_only: bool = False,
     stop: Callable[[], bool] = never,
     mesh: Mesh | None = None,
+    overwrite: bool = False,
 ) -> Study:
     """Run all stages that a scene needs.
 
@@ -40,13 +43,14 @@ def run(
         modes_only: stop after the modal derivatives.
         stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None makes or reads the mesh of the scene.
+        overwrite: replace the results of another scene in the folder.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
         the name of the model and the error, and `motions` holds the motion up to the failure.
 
     Raises:
-        SceneError: the scene or the checkpoint cannot be used.
+        SceneError: the scene, the checkpoint or the folder cannot be used.
         ConvergenceError, AccuracyError: an offline stage failed.
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
@@ -55,8 +59,13 @@ def run(
 
     if resume is not None:
         _require_resumable(resume, scene)
-    run = Run(Study(scene), comm or _all_ranks(), Stopwatch(say), folder, resume, stop, mesh)
-    execute(run, stages(scene, modes_only, files=folder is not None))
+    comm = comm or _all_ranks()
+    run = Run(Study(scene), comm, Stopwatch(say), folder, resume, stop, mesh)
+    guarded = (
+        nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
+    )
+    with guarded:
+        execute(run, stages(scene, modes_only, files=folder is not None))
     return run.study
 
 

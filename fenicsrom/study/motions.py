@@ -42,12 +42,20 @@ def integrate(run: Run, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
+def check_beam(study: Study) -> None:
+    """Check that the 1D beam stands for the solid."""
+    from fenicsrom.assess import beam_check
+
+    beam_check.check_beam(study.solid, study.scene)
+
+
 def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
         from fenicsrom.fem.full import full_model
+        from fenicsrom.online.contact_points import contacts_of
 
-        return full_model(study.solid)
+        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -83,39 +91,17 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
-    from fenicsrom.assess.verdicts import check_basis_error, check_time_error
+    from fenicsrom.assess.verdicts import estimate_errors
     from fenicsrom.online.energy import check_energy
-    from fenicsrom.online.measures import has_settled, is_unsteady
-    from fenicsrom.reduction.stages import reduce
 
-    scene, model = study.scene, ""
+    model = ""
     try:
         for name, motion in study.motions.items():
             model = name
             check_energy(motion)
-        model, motion = "reduced", study.motions["reduced"]
-        study.errors["time step"], force = step_errors(study.model, scene, motion)
-        if scene.contacts:
-            study.errors["peak force by the time step"] = force
-        check_time_error(scene, study.errors["time step"], is_unsteady(motion))
-        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
-            richer = richer_basis(
-                study.solid,
-                scene,
-                study.modes,
-                study.selection,
-                study.derivatives,
-                motion.buckled > 0,
-            )
-            if richer is not None:
-                assert study.basis is not None
-                study.errors["basis"] = basis_error(
-                    reduce(study.solid, scene.basis, richer),
-                    scene,
-                    motion,
-                    start_in(study.solid, study.basis, richer, motion),
-                )
-                check_basis_error(scene, study.errors["basis"])
+        model = "reduced"
+        estimate_errors(
+            study.model, study.candidates, study.scene, study.motions["reduced"], study.errors
+        )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from fenicsrom.scene import Scene
+from fenicsrom.scene.checks import LEAST_MODES
+from fenicsrom.scene.excitation import HIGHEST_MODE, highest_frequency
 from fenicsrom.scene.rules import counted
 from fenicsrom.study.stage import Item
 
@@ -37,16 +39,39 @@ def solid_parts(scene: Scene) -> tuple[Item, ...]:
             if rotation and turning
             else "no rotation",
         ),
+        Item(
+            "damped modes",
+            any(scene.damping.modal),
+            f"damping.ratios of {counted(len(scene.damping.modal), 'mode')}"
+            if scene.damping.modal
+            else "no damping.ratios",
+        ),
     )
 
 
 def mode_parts(scene: Scene) -> tuple[Item, ...]:
     """List the kinds of component modes."""
     basis = scene.basis
-    interface = "free" if basis.method == "rubin" else "fixed"
     return (
-        Item("normal modes", basis.modes > 0, f"{basis.modes} {interface}-interface modes"),
+        Item("normal modes", basis.modes != 0, _normal_modes_reason(scene)),
+        Item(
+            "responses to loads",
+            any(not load.static for load in scene.loads),
+            "static responses to loads that the modes do not represent",
+        ),
         Item("static modes", bool(scene.contacts), _static_modes_reason(scene)),
+    )
+
+
+def _normal_modes_reason(scene: Scene) -> str:
+    """Say how many normal modes are computed, and why."""
+    modes = f"{'free' if scene.basis.method == 'rubin' else 'fixed'}-interface modes"
+    if scene.basis.modes != "auto":
+        return f"{scene.basis.modes} {modes}"
+    highest = highest_frequency(scene)
+    return (
+        f"{modes} up to {HIGHEST_MODE * highest:.5g} Hz, {HIGHEST_MODE:g} times the highest "
+        f"frequency that the scene excites, and the next one, but at least {LEAST_MODES}"
     )
 
 
@@ -111,6 +136,16 @@ def elastic_reason(scene: Scene) -> str:
     if not scene.geometrically_nonlinear:
         return "the scene is geometrically linear"
     return f"basis.elastic_force is {scene.basis.elastic_force}"
+
+
+def with_stresses(scene: Scene) -> bool:
+    """Whether the scene asks for stresses."""
+    return scene.output.stresses != "none"
+
+
+def stress_reason(scene: Scene) -> str:
+    """Say which stresses the scene asks for."""
+    return f"output.stresses is {scene.output.stresses}"
 
 
 def newton_item(scene: Scene) -> Item:

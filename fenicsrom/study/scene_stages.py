@@ -1,6 +1,7 @@
 """What a scene needs and why: its stages in the order in which they run.
 
-    mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motions -> files
+    mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> candidates
+        -> motions -> files
 
 `stages` is the only place that says what a scene needs. `run` executes the needed stages, `plan`
 lists all of them. The numbers are written before the pictures.
@@ -11,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fenicsrom.scene import Scene
-from fenicsrom.study import building, motions, writing
+from fenicsrom.study import building, motions, stresses, writing
 from fenicsrom.study.reasons import (
     derivatives_reason,
     elastic_reason,
@@ -20,7 +21,9 @@ from fenicsrom.study.reasons import (
     newton_item,
     reduction_parts,
     solid_parts,
+    stress_reason,
     toml_text,
+    with_stresses,
 )
 from fenicsrom.study.stage import Item, Run, Stage
 
@@ -47,6 +50,12 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     listed = [
         *offline_stages(scene, modes_only),
         Stage(
+            "beam check",
+            moving and beam,
+            f"reference.beam is {'given' if beam else 'not given'}" if moving else why_not,
+            lambda run: motions.check_beam(run.study),
+        ),
+        Stage(
             "reduced motion",
             moving,
             f"time.scheme is {scene.time.scheme}" if moving else why_not,
@@ -68,11 +77,12 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis, which may need a richer basis"
+            "energy balance, time step and basis, which runs an enriched basis"
             if moving
             else why_not,
             lambda run: motions.check(run.study),
         ),
+        Stage("stresses", with_stresses(scene), stress_reason(scene), stresses.evaluate),
     ]
     return listed + (_file_stages(scene, modes_only) if files else [])
 
@@ -118,6 +128,13 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             building.reduced_model,
             reduction_parts(scene) if with_basis else (),
         ),
+        Stage(
+            "candidates",
+            with_basis,
+            "vectors that the basis leaves out, for the error estimate" if with_basis else why_not,
+            building.candidates,
+        ),
+        Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]
 
 
@@ -137,7 +154,22 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
         Stage("numbers", True, "every run", writing.numbers, writes=True),
         wanted("ParaView modes", "paraview", shapes or is_loaded(scene), writing.paraview_modes),
         wanted("ParaView motion", "motion", moving, writing.paraview_motion),
+        Stage(
+            "ParaView scene",
+            (output.paraview and (shapes or is_loaded(scene))) or (output.motion and moving),
+            f"output.paraview is {toml_text(output.paraview)}, "
+            f"output.motion is {toml_text(output.motion)}",
+            writing.paraview_scene,
+            writes=True,
+        ),
         wanted("pictures", "pictures", shapes, writing.pictures),
+        Stage(
+            "stress picture",
+            with_stresses(scene) and output.pictures,
+            stress_reason(scene) if output.pictures else "output.pictures is false",
+            writing.stress_picture,
+            writes=True,
+        ),
         wanted("animation", "animation", moving, writing.animation),
         Stage("report", True, "every run", writing.report, writes=True),
     ]

@@ -6,7 +6,10 @@ import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from fenicsrom.progress import duration, listening, time_left
+
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
+SILENCE = 5.0  # time without a line after which a stage says how far it is, s
 
 
 def never() -> bool:
@@ -36,31 +39,48 @@ class Stopwatch:
         """Announce stages through `say`; by default to nobody."""
         self.say = say if say is not None else lambda line: None
         self.seconds: dict[str, float] = {}
+        self._last = clock.perf_counter()
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
         self.say(f"{stage} ..")
-        begin = clock.perf_counter()
-        yield
+        begin = self._last = clock.perf_counter()
+
+        def report(fraction: float) -> None:
+            """Say how far the stage is; a motion that settles early ends it earlier."""
+            now = clock.perf_counter()
+            if now - self._last > SILENCE and 0.0 < fraction < 1.0:
+                self._last = now
+                self.say(f"  {stage}: {fraction:.0%}, {time_left(now - begin, fraction)} at most")
+
+        with listening(report):
+            yield
         self.seconds[stage] = clock.perf_counter() - begin
 
     def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:
         """Make a callback for `simulate` that reports the progress every two seconds.
 
+        The time that is left is an upper bound, because a steady motion ends the run.
+
         Args:
             model: name of the model.
             steady: change per period at which the motion counts as steady.
         """
-        last = clock.perf_counter()
+        begin = clock.perf_counter()
         count = 0
 
         def report(fraction: float, change: float) -> None:
-            nonlocal last, count
+            nonlocal count
             count += 1
-            if clock.perf_counter() - last > PROGRESS_INTERVAL:
-                last = clock.perf_counter()
+            now = clock.perf_counter()
+            if now - self._last > PROGRESS_INTERVAL:
+                self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                self.say(f"  {model}: period {count}, change {change:.1e}{goal}")
+                left = duration((now - begin) * (1.0 - fraction) / fraction)
+                self.say(
+                    f"  {model}: period {count}, {fraction:.0%} of the largest number, change "
+                    f"{change:.1e}{goal}, at most {left} left"
+                )
 
         return report

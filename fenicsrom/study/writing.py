@@ -36,11 +36,42 @@ def paraview_motion(run: Run) -> None:
         run.study.files += write_last_period(run.study, _output(run))
 
 
+def paraview_scene(run: Run) -> None:
+    """Write the groups and the rigid surfaces, and the file that opens all ParaView files."""
+    import numpy as np
+
+    from fenicsrom.post.fields import frame_rows
+    from fenicsrom.post.paraview import write_groups, write_index
+    from fenicsrom.post.surface_mesh import write_surfaces
+
+    study, folder = run.study, _output(run)
+    study.files += write_groups(study.solid, folder)
+    if run.comm.rank != 0:
+        return
+    motion = study.motions.get("reduced") if study.scene.output.motion else None
+    times = motion.time[frame_rows(motion)] if motion is not None else np.zeros(1)
+    if study.scene.contacts:
+        study.files += write_surfaces(folder, study.scene, study.solid.points, times)
+    study.files += write_index(folder, study.files)
+
+
 def pictures(run: Run) -> None:
     """Draw the motions and the shapes."""
     from fenicsrom.post.pictures import write_pictures
 
     run.study.pictures += write_pictures(run.study, _output(run))
+
+
+def stress_picture(run: Run) -> None:
+    """Draw the largest von Mises stress."""
+    from fenicsrom.post.pictures import write_stress_picture
+
+    study = run.study
+    if run.comm.rank == 0 and study.stresses is not None:
+        assert study.recovery is not None
+        study.pictures += write_stress_picture(
+            study.recovery, study.stresses, _output(run), study.warnings
+        )
 
 
 def animation(run: Run) -> None:

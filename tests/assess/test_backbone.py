@@ -104,7 +104,8 @@ def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:
 
 def test_forced_peaks_lie_on_the_backbone() -> None:
     found = backbone(oscillator(), ignore)
-    assert [peak.factor for peak in found.peaks] == [0.5, 1.0]
+    assert [peak.factor for peak in found.peaks] == [0.5, 1.0] and not found.warnings
+    assert all(peak.ends == ("fallen", "fallen") for peak in found.peaks)
     amplitudes = [point.amplitude[0] for point in found.points]
     for peak in found.peaks:
         free = np.interp(peak.amplitude, amplitudes, [point.frequency for point in found.points])
@@ -113,6 +114,22 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
         assert peak.amplitude == pytest.approx(
             2.0 * peak.factor * FORCE / (DAMPING * omega), rel=0.01
         )
+
+
+def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The amplitude does not fall to a thousandth within the range of the search."""
+    monkeypatch.setattr("fenicsrom.online.forced_peak.FALLEN", 1e-3)
+    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    assert found.peaks[0].ends == ("end of the range", "end of the range")
+    assert len(found.warnings) == 1 and found.unfinished is None
+
+
+def test_search_without_a_peak_says_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The range of the search is too narrow to hold the peak of a motion that hardens."""
+    monkeypatch.setattr("fenicsrom.online.forced_peak.WINDOW", 1.001)
+    found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
+    assert found.unfinished is not None and not found.peaks
+    assert "end of the range" in str(found.unfinished)
 
 
 def test_interrupt_keeps_the_points_that_are_done(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -137,6 +154,8 @@ def test_command_writes_the_files_of_a_stored_model(
         "backbone.csv",
         "backbone.json",
         "backbone.png",
+        "provenance.json",
+        "scene.toml",
     }
     summary = json.loads((folder / "backbone.json").read_text())
     with open(folder / "backbone.csv") as file:

@@ -470,3 +470,22 @@ def test_nine_coordinates_match_the_full_model(name, cache):
         outcome.motion.displacement[outcome.motion.last_period()] for outcome in (one, other)
     )
     assert np.abs(shift - projected).max() < 1e-9 * np.abs(shift).max()
+
+
+def test_comparison_without_acting_load_has_no_indicator():
+    """The indicator is relative to the loads; nothing moves without them."""
+    from mpi4py import MPI
+
+    scene = beam_scene(
+        overrides=(
+            *STOCKY,
+            "loads.0.force=0",
+            "compare={full=false, methods=['rubin'], modes=[1], derivatives=['none']}",
+        ),
+        contacts=None,
+        probe={"group": "tip"},
+        time={"periods": 2},
+    )
+    (outcome,) = compare.compare(scene, MPI.COMM_WORLD, lambda line: None).outcomes
+    assert not outcome.failure and outcome.motion is not None
+    assert outcome.indicator is None and outcome.residual is None

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from support import beam_scene, first, linear_model
 
 from fenicsrom.assess.response import response
-from fenicsrom.assess.response_problem import family_of
+from fenicsrom.assess.response_problem import check_response, family_of
 from fenicsrom.assess.response_results import Response, judged_multiplier
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
@@ -214,11 +214,13 @@ def test_command_writes_the_files_of_a_stored_model(
         "harmonics.png",
         "motions.npz",
         "multipliers.png",
+        "provenance.json",
         "report.html",
         "response.csv",
         "response.json",
         "response.png",
         "response_state",
+        "scene.toml",
     }
     summary = json.loads((folder / "response.json").read_text())
     (curve,) = summary["curves"]
@@ -275,6 +277,26 @@ def test_command_refuses_what_a_reduced_model_cannot_change(
 ) -> None:
     assert run(model, tmp_path / "out", override) == 2
     assert not (tmp_path / "out" / "response.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"),
+    [
+        ("frequency", ErrorKind.CONFLICT),
+        ("loads[0].frequency", ErrorKind.CONFLICT),
+        ("response.first", ErrorKind.CONFLICT),
+        ("contacts.0.preload", ErrorKind.RANGE),
+        ("loads.0.size", ErrorKind.RANGE),
+        ("geometry.thickness", ErrorKind.MISMATCH),
+    ],
+)
+def test_second_number_that_cannot_be_used_is_refused_by_its_own_key(
+    key: str, kind: ErrorKind
+) -> None:
+    scene = scene_with(f'response.families={{key="{key}", values=[0.1]}}')
+    with pytest.raises(SceneError) as caught:
+        check_response(scene)
+    assert (caught.value.key, caught.value.kind) == ("response.families.key", kind)
 
 
 def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:

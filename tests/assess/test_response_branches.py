@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from test_response import HIGH, fold_frequencies, ignore, oscillator, scene_with
 
+from fenicsrom.assess import branches
+from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response import response
 from fenicsrom.assess.response_results import ResponseCurve
-from fenicsrom.assess.trust import RicherModel, transfer
+from fenicsrom.assess.trust import richer_model
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, save_model
+from fenicsrom.online.archive import StoredModel, load_model, save_model
+from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 
@@ -67,6 +73,61 @@ def test_branch_of_period_doubling_is_a_piece_of_two_periods(tmp_path: Path) -> 
     assert curve["ends"] == ["end of the range", "end of the range"]
 
 
+@pytest.mark.parametrize("before_the_end", [1, 3])
+def test_interrupted_branch_is_followed_again(tmp_path: Path, before_the_end: int) -> None:
+    save_model(tmp_path / "model.npz", holmes())
+    stored = load_model(tmp_path / "model.npz")
+    asked, limit = 0, 10_000
+
+    def stop() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > limit
+
+    whole = response(stored, ignore, stop=stop).curves[0]
+    asked, limit = 0, asked - before_the_end
+    part = response(stored, ignore, state=tmp_path, stop=stop)
+    assert part.interrupted and part.curves[0].pieces[-1].periods == 2
+    again = response(stored, ignore, resume=tmp_path).curves[0]
+    assert [piece.origin for piece in again.pieces] == [piece.origin for piece in whole.pieces]
+    for mine, its in zip(again.pieces, whole.pieces, strict=True):
+        assert mine.reason == its.reason
+        for a, b in zip(mine.points, its.points, strict=True):
+            np.testing.assert_array_equal(a.s, b.s)
+
+
+@pytest.mark.parametrize("done", [0, 1, 2])
+def test_second_branch_is_followed_after_an_interrupt(
+    monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    """Two branches leave a branch point; the run ended when so many were complete."""
+    at = response(oscillator("response.points=2"), ignore).curves[0].points[0]
+
+    def motion(s: float, parameter: float, kind: str = "") -> CurvePoint:
+        return replaced(at, s=np.array([1.0, s]), parameter=parameter, kind=kind)
+
+    bifurcation = motion(0.0, 0.5, "branch point")
+
+    def follow(path: Any, begin: CurvePoint, direction: Any, origin: str, periods: int) -> None:
+        if len(parts) - 1 == allowed:
+            raise KeyboardInterrupt
+        parts.append(Piece([begin, motion(5.0 * begin.s[1], 0.7)], [], "closed end", origin))
+
+    monkeypatch.setattr(
+        branches, "branch", lambda path, point, equation, sense: (path, motion(sense, 0.5))
+    )
+    parts = [Piece([motion(0.0, 0.0), motion(0.0, 1.0)], [bifurcation])]
+    path = SimpleNamespace(place=lambda point: np.append(point.s, point.parameter), shooting=None)
+    arguments = parts, lambda point, periods: path, follow, "force", 1
+    allowed = done
+    with contextlib.suppress(KeyboardInterrupt):
+        branches.follow_branches(*arguments)
+    assert len(parts) == 1 + done
+    allowed = 9
+    branches.follow_branches(*arguments)
+    assert [part.points[1].s[1] for part in parts[1:]] == [1.0, -1.0]
+
+
 @pytest.mark.parametrize("value", [0.5 * INSIDE, 2.0 * HIGH])
 def test_isolated_value_outside_of_the_range_is_refused(value: float) -> None:
     with pytest.raises(SceneError) as caught:
@@ -90,9 +151,8 @@ def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
     model = reduced_model(
         np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
     )
-    other = replace(stored, model=model, labels=("1V", "2V"))
-    moved = transfer(lambda a, b: a.T @ b, np.eye(2)[:, :1], np.eye(2))
-    return response(stored, ignore, richer=RicherModel(other, moved)).curves[0]
+    richer_of = richer_model(replace(stored, candidates=model))
+    return response(stored, ignore, richer=richer_of).curves[0]
 
 
 def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:

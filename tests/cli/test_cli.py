@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,7 +13,9 @@ import numpy as np
 import pytest
 from motions import RESPONSE_KEYS
 
+from fenicsrom import study
 from fenicsrom.cli import main
+from fenicsrom.post.origin import checksum
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
@@ -64,9 +67,10 @@ def test_files_of_run_can_be_opened(results):
     import pyvista
 
     modes = pyvista.read(results / "normal_modes.vtu")
-    assert set(modes.point_data) >= {"1V"}
-    assert modes["1V"].shape == (modes.n_points, 3)
-    assert set(pyvista.read(results / "static_modes.vtu").point_data) >= {"1S", "2S"}
+    (first,) = [name for name in modes.point_data if name.startswith("1V_")]
+    assert modes[first].shape == (modes.n_points, 3)
+    static = pyvista.read(results / "static_modes.vtu").point_data
+    assert set(static) >= {"1S_m_per_N", "2S_m_per_N"}
     assert "1V1V" in pyvista.read(results / "derivatives.vtu").point_data
     motion = pyvista.get_reader(results / "motion" / "motion.pvd")
     assert len(motion.time_values) > 10
@@ -93,17 +97,22 @@ def test_contact_points_file_agrees_with_body_and_contact_law(results):
             reader.set_active_time_value(instant)
         grid, found = grids.read()[0], points.read()[0]
         node = int(np.argmin(np.linalg.norm(grid.points - tip, axis=1)))
-        displacement = found["displacement"][0]
+        displacement = found["displacement_m"][0]
         np.testing.assert_allclose(found.points[0], tip, atol=1e-9)
-        np.testing.assert_allclose(displacement, grid["displacement"][node], atol=1e-9)
-        np.testing.assert_allclose(found["position"][0], found.points[0] + displacement)
-        assert found["gap"][0] == pytest.approx(
+        np.testing.assert_allclose(displacement, grid["displacement_m"][node], atol=1e-9)
+        np.testing.assert_allclose(found["position_m"][0], found.points[0] + displacement)
+        assert found["gap_m"][0] == pytest.approx(
             -displacement[0]
         )  # the wall is at the tip, preloaded
         normal = max(0.0, 40.0 + 1e4 * displacement[0])
-        assert found["normal force"][0] == pytest.approx(normal, abs=1e-6)
-        np.testing.assert_allclose(found["normal force vector"][0], [-normal, 0.0, 0.0], atol=1e-6)
-        friction, state = found["friction force vector"][0], found["state"][0]
+        assert found["normal_force_N"][0] == pytest.approx(normal, abs=1e-6)
+        np.testing.assert_allclose(
+            found["normal_force_vector_N"][0], [-normal, 0.0, 0.0], atol=1e-6
+        )
+        friction, state = (
+            found["friction_force_vector_N"][0],
+            found["contact_state"][0],
+        )
         assert friction[0] == friction[2] == 0.0 and (state == -1) == (normal == 0.0)
         if state == 0:
             assert abs(friction[1]) == pytest.approx(0.5 * normal, abs=1e-6)
@@ -122,7 +131,7 @@ def test_friction_force_file_takes_energy_from_motion(results):
         frames.append(reader.read()[0])
     way, force = (
         np.array([frame[name][0] for frame in frames])
-        for name in ("displacement", "friction force vector")
+        for name in ("displacement_m", "friction_force_vector_N")
     )
     work = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(way, axis=0))
     assert work < -0.1
@@ -159,7 +168,9 @@ def test_stored_model_without_other_modules_writes_numbers(results, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {
         "checkpoint.npz",
         "history.npz",
+        "provenance.json",
         "report.html",
+        "scene.toml",
         "summary.json",
     }
     sentence = "motion.png, contact.png and energy.png were not drawn: matplotlib is not installed"
@@ -198,6 +209,102 @@ def test_run_without_matplotlib_writes_numbers_and_names_pictures(tmp_path):
     found = json.loads((tmp_path / "summary.json").read_text())
     assert sentence in found["warnings"] and "reduced" in found["response"]
     assert not list(tmp_path.glob("*.png")) and (tmp_path / "history.npz").exists()
+
+
+@pytest.mark.slow
+def test_output_folder_alone_repeats_the_run(results, tmp_path):
+    """The folder is moved away, as to another computer; the same numbers come out."""
+    moved = tmp_path / "moved"
+    shutil.copytree(results, moved)
+    call = ["run", str(moved / "scene.toml"), "--output", str(tmp_path / "again"), *NO_PICTURES]
+    assert main(call) == 0
+    assert (tmp_path / "again" / "beam2d.geo").exists()
+    with np.load(moved / "history.npz") as one, np.load(tmp_path / "again" / "history.npz") as two:
+        assert set(one.files) == set(two.files)
+        for name in one.files:
+            np.testing.assert_allclose(two[name], one[name], rtol=1e-12, atol=0.0, err_msg=name)
+    (section,) = (moved / "report.html").read_text().split("What was run")[1:]
+    assert "fenicsrom run scene.toml" in section and "basis.modes=1" in section
+
+
+def test_folder_of_a_stored_model_repeats_its_run_without_the_mesh(results, tmp_path):
+    model = tmp_path / "reduced_model.npz"
+    shutil.copyfile(results / "reduced_model.npz", model)
+    first, second = tmp_path / "first", tmp_path / "second"
+    stored = ["--from", str(model), *NO_PICTURES]
+    assert main(["run", *stored, "--set", "loads.0.force=90", "--output", str(first)]) == 0
+    record = json.loads((first / "provenance.json").read_text())
+    assert record["model"] == {"file": str(model), "sha256": checksum(model)}
+    assert record["overrides"] == ["output.pictures=false", "loads.0.force=90"]
+    assert record["repeat"] == "fenicsrom run scene.toml --from reduced_model.npz"
+    scene = (first / "scene.toml").read_text()
+    (first / "scene.toml").write_text(scene.replace("/beam2d.geo", "/gone/beam2d.geo"))
+    assert main(["run", str(first / "scene.toml"), *stored, "--output", str(second)]) == 0
+    with np.load(first / "history.npz") as one, np.load(second / "history.npz") as two:
+        for name in one.files:
+            np.testing.assert_array_equal(two[name], one[name])
+
+
+def test_results_of_another_scene_are_replaced_by_force_only(results, tmp_path, capsys):
+    model, folder = str(results / "reduced_model.npz"), tmp_path / "out"
+    call = ["run", "--from", model, "--output", str(folder), *NO_PICTURES]
+    assert main(call) == 0 and main(call) == 0
+    before = (folder / "summary.json").read_bytes()
+    other = [*call, "--set", "loads.0.force=90"]
+    assert main(other) == 2
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert message.startswith(f"fenicsrom: --output {folder}: ") and "--force" in message
+    assert (folder / "summary.json").read_bytes() == before
+    assert main([*other, "--force"]) == 0
+    assert (folder / "summary.json").read_bytes() != before
+
+
+def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, monkeypatch):
+    from fenicsrom.cli import output
+
+    mounts = tmp_path / "mounts"
+    mounts.write_text("1 0 8:1 / / rw - overlay x rw\n2 1 8:1 /a /src rw - ext4 y rw\n")
+    monkeypatch.setattr(output, "MOUNTS", mounts)
+    monkeypatch.setenv(output.CONTAINER, "give a mounted folder")
+    assert main(["run", str(SCENE), "--output", str(tmp_path / "out"), *QUICK]) == 2
+    assert "give a mounted folder" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    mounts.write_text(f"{mounts.read_text()}3 1 8:1 /b {tmp_path} rw - ext4 y rw\n")
+    monkeypatch.setattr(study, "run", interrupted)
+    assert main(["run", str(SCENE), "--output", str(tmp_path / "out")]) == 130
+
+
+def interrupted(*_, folder=None, **__):
+    """A run that is interrupted; it has kept a checkpoint if the folder is called "kept"."""
+    if folder.name == "kept":
+        (folder / "checkpoint.npz").write_text("")
+    raise KeyboardInterrupt
+
+
+def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(study, "run", interrupted)
+    call = ["run", str(SCENE), "--set", "basis.modes=1", "--output"]
+    assert main([*call, str(tmp_path / "kept")]) == 130
+    words = f"fenicsrom run {SCENE} --set basis.modes=1 --resume {tmp_path / 'kept'}/checkpoint.npz"
+    assert f"to continue: {words} --output {tmp_path / 'kept'}" in capsys.readouterr().err
+    assert main([*call, str(tmp_path / "nothing")]) == 130
+    assert "run the command again" in capsys.readouterr().err
+    assert not (tmp_path / "nothing").exists()
+
+
+def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
+    from fenicsrom.post import pictures
+
+    def broken(*_):
+        raise ValueError("no axes")
+
+    monkeypatch.setattr(pictures, "plot_motion", broken)
+    model = str(results / "reduced_model.npz")
+    assert main(["run", "--from", model, "--output", str(tmp_path)]) == 0
+    sentence = "motion.png was not drawn: ValueError: no axes"
+    assert f"warning: {sentence}" in capsys.readouterr().out
+    assert sentence in (tmp_path / "report.html").read_text()
+    assert not (tmp_path / "motion.png").exists() and (tmp_path / "energy.png").exists()
 
 
 @pytest.mark.parametrize("stage", ["pictures", "report"])
@@ -320,11 +427,32 @@ def test_failed_integration_keeps_motion_and_exits_1(tmp_path, capsys, monkeypat
         assert "beam_time" in history
 
 
-def test_output_folder_that_is_a_file_is_refused(tmp_path, capsys):
+@pytest.mark.parametrize("below", [(), ("folder",)])
+def test_output_folder_that_is_a_file_or_in_one_is_refused(tmp_path, capsys, below):
     blocked = tmp_path / "file"
     blocked.write_text("")
-    assert main(["run", str(SCENE), "--output", str(blocked), *QUICK]) == 1
-    assert str(blocked) in capsys.readouterr().err
+    assert main(["run", str(SCENE), "--output", str(blocked.joinpath(*below)), *QUICK]) == 2
+    printed = capsys.readouterr().err
+    assert str(blocked) in printed and len(printed.splitlines()) == 1
+
+
+def test_interrupt_during_the_imports_ends_with_a_sentence():
+    """The commands are imported when the program starts, which takes a fifth of a second."""
+    program = (
+        "import sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'fenicsrom.cli.commands':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from fenicsrom.cli import main\n"
+        "sys.exit(main(['plan', sys.argv[1]]))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(SCENE)], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 130
+    assert done.stderr == "fenicsrom: interrupted\n"
 
 
 @pytest.mark.parametrize("command", [["--version"], ["--help"], ["plan", str(SCENE)]])
@@ -381,10 +509,13 @@ def test_linear_scene_without_contact_skips_everything_else(tmp_path):
         found["response"]["reduced"]["newton_iterations"] == found["response"]["reduced"]["steps"]
     )
     assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "beam2d.geo",
         "checkpoint.npz",
         "history.npz",
+        "provenance.json",
         "reduced_model.npz",
         "report.html",
+        "scene.toml",
         "summary.json",
     ]
 
@@ -445,4 +576,8 @@ def test_interrupted_run_leaves_only_complete_files(tmp_path):
     assert process.returncode == 130
     assert "Traceback" not in errors
     # the model is written before the motion
-    assert {path.name for path in tmp_path.iterdir()} <= {"reduced_model.npz", "checkpoint.npz"}
+    record = {"scene.toml", "provenance.json", "beam2d.geo"}
+    left = {path.name for path in tmp_path.iterdir()}
+    assert left - record <= {"reduced_model.npz", "checkpoint.npz"} and record <= left
+    assert json.loads((tmp_path / "provenance.json").read_text())["state"] == "interrupted"
+    assert f"--resume {tmp_path / 'checkpoint.npz'}" in errors or "checkpoint.npz" not in left

@@ -63,6 +63,20 @@ def test_image_is_built_once_and_command_keeps_folder_and_exit_code(engine: Path
     assert docker_run(engine, "true") == (7, "")
 
 
+def test_command_is_told_the_commit_and_which_outputs_would_vanish(engine: Path) -> None:
+    def settings(*command: str) -> dict[str, str]:
+        docker_run(engine, *command)
+        asked = (engine / "run").read_text().splitlines()
+        return dict(word.split("=", 1) for word in asked if word.startswith("FENICSROM_"))
+
+    found = settings("mpirun", "-n", "2", "fenicsrom", "run", "scene.toml")
+    assert str(CHECKOUT) in found["FENICSROM_CONTAINER"]
+    assert "FENICSROM_CONTAINER" not in settings("python3", "-m", "pytest")
+    git = ["git", "-C", str(CHECKOUT), "rev-parse", "HEAD"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    assert found["FENICSROM_COMMIT"].startswith(commit)
+
+
 def test_image_is_built_again_only_after_change_of_environment(
     engine: Path, tmp_path: Path
 ) -> None:

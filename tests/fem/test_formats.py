@@ -17,7 +17,7 @@ import meshio
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
-from support import needs_mpirun, on_ranks, refusal
+from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh import build_mesh
@@ -45,6 +45,12 @@ FILES = [
     for kind in CELLS
     for suffix in (".inp", ".bdf", ".vtu")
     if (kind, suffix) not in (("hexahedron27", ".inp"), ("hexahedron27", ".bdf"))
+]
+FILES += [
+    ("quad8", ".msh"),
+    ("hexahedron20", ".msh"),
+    ("hexahedron20", ".unv"),
+    ("tetra10", ".vtk"),
 ]
 
 
@@ -96,6 +102,13 @@ def write_msh(path: Path, kind: str, incomplete: bool, straight: bool = False) -
 def convert(source: Path, path: Path, kind: str) -> Path:
     """The same mesh in another format; root and tip become node sets, shells with a property, or
     integer fields."""
+    if path.suffix in (".msh", ".unv"):
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.merge(str(source))
+        gmsh.write(str(path))
+        gmsh.finalize()
+        return path
     mesh = meshio.read(source)
     cells = np.concatenate([block.data for block in mesh.cells if block.type == kind])
     used, cells = np.unique(cells, return_inverse=True)
@@ -104,7 +117,8 @@ def convert(source: Path, path: Path, kind: str) -> Path:
     blocks = [(kind, cells)]
     if path.suffix == ".inp":
         meshio.Mesh(points, blocks, point_sets=sets).write(path)
-    elif path.suffix == ".vtu":
+        path.write_text(path.read_text().replace("CAX4P", "CPS4"))
+    elif path.suffix in (".vtu", ".vtk"):
         data = {
             name: np.isin(np.arange(len(points)), nodes).astype(np.int32)
             for name, nodes in sets.items()
@@ -208,9 +222,9 @@ def test_abaqus_element_sets_become_groups(tmp_path: Path) -> None:
     sets = {"root": [[], [0], []], "ends": [[], [0], [0]], "second": [[1], [], []]}
     cells = {name: [np.array(part, dtype=int) for part in parts] for name, parts in sets.items()}
     mesh = read(cube(tmp_path / "two.inp", "both", cell_sets=cells))
-    assert mesh.groups.keys() == {"solid", "root", "ends", "second"}
+    assert group_names(mesh) == {"solid", "root", "ends", "second"}
     assert [len(mesh.facets(name)) for name in ("root", "ends")] == [1, 2]
-    assert np.isin(mesh.cell_tags.values, mesh.groups["second"][1]).sum() == 1
+    assert np.isin(mesh.cell_tags.values, mesh.cell_groups["second"]).sum() == 1
 
 
 def test_abaqus_set_named_at_elements_becomes_group(tmp_path: Path) -> None:
@@ -237,7 +251,7 @@ def test_abaqus_set_in_parts_is_joined(tmp_path: Path) -> None:
     )
     path.write_text(path.read_text() + more)
     mesh = read(path)
-    assert mesh.groups.keys() == {"solid", "root", "tip"} and mesh.node_groups.keys() == {
+    assert group_names(mesh) == {"solid", "root", "tip"} and mesh.node_groups.keys() == {
         "root",
         "tip",
     }
@@ -253,7 +267,7 @@ def test_vtu_fields_become_groups(tmp_path: Path) -> None:
     fields = {name: [np.array(part) for part in parts] for name, parts in data.items()}
     points = {"corner": np.arange(12), "edge": np.isin(np.arange(12), [8, 10]).astype(np.int8)}
     mesh = read(cube(tmp_path / "two.vtu", "both", cell_data=fields, point_data=points))
-    assert mesh.groups.keys() == {"solid", "side:0", "side:1", "side:2", "root"}
+    assert group_names(mesh) == {"solid", "side:0", "side:1", "side:2", "root"}
     assert list(mesh.facets("side:1")) == list(mesh.facets("root")) != list(mesh.facets("side:2"))
     assert mesh.node_groups.keys() == {"edge", *(f"corner:{k}" for k in range(12))}
     assert [len(entities) for entities in mesh.node_groups["edge"]] == [2, 1]
@@ -267,7 +281,7 @@ def test_node_set_becomes_facet_group_and_node_group(tmp_path: Path) -> None:
             tmp_path / "two.inp", point_sets={name: np.array(nodes) for name, nodes in sets.items()}
         )
     )
-    assert mesh.groups.keys() == {"solid", "root"}  # the middle is inside
+    assert group_names(mesh) == {"solid", "root"}  # the middle is inside
     numbers = {
         name: (len(vertices), len(edges)) for name, (vertices, edges) in mesh.node_groups.items()
     }
@@ -293,7 +307,7 @@ def test_facet_without_midside_nodes_is_not_in_group(tmp_path: Path) -> None:
     first = next(cell[1:4] for cell in cells if corners >= set(cell[1:4]))
     path.write_text(f"{text}*NSET, NSET=three\n{', '.join(first)}\n")
     mesh = read(path)
-    assert "three" in mesh.node_groups and "three" not in mesh.groups
+    assert "three" in mesh.node_groups and "three" not in mesh.facet_groups
 
 
 INVERTED = "2,5,11,9,7,6,10,12,8"  # the second cell with two nodes exchanged
@@ -303,10 +317,9 @@ INVERTED = "2,5,11,9,7,6,10,12,8"  # the second cell with two nodes exchanged
     ("old", "new", "names"),
     [
         ("C3D8", "C3D99", "C3D99"),
-        ("*NODE\n", "*NODE\n1, 0., 0., 0.\n*NODE\n", "2 *NODE"),
-        ("*NODE\n", "*INCLUDE, INPUT=nodes.inp\n*NODE\n", "*INCLUDE"),
-        ("*NSET, NSET=root\n", "*NSET, NSET=both\nroot, tip\n*NSET, NSET=root\n", "(root, tip"),
-        ("*NSET, NSET=root\n", "*ELSET, ELSET=both\nroot\n*NSET, NSET=root\n", "(root)"),
+        ("*NODE\n", "*NODE\n1, 9., 0., 0.\n*NODE\n", "node 1"),
+        ("*NSET, NSET=root\n", "*NSET, NSET=both\nroot, tip\n*NSET, NSET=root\n", "tip"),
+        ("*NSET, NSET=root\n", "*ELSET, ELSET=both\nroot\n*NSET, NSET=root\n", "root"),
         ("2,5,9,", "2,5,99,", "99"),
         ("2,5,9,11,7,6,10,12,8\n", "2,5,9,11,7,6\n", ""),
         ("1,1,5,7,3,2,6,8,4\n2,5,9,11,7,6,10,12,8\n", "", ""),
@@ -351,6 +364,25 @@ def test_nastran_without_begin_bulk_is_read_and_empty_file_is_refused(tmp_path: 
             read(path)
 
 
+def test_contact_on_a_node_set_that_is_an_element_set_too_takes_areas(tmp_path: Path) -> None:
+    path = cube(tmp_path / "two.inp", point_sets={"root": np.arange(4), "tip": np.arange(8, 12)})
+    path.write_text(path.read_text() + "*ELSET, ELSET=tip\n2\n*ELSET, ELSET=root\n1\n")
+    contact = {
+        "group": "tip",
+        "at": "nodes",
+        "normal": [1, 0, 0],
+        "normal_stiffness": 1e6,
+        "tangential_stiffness": 1e6,
+        "friction": 0.3,
+    }
+    made = table(path, {"group": "root"}, {"group": "tip"}) | {"contacts": [contact]}
+    solid = solid_of(parse_scene(made, "s.toml", tmp_path), read(path))
+    assert solid.points.tributary_area.sum() == pytest.approx(1.0, rel=1e-12)
+    assert len(solid.mesh.cells("tip")) == 1 and len(solid.mesh.facets("tip")) == 1
+    with refusal(ErrorKind.PLACE, file="two.inp", names="root, solid, tip"):
+        solid.mesh.cells("rot")
+
+
 @pytest.mark.parametrize("suffix", [".inp", ".bdf", ".vtu", ".step", ".msh"])
 @pytest.mark.parametrize("keep", [0.0, 0.5])
 def test_truncated_file_is_refused(tmp_path: Path, suffix: str, keep: float) -> None:
@@ -380,9 +412,9 @@ def test_unsupported_cells_are_refused(tmp_path: Path) -> None:
 
 
 def test_missing_meshio_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = cube(tmp_path / "two.inp")
+    path = cube(tmp_path / "two.vtu")
     monkeypatch.setitem(sys.modules, "meshio", None)
-    with refusal(ErrorKind.DEPENDENCY, file="two.inp", names="meshio"):
+    with refusal(ErrorKind.DEPENDENCY, file="two.vtu", names="meshio"):
         read(path)
 
 
@@ -435,7 +467,7 @@ def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
     assert integral(fine, 1.0) == pytest.approx(volume, rel=2e-3)
     numbers = [mesh.domain.topology.index_map(3).size_global for mesh in (coarse, fine)]
     assert 2 * numbers[0] < numbers[1] < 16 * numbers[0]
-    assert coarse.groups.keys() == {"solid", "1", "2", "3"}
+    assert group_names(coarse) == {"solid", "1", "2", "3"}
     root = Region(plane=Plane(point=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
     tip = Region(box=((0.1, -0.01, -0.01), (0.1, 0.01, 0.01)))
     for region, x in ((root, 0.0), (tip, 0.1)):
@@ -628,7 +660,7 @@ for wrong in sys.argv[2:]:
         build_mesh(parse_scene(table, "s.toml", Path(wrong).parent).geometry, comm)
     except SceneError as error:
         said = comm.allgather(str(error))
-        assert len(set(said)) == 1 and "cannot be read" in said[0], said
+        assert len(set(said)) == 1 and "no cells" in said[0], said
     else:
         raise AssertionError(wrong)
 if comm.rank == 0:

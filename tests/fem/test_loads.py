@@ -339,8 +339,14 @@ def test_static_scene_ends_with_its_equilibrium(
         and found["frequencies_hz"] == []
     )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "beam2d.geo",
         "equilibrium.vtu",
+        "groups.vtu",
+        "provenance.json",
         "report.html",
+        "results",
+        "results.pvd",
+        "scene.toml",
         "summary.json",
     }
     assert main(["plan", str(scene)]) == 0

@@ -17,7 +17,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
-from support import needs_mpirun, on_ranks, refusal
+from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import gmsh_model
@@ -228,11 +228,7 @@ def test_blade_mesh_has_its_groups(cells: str, curved: bool) -> None:
     assert not mesh.warnings
     cut = {"structured": (1, 1), "simplex": (6, 2)}[cells]
     assert mesh.domain.topology.index_map(3).size_global == 12 * 8 * cut[0]
-    facets = {
-        name: len(mesh.facets(name))
-        for name, (dimension, _) in mesh.groups.items()
-        if dimension == 2
-    }
+    facets = {name: len(mesh.facets(name)) for name in mesh.facet_groups}
     skin = 12 * 8 * cut[1]
     assert facets == dict.fromkeys(("root", "load", "tip"), 8 * cut[1]) | {
         "pressure": skin,
@@ -372,7 +368,7 @@ def test_missing_or_unknown_file_is_refused(tmp_path: Path, name: str) -> None:
 def test_file_without_mesh_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "rubbish.msh"
     path.write_text("rubbish\n")
-    with refusal(ErrorKind.MESH, file="rubbish.msh"):
+    with refusal(ErrorKind.FORMAT, file="rubbish.msh"):
         read(path)
 
 
@@ -393,7 +389,7 @@ def test_missing_group_is_refused_with_known_names() -> None:
 
 def test_msh_file_equals_the_mesh_of_its_geometry(tmp_path: Path) -> None:
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()))
-    assert mesh.groups.keys() == {"solid", "root", "tip"}
+    assert group_names(mesh) == {"solid", "root", "tip"}
     assert integral(mesh, 1.0) == pytest.approx(2.0)
     assert integral(
         mesh, ufl.SpatialCoordinate(mesh.domain)[0], mesh.surface("tip")
@@ -403,7 +399,7 @@ def test_msh_file_equals_the_mesh_of_its_geometry(tmp_path: Path) -> None:
 
 def test_mesh_without_facet_groups_is_read(tmp_path: Path) -> None:
     mesh = read(write_msh(tmp_path / "two.msh", SQUARE, squares()[:2], [(2, 1, "solid")]))
-    assert mesh.groups.keys() == {"solid"} and not mesh.node_groups
+    assert mesh.cell_groups.keys() == {"solid"} and not mesh.facet_groups and not mesh.node_groups
     left = Region(box=((0.0, 0.0), (0.0, 1.0)))
     assert integral(mesh, 1.0, mesh.surface(left)) == pytest.approx(1.0)
     assert unclamped_pieces(mesh, [left]) == 0
@@ -470,7 +466,7 @@ def test_cells_are_those_of_solid_group_or_all(tmp_path: Path) -> None:
     )
     mesh = read(path)
     assert integral(mesh, 1.0) == pytest.approx(1.0)
-    assert mesh.groups.keys() == {"solid", "root"}
+    assert group_names(mesh) == {"solid", "root"}
     assert mesh.warnings == (
         f"{path}: group 'tip': 1 of 1 facets are not facets of a cell and are left out",
     )

@@ -89,9 +89,9 @@ def test_groups_of_dolfinx_mesh_are_the_tagged_facets() -> None:
 def test_tags_of_numpy_name_groups() -> None:
     domain, tags = tagged_square()
     groups = {"root": np.int32(7), "ends": np.array([7, 9])}
-    assert mesh_from_dolfinx(domain, tags, groups).groups == {
-        "root": (1, (7,)),
-        "ends": (1, (7, 9)),
+    assert mesh_from_dolfinx(domain, tags, groups).facet_groups == {
+        "root": (7,),
+        "ends": (7, 9),
     }
 
 
@@ -127,7 +127,7 @@ def test_mesh_with_moved_node_is_refused(cell: str) -> None:
         nothing = np.empty(0, dtype=np.int32)
         return mesh_from_dolfinx(domain, dolfinx.mesh.meshtags(domain, 1, nothing, nothing), {})
 
-    assert mesh_with(0.1).groups == {}
+    assert mesh_with(0.1).facet_groups == {}
     for change in (0.4, np.nan):
         with refusal(ErrorKind.MESH):
             mesh_with(change)

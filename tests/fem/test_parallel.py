@@ -52,7 +52,8 @@ def gathered(block):
 
 
 everything = [
-    modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force
+    modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T.toarray(),
+    solid.equilibrium, force
 ]
 table = gathered(np.column_stack(everything))
 y, unit, compliance = full.solve_effective(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
@@ -184,6 +185,46 @@ def test_error_of_one_rank_is_printed_and_stops_the_other(
     )
 
 
+CRASH = """
+import sys
+from mpi4py import MPI
+from fenicsrom.cli import commands, main
+
+read = commands.read_scene
+def read_scene(*given):
+    if MPI.COMM_WORLD.rank == 1:
+        raise ZeroDivisionError("a defect of the program")
+    return read(*given)
+commands.read_scene = read_scene
+sys.exit(main(["run", sys.argv[1], "--output", sys.argv[2]]))
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_unexpected_exception_of_one_rank_ends_all(tmp_path: Path) -> None:
+    done = on_ranks(2, "-c", CRASH, SCENE, str(tmp_path), code=1, timeout=60)
+    assert "ZeroDivisionError: a defect of the program" in done.stderr
+    assert not (tmp_path / "summary.json").exists()
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_more_ranks_than_cells_run(tmp_path: Path) -> None:
+    """Some ranks have no cell and no unknown."""
+    cells = ["geometry.parameters.elements_along=4", "geometry.parameters.load_at=0.5"]
+    wanted = [*cells, "time.periods=2", "output.pictures=false", "output.paraview=false"]
+    wanted += ["reference.beam=false", "loads=[{group='load',direction=[0,1],force=9,frequency=3}]"]
+    overrides = [part for item in wanted for part in ("--set", item)]
+    found = []
+    for ranks in (1, 5):
+        folder = tmp_path / str(ranks)
+        on_ranks(ranks, "-m", "fenicsrom", "run", SCENE, "--output", str(folder), *overrides)
+        summary = json.loads((folder / "summary.json").read_text())
+        found.append(summary["response"]["reduced"]["amplitude_m"]["tangential"])
+    assert found[1] == pytest.approx(found[0], rel=1e-6)
+
+
 @pytest.mark.slow
 @needs_mpirun
 def test_two_ranks_write_motion_files_once(tmp_path: Path) -> None:
@@ -251,3 +292,48 @@ def test_two_ranks_give_the_same_reduced_model(method: str, tmp_path: Path) -> N
         assert one[name].shape == two[name].shape
         close = 1e-5 * np.abs(one[name]).max()
         np.testing.assert_allclose(flip * two[name], one[name], rtol=0, atol=close, err_msg=name)
+
+
+RECOVERY = """
+import sys
+import numpy as np
+from mpi4py import MPI
+from support import STOCKY, beam_scene, make_solid
+from fenicsrom.fem.reaction_rows import reaction_table
+from fenicsrom.fem.stress_points import local_part, stress_table
+push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e5}
+# twelve elements: only one rank has cells at the root
+scene = beam_scene(
+    2, (*STOCKY, "geometry.parameters.elements_along=12"), loads=[push], contacts=None
+)
+solid = make_solid(scene)
+x = solid.space.tabulate_dof_coordinates()[: solid.local // 2, :2]
+vectors = np.stack([x**2, np.sin(x)], axis=-1).reshape(-1, 2)
+vectors[solid.clamped] = 0.0
+table = stress_table(solid, scene, solid.equilibrium, vectors)
+reactions = reaction_table(solid, scene, vectors)
+q = np.array([1e-3, 2e-3])
+stress = table.stress(q)
+order = np.lexsort(np.round(table.vertex_position, 9).T)
+part = local_part(solid)
+at_nodes = part.at_nodes(table, table.at_vertices(stress))[np.unique(part.nodes)]
+largest = max(solid.comm.allgather(np.abs(at_nodes).max(axis=0).tolist()))
+sums = solid.comm.allreduce(np.abs(stress[: table.position.shape[0]]).sum() / solid.comm.size)
+one = np.ones((1, 1))
+values, total = reactions.evaluate(table.law, q[None], q[None], q[None], one)
+if MPI.COMM_WORLD.rank == 0:
+    np.savez(
+        sys.argv[1], ranks=solid.comm.size, sums=sums, vertices=table.at_vertices(stress)[order],
+        moved=table.displacement(q)[order], values=values, total=total,
+        largest=largest,
+    )
+"""
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_two_ranks_give_the_same_stresses_and_reactions(tmp_path: Path) -> None:
+    one, two = arrays_of_one_and_two_ranks(RECOVERY, tmp_path)
+    for name in ("sums", "vertices", "moved", "values", "total", "largest"):
+        size = np.abs(one[name]).max()
+        np.testing.assert_allclose(two[name], one[name], rtol=0, atol=1e-8 * size)

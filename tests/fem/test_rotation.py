@@ -285,9 +285,9 @@ def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
 
 
 def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    from fenicsrom.fem import solid
+    from fenicsrom.fem import statics
 
-    monkeypatch.setattr(solid, "STATIC_ITERATIONS", 1)
+    monkeypatch.setattr(statics, "STATIC_ITERATIONS", 1)
     with pytest.raises(
         ConvergenceError, match="up to 0 % of the load and of the centrifugal force"
     ):
@@ -667,7 +667,8 @@ def test_campbell_command_writes_its_files(
     assert "2 modes at 13 speeds from 0 to 3000 rpm" in printed
     files = ["report.html", "campbell.json", "campbell.csv", "campbell.png"]
     assert printed.splitlines()[-5:] == ["files:", *(f"  {folder / name}" for name in files)]
-    assert sorted(path.name for path in folder.iterdir()) == sorted(files)
+    record = ["scene.toml", "provenance.json", "beam2d.geo"]
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*files, *record])
     found = json.loads((folder / "campbell.json").read_text())
     frequencies = np.array(found["frequencies_hz"])
     assert frequencies.shape == (13, 2) and found["speeds_rpm"][-1] == 3000.0

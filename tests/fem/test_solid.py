@@ -304,7 +304,7 @@ def test_place_used_twice_warns_once() -> None:
         " contacts[0]",
         " loads[0]",
     ]
-    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows)
+    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows.toarray())
     np.testing.assert_array_equal(
         solid.place(Place(nearest=(1.0, 0.09)), "again")[0], solid.probe_rows
     )
@@ -320,10 +320,37 @@ def test_clamped_contact_is_refused() -> None:
     for place in ({"node": [0.0, 0.0]}, {"group": "root", "at": "centre"}):
         with refusal(ErrorKind.PLACE, "contacts[0]", names="[0.0, 0.0]"):
             make_solid(beam_scene(2, TINY, contacts=contact_at(**place)))
-    solid = make_solid(beam_scene(2, TINY, contacts=contact_at(group="root")))
-    for method in ("rubin", "craig-bampton"):
-        with refusal(ErrorKind.PLACE, "contacts[0]", names="direction 1"):
-            component_modes(solid, Basis(method=method, modes=1))
+    with refusal(ErrorKind.PLACE, "contacts[0]", names="every node"):
+        make_solid(beam_scene(2, TINY, contacts=contact_at(group="root")))
+
+
+@pytest.mark.parametrize(
+    "load",
+    [
+        {"force": 1.0, "direction": [0.0, 1.0]},
+        {"traction": 1.0, "direction": [0.0, 1.0]},
+        {"pressure": 1.0},
+    ],
+)
+def test_load_on_clamped_group_is_refused(load: dict[str, Any]) -> None:
+    with refusal(ErrorKind.PLACE, "loads[0]", "test"):
+        make_solid(beam_scene(2, TINY, loads=[{"group": "root", "frequency": 3.0, **load}]))
+
+
+def test_probe_on_mean_of_clamped_group_is_refused() -> None:
+    with refusal(ErrorKind.PLACE, "probe", "test"):
+        make_solid(beam_scene(2, TINY, probe={"group": "root"}))
+
+
+def test_other_material_needs_no_compilation() -> None:
+    """The numbers of the material are constants of the forms, not a part of their code."""
+    changes = ("material.young=1.23e9", "material.density=1234.5", "geometry.thickness=0.0123")
+    solids = [make_solid(beam_scene(2, (*TINY, *more))) for more in ((), changes)]
+    for name in ("_tangent_form", "_force_form", "_energy_form", "_derivative_form", "mass_form"):
+        one, other = (getattr(solid, name).module.__name__ for solid in solids)
+        assert one == other, name
+    ratio = solids[1].mass.getDiagonal().array.max() / solids[0].mass.getDiagonal().array.max()
+    assert ratio == pytest.approx(1234.5 * 0.0123 / (7801.0 * 0.0254), rel=1e-12)
 
 
 def test_contact_given_twice_is_refused() -> None:

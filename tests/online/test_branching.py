@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from support import first
 
 from fenicsrom.online.branching import (
+    _eigenvector,
     branch,
     follow_growing,
     lies_on,
@@ -137,6 +139,20 @@ def through_load(steps: int) -> list[CurvePoint]:
     _, lower = path_at(LOWER, excitation_family(problem), 1.0, (0.01, 4.0), steps=steps)
     equation = shooting(problem.model, problem.period, steps=steps)
     return sorted(motions_through_load(equation, problem, lower.s), key=lambda p: p.amplitude.max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "column"), [("period doubling", 1), ("branch point", 2), ("fold", 2)]
+)
+def test_branch_leaves_along_the_eigenvector_of_its_bifurcation(kind: str, column: int) -> None:
+    """The eigenvector of the multiplier nearest to -1 or 1, whatever its size and sign are."""
+    vectors = np.random.default_rng(3).normal(size=(4, 4))
+    vectors /= np.linalg.norm(vectors, axis=0)
+    values = np.diag([-0.9, -1.00001, 0.99999, 1.2])
+    path: Any = SimpleNamespace(monodromy=lambda point: vectors @ values @ np.linalg.inv(vectors))
+    found = _eigenvector(path, SimpleNamespace(kind=kind))  # type: ignore[arg-type]
+    assert found is not None
+    assert abs(found @ vectors[:, column]) == pytest.approx(1.0, abs=1e-9)
 
 
 @pytest.mark.slow

@@ -22,13 +22,13 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online import archive, simulate
 from fenicsrom.online import checkpoints as restart
-from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.online.checkpoints import fingerprint, load_checkpoint, save_checkpoint
 from fenicsrom.online.contact_state import OPEN, SLIP, STICK
 from fenicsrom.online.march import integrate
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.scene_changes import changed_run_key
-from fenicsrom.online.state import Checkpoint
+from fenicsrom.online.state import TIME, Checkpoint
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.post.summary import write_checkpoint
 from fenicsrom.scene import Scene, Time
@@ -76,8 +76,8 @@ def rubbing(surface: str) -> tuple[ReducedModel, Contacts]:
 
 
 def scene_of(settings: Time) -> Scene:
-    """A scene with these settings for the file; the model does not belong to it."""
-    return replace(beam_scene(2), time=settings)
+    """A scene with these settings and the period of the model, for the file."""
+    return replace(beam_scene(2, (f"loads.0.frequency={1.0 / PERIOD!r}",)), time=settings)
 
 
 class Stop(Exception):
@@ -217,6 +217,21 @@ def stored(tmp_path: Path) -> tuple[Path, ReducedModel, Scene]:
     return path, model, scene
 
 
+def test_fingerprint_depends_on_every_array_of_the_model() -> None:
+    model, _ = rubbing("plane")
+    model = model._replace(velocity_matrix=np.zeros_like(model.mass))
+    known = {fingerprint(model)}
+    for name in ("mass", "loads", "contact_rows", "contact_offset", "probe", "probe_offset"):
+        known.add(fingerprint(model._replace(**{name: getattr(model, name) + 1.0})))
+    known.add(fingerprint(model._replace(velocity_matrix=model.velocity_matrix + 1.0)))
+    for field in ("elastic", "points"):
+        part = getattr(model, field)
+        for name, array in part._asdict().items():
+            changed = part._replace(**{name: np.append(array, np.ones_like(array[:1]), axis=0)})
+            known.add(fingerprint(model._replace(**{field: changed})))
+    assert len(known) == 1 + 7 + len(model.elastic) + len(model.points)
+
+
 def test_checkpoint_of_another_model_or_scene_is_refused(
     stored: tuple[Path, ReducedModel, Scene],
 ) -> None:
@@ -240,7 +255,8 @@ def test_checkpoint_of_another_model_or_scene_is_refused(
     }
     tables = {"contacts": "contacts.0.", "loads": "loads.0.", "material": "material."}
     for change, key in changes.items():
-        other = beam_scene(2, (tables.get(key, "time.") + change,))
+        changed = tables.get(key, "time.") + change
+        other = beam_scene(2, (f"loads.0.frequency={1.0 / PERIOD!r}", changed))
         if not key.startswith("time"):
             other = replace(other, time=scene.time)
         else:
@@ -291,8 +307,21 @@ def test_damaged_checkpoint_is_refused(stored: tuple[Path, ReducedModel, Scene])
         broken: list[Any] = [None, array[..., :0] if array.ndim else np.zeros(2), array.astype("U")]
         if array.dtype == np.float64 and array.size:
             broken.append(np.full_like(array, np.nan))
+        if name == "last_time":
+            broken += [array[::-1].copy(), array + 1e9, -array, np.full_like(array, array[-1])]
+        if name == "scalars":
+            broken.append(np.where(np.arange(array.size) == TIME, 1e9, array))
         if name == "header":
-            wrong = ({"format": "?"}, {"spans": -1.5}, {"size": "a"}, {"scene": {}}, {"model": "0"})
+            wrong = (
+                {"format": "?"},
+                {"spans": -1.5},
+                {"spans": -1},
+                {"spans": 3},
+                {"buckled": -1},
+                {"size": "a"},
+                {"scene": {}},
+                {"model": "0"},
+            )
             broken = [
                 None,
                 np.array("{"),
@@ -326,6 +355,8 @@ QUICK = [
     "--set",
     "output.paraview=false",
 ]
+
+RECORD = {"scene.toml", "provenance.json", "beam2d.geo"}  # what says what was run
 
 
 def history(folder: Path) -> dict[str, Any]:
@@ -364,7 +395,7 @@ def test_command_resumes_from_stored_model_and_from_scene(
         "--resume also needs the scene file or --from MODEL": resume,
     }
     for sentence, call in wrong.items():
-        assert main(["run", *call, "--output", str(tmp_path / "on")]) == 2
+        assert main(["run", *call, "--output", str(tmp_path / "wrong")]) == 2
         assert sentence in capsys.readouterr().err
 
 
@@ -403,7 +434,8 @@ sys.exit(cli.main(sys.argv[1:]))
         time.sleep(0.1)
     run.send_signal(signal.SIGTERM)
     assert "terminated" in run.communicate(timeout=60)[1] and run.returncode == 143
-    assert {file.name for file in tmp_path.iterdir()} == {"checkpoint.npz", "reduced_model.npz"}
+    left = {file.name for file in tmp_path.iterdir()}
+    assert left == RECORD | {"checkpoint.npz", "reduced_model.npz"}
     model = archive.load_model(tmp_path / "reduced_model.npz").model
     end = load_checkpoint(path, model, restart.load_scene(path))
     assert end.spans >= 1

@@ -425,3 +425,17 @@ def test_mean_normal_force_is_discrete_gradient_of_energy() -> None:
     assert len(kinds) == 4
     assert mean_normal_force(7.0, 7.0)[0] == 7.0
     assert mean_normal_force(0.0, 0.0)[0] == 0.0
+
+
+@pytest.mark.parametrize(("moved", "force"), [(0.0, 15.0), (-1e-4, 14.0), (1e-3, 15.0)])
+def test_stretch_beyond_the_limit_at_the_start_is_cut(moved: float, force: float) -> None:
+    """The normal force of 30 N allows 15 N; the stretch of 3 mm at the start would give 60 N.
+
+    The point then rests, moves back (15 N - 2e4 N/m 0.1 mm/2), or slips on.
+    """
+    start = rest(RUB, np.array([0.0, 0.0]), np.zeros(1))
+    start.slider[0, 1] = -3e-3
+    end, found, *_ = step(RUB, start, np.array([[0.0, moved]]), 0.5, True)
+    np.testing.assert_allclose(found.mean_force[0], [30.0, force], rtol=1e-12)
+    stretch = min(15.0 / 2e4, 15.0 / 2e4 + moved)
+    np.testing.assert_allclose(moved - end.slider[0, 1], stretch, rtol=1e-12)

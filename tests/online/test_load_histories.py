@@ -39,6 +39,7 @@ from fenicsrom.scene import (
     parse_scene,
     scene_table,
 )
+from fenicsrom.scene.excitation import shortest_period
 
 Array = NDArray[np.float64]
 
@@ -127,8 +128,8 @@ def test_steps_end_at_corners_and_respect_the_longest_step() -> None:
     assert quarter_period(of_loads(LOADS[5:6])) == pytest.approx(1 / 20)
     assert quarter_period(of_loads(LOADS[3:5])) == quarter_period(of_loads(LOADS[1:2])) == np.inf
     assert instants(of_loads(()), 2.0).tolist() == [2.0] and largest(of_loads(())).size == 0
-    assert [load.quarter_period for load in LOADS] == pytest.approx(
-        [1 / 8, np.inf, 1 / 40, 0.05, np.inf, 1 / 20, 1 / 32]
+    assert [shortest_period(load) for load in LOADS[:4] + LOADS[5:]] == pytest.approx(
+        [1 / 2, np.inf, 1 / 10, 0.4, 1 / 5, 1 / 8]
     )
 
 
@@ -330,6 +331,11 @@ HARMONIC = "loads.0.frequency=2.0"
 TIME = "time={duration=1.0, step=1e-3}"
 
 
+def whole(keys: str) -> str:
+    """The override of a whole load; that of a single key would remove the keys it excludes."""
+    return f"loads=[{{group='load', direction=[0.0, 1.0], force=100, {keys}}}]"
+
+
 @pytest.mark.parametrize(
     ("overrides", "kind", "key"),
     [
@@ -385,7 +391,7 @@ TIME = "time={duration=1.0, step=1e-3}"
             "loads[0].sweep.duration",
         ),
         (
-            [HARMONIC, "loads.0.harmonics=[[2, 1, 0]]", "loads.0.sweep={to=3, duration=1}"],
+            [whole("frequency=2.0, harmonics=[[2, 1, 0]], sweep={to=3, duration=1}")],
             ErrorKind.CONFLICT,
             "loads[0].harmonics",
         ),
@@ -395,17 +401,17 @@ TIME = "time={duration=1.0, step=1e-3}"
             "loads[0].phase",
         ),
         (
-            [HARMONIC, "loads.0.pulse={duration=1}"],
+            [whole("frequency=2.0, pulse={duration=1}")],
             ErrorKind.CONFLICT,
             "loads[0].frequency",
         ),
         (["loads.0.pulse={duration=0}"], ErrorKind.RANGE, "loads[0].pulse.duration"),
         (
-            ["loads.0.pulse={duration=1}", "loads.0.table=[[0, 1], [1, 2]]"],
+            [whole("pulse={duration=1}, table=[[0, 1], [1, 2]]")],
             ErrorKind.CONFLICT,
             "loads[0].pulse",
         ),
-        (["loads.0.traction=1"], ErrorKind.CONFLICT, "loads[0].traction"),
+        ([whole("traction=1")], ErrorKind.CONFLICT, "loads[0].traction"),
     ],
 )
 def test_mistake_in_history_is_refused_with_kind_and_key(

@@ -9,6 +9,7 @@ from motions import FRICTION, PERIOD, RESPONSE_KEYS, STIFFNESS, jenkins, motion,
 
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.post.sentences import error_sentence
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():
@@ -209,3 +210,20 @@ def test_point_with_force_zero_never_touched():
     case = motion(np.linspace(0, PERIOD, 101), u, force)
     (sentence,) = measures.out_of_reach(case, points)
     assert sentence.startswith("contacts[0]: 1 point ")
+
+
+def test_negligible_dissipation_is_not_compared():
+    """A motion that sticks dissipates rounding only; the largest energy is 2 J."""
+
+    def sticking(dissipated):
+        case = jenkins()
+        return replace(case, friction_dissipation=dissipated * case.time / PERIOD)
+
+    def error(ours, theirs):
+        return measures.errors_percent(sticking(ours), sticking(theirs))["dissipated_per_period"]
+
+    assert error(1.9e-10, 1e-15) is None and error(1e-15, 1e-10) is None
+    assert error(1e-3, 1e-15) == pytest.approx(100.0 * 1e-3 / 2e-9)
+    assert error(1.1e-3, 1e-3) == pytest.approx(10.0)
+    sentence = error_sentence({"amplitude_tangential": 1.0, "dissipated_per_period": None})
+    assert "zero or negligible: dissipation" in sentence

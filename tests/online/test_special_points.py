@@ -12,12 +12,21 @@ from support import linear_model, one_contact
 
 from fenicsrom.online.bifurcations import LOCATED, outside, special_points
 from fenicsrom.online.branching import follow_growing
-from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
+from fenicsrom.online.contact_events import (
+    NEGLIGIBLE,
+    OPENS,
+    SLIPS,
+    STICKS,
+    extremes,
+    state_bits,
+)
+from fenicsrom.online.contact_state import SLIP, STICK
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import BIFURCATIONS, Curve, CurvePoint
 from fenicsrom.online.families import Family, force_family
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.periodic import Shooting, solve
+from fenicsrom.online.state import no_record
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]
@@ -81,6 +90,24 @@ def test_contact_event_is_between_motions_with_and_without_the_state(
     width = LOCATED * path.range
     assert not occurs(path, event, event.parameter - width, bits)
     assert occurs(path, event, event.parameter + width, bits)
+
+
+@pytest.mark.parametrize(("share", "slips"), [(0.5, False), (2.0, True)])
+def test_slip_of_the_size_of_round_off_counts_as_stick(share: float, slips: bool) -> None:
+    """The threshold is a part of the largest stretch of the friction spring, mu N / k_t."""
+    contacts = one_contact(
+        preload=2.0, normal_stiffness=6.0, tangential_stiffness=5.0, friction=0.4
+    )
+    record = no_record(3, 1, 2, 0)
+    record.time[:] = 1.0, 2.0, 3.0
+    record.state[:, 0] = STICK, SLIP, STICK
+    record.force[:, 0, 0] = 1.0, 2.0, 3.0
+    limit = 0.4 * 3.0
+    record.friction_dissipation[1:, 0] = share * NEGLIGIBLE * limit**2 / 5.0
+    assert bool(state_bits(record, contacts)[0] & SLIPS) == slips
+    assert state_bits(record, contacts)[0] & STICKS
+    bits = state_bits(record, contacts)
+    assert (extremes(record, contacts, bits).slip[0] > 0.0) == slips
 
 
 def test_marched_motion_dissipates_only_beyond_the_first_slip() -> None:

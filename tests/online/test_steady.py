@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import html
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, one_contact, oscillator
 
-from fenicsrom.assess.estimates import check_motion, start_in, step_errors
+from fenicsrom.assess.estimates import check_motion, step_errors
 from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
 from fenicsrom.online.energy import check_energy
 from fenicsrom.online.history import read_history
@@ -27,6 +28,7 @@ from fenicsrom.online.simulate import simulate
 from fenicsrom.online.steady import _Problem, fractions_of
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.post.figures import plot_energy
+from fenicsrom.post.record import Rerun
 from fenicsrom.post.report import write_rerun_report
 from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
 from fenicsrom.post.summary import write_history
@@ -268,7 +270,7 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
     assert whole.search is not None and whole.newton_from is not None
     after += 0 if case == "rubbing" else whole.search.marched - 5
     kept: list[Any] = []
-    scene = beam_scene(2)
+    scene = beam_scene(2, (f"loads.0.frequency={1.0 / period!r}",))
     path = tmp_path / "checkpoint.npz"
 
     def keep(here: Any) -> None:
@@ -296,6 +298,30 @@ def test_resumed_run_equals_the_whole_run(case: str, after: int, tmp_path: Path)
         np.testing.assert_array_equal(getattr(motion.search, name), value, err_msg=name)
 
 
+@pytest.mark.parametrize(("tolerance", "checkpoints"), [(1e-5, 5), (0.9, 1)])
+def test_run_stops_during_newtons_method_and_resumes_to_the_same_motion(
+    tolerance: float, checkpoints: int
+) -> None:
+    """In an attempt after five periods; or after the second one, which seems to repeat."""
+    model, contacts, period = rubbing()
+    whole = run(model, period, contacts, steady_tolerance=tolerance)
+    asked: list[int] = []
+    kept: list[Any] = []
+
+    def stop() -> bool:
+        """Ask for the end before the third march of Newton's method."""
+        asked.append(len(kept))
+        return asked.count(len(kept)) == 4
+
+    options = {"stop": stop, "checkpoint": lambda end: kept.append(copy.deepcopy(end))}
+    with pytest.raises(Interrupted) as caught:
+        run(model, period, contacts, steady_tolerance=tolerance, **options)
+    assert len(kept) == checkpoints and not caught.value.partial.steady
+    resumed = run(model, period, contacts, steady_tolerance=tolerance, resume=kept[-1])
+    assert whole.newton_from is not None and resumed.newton_from == whole.newton_from
+    np.testing.assert_array_equal(last(resumed), last(whole))
+
+
 def test_run_without_room_for_an_attempt_is_marched() -> None:
     model, contacts, period = rubbing()
     motion = run(model, period, contacts, periods=5, steady_tolerance=1e-9)
@@ -321,8 +347,8 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     marched = run(model, period, contacts, steady="march")
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
-    stored: Any = SimpleNamespace(size=4)
-    page = write_rerun_report(stored, beam_scene(2), motion, [], [], tmp_path).read_text()
+    stored: Any = SimpleNamespace(size=4, scene=beam_scene(2))
+    page = write_rerun_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]
     stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
@@ -345,25 +371,6 @@ def test_check_starts_from_the_periodic_motion() -> None:
         step_errors(model, fine, simulate(model, fine)),
     )
     assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
-
-
-def test_start_in_a_richer_basis_is_the_same_displacement() -> None:
-    rng = np.random.default_rng(3)
-    mass = np.diag(rng.uniform(1.0, 2.0, 9))
-    body: Any = SimpleNamespace(mass_inner=lambda a, b: a.T @ mass @ b)
-    small = rng.standard_normal((9, 4))
-    mixed = np.concatenate([small, rng.standard_normal((9, 2))], axis=1)
-    basis: Any = SimpleNamespace(vectors=small)
-    richer: Any = SimpleNamespace(vectors=mixed @ rng.standard_normal((6, 6)))
-    model, contacts, period = rubbing()
-    motion = run(model, period, contacts)
-    start = start_in(body, basis, richer, motion)
-    assert start is not None and motion.end is not None
-    state = motion.end.state
-    np.testing.assert_allclose(richer.vectors @ start[0], small @ state.q, atol=1e-10)
-    np.testing.assert_allclose(richer.vectors @ start[1], small @ state.v, atol=1e-10)
-    np.testing.assert_array_equal(start[2], state.contact.slider)
-    assert start_in(body, basis, richer, replace(motion, search=None)) is None
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from contact_cases import SURFACES, casing
 from numpy.typing import NDArray
-from support import assert_tangent, slope
+from support import assert_tangent, one_contact, slope
 
 from fenicsrom.online.contact_state import (
     zero_contact_state,
@@ -123,3 +123,11 @@ def test_penetration_at_large_radius_keeps_small_displacement() -> None:
 def test_no_contacts_has_no_points() -> None:
     assert all(values.shape[0] == 0 for values in no_contacts())
     assert contact_energy(no_contacts(), zero_contact_state(0, 2)) == 0.0
+
+
+def test_surface_rests_before_its_first_and_after_its_last_row() -> None:
+    contacts = one_contact()._replace(
+        times=np.array([1.0, 2.0, 4.0]), approach=np.array([[1e-3, 3e-3, 2e-3]])
+    )
+    depth = [penetration(contacts, 0, np.zeros(2), t) for t in (0.0, 1.0, 1.5, 3.0, 4.0, 5.0, 1e9)]
+    np.testing.assert_allclose(depth, [1e-3, 1e-3, 2e-3, 2.5e-3, 2e-3, 2e-3, 2e-3], rtol=1e-12)

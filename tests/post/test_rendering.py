@@ -165,3 +165,47 @@ def test_film_frames_show_pictures_with_their_times():
     assert dark > 0.3 * 720 * 240 and light == later > 0.3 * 720 * 240
     changed = np.flatnonzero((frames[1] != frames[2]).any(axis=(1, 2)))
     assert changed.size and np.ptp(changed) < 30  # the line of the time, and nothing else
+
+
+@pytest.mark.slow
+@needs_xvfb
+@pytest.mark.parametrize("cell", ["quadrilateral", "hexahedron"])
+def test_picture_of_stress_marks_largest_value_on_the_side_that_is_seen(
+    tmp_path, monkeypatch, cell
+):
+    """The body is bent down: blue at the free end, red at the clamped end, and a white mark."""
+    from matplotlib.image import imread
+
+    from fenicsrom.online.stress import StressLaw, StressTable
+    from fenicsrom.online.stress_peaks import equilibrium_peak
+
+    monkeypatch.delenv("DISPLAY", raising=False)
+    space = space_on(cell, 1)
+    d = space.mesh.geometry.dim
+    points, cells = space.tabulate_dof_coordinates()[:, :d], np.asarray(space.dofmap.list)
+    centres = points[cells].mean(axis=1)
+    gradients = np.zeros((1, len(cells), d, d))
+    gradients[0, :, 0, 0] = 1e-3 * (LENGTH - centres[:, 0])
+    moved = np.zeros((1, len(points), d))
+    moved[0, :, 1] = -0.1 * points[:, 0] ** 2
+    table = StressTable(
+        StressLaw(1e11, 8e10, None, True, False),
+        centres,
+        np.ones(len(cells)),
+        gradients,
+        cells.astype(np.int64),
+        points,
+        moved,
+        np.ones((cells.shape[1], 1)),
+    )
+    measure = "second-piola-kirchhoff"
+    peak = equilibrium_peak(table, measure)
+    png = rendering.picture_stress(tmp_path / "stress.png", table, peak, measure)
+    assert png == tmp_path / "stress.png" and os.listdir(tmp_path) == ["stress.png"]
+    picture = imread(png)[..., :3]
+    body = picture[: int(0.75 * len(picture))]
+    red = (body[..., 0] > 0.35) & (body[..., 0] > 2.0 * body[..., 1]) & (body[..., 2] < 0.2)
+    blue = (body[..., 2] > 0.25) & (body[..., 2] > 1.5 * body[..., 1]) & (body[..., 0] < 0.35)
+    assert red.sum() > 200 and blue.sum() > 200
+    apart = np.nonzero(blue)[1].mean() - np.nonzero(red)[1].mean()
+    assert abs(apart) > 0.3 * picture.shape[1] and (d == 3 or apart > 0.0)

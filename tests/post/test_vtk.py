@@ -148,7 +148,7 @@ def test_written_points_are_series_of_point_sets(tmp_path):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(
                 vtk,
-                "_write_series",
+                "write_series",
                 lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
             )
             vtk.write_points(tmp_path, "points", times[:1], points, {})
@@ -243,3 +243,22 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
     _, line = centreline(whole, {"1V": of_space(whole, 2)}, stations=9)
     for rank in (0, 1):
         np.testing.assert_allclose(np.load(tmp_path / f"line{rank}.npy"), line, atol=1e-10)
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
+    """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
+    from fenicsrom.post.vtk_files import refined_grid, write_vtu
+
+    space = space_on(cell, 1)
+    d = space.mesh.geometry.dim
+    points, cells = space.tabulate_dof_coordinates()[:, :d], np.asarray(space.dofmap.list)
+    grid, mean = refined_grid(points, cells)
+    assert grid.cell_type == CELLS[cell][1] and mean.shape == (len(grid.points), len(points))
+    values = points @ np.arange(1.0, 1.0 + d)
+    np.testing.assert_allclose(mean @ values, grid.points[:, :d] @ np.arange(1.0, 1.0 + d))
+    write_vtu(tmp_path / "fine.vtu", grid, {"x": mean @ values})
+    read = pyvista.read(tmp_path / "fine.vtu")
+    sizes = np.abs(read.triangulate().compute_cell_sizes()["Area" if d == 2 else "Volume"])
+    assert sizes.sum() == pytest.approx(LENGTH * HEIGHT ** (d - 1))
+    assert len(np.unique(np.round(grid.points, 9), axis=0)) == len(grid.points)

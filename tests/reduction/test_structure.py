@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import close_frequency_groups, component_modes
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.stages import Reduction
+from fenicsrom.reduction.snapshots import linear_snapshots
+from fenicsrom.reduction.stages import Reduction, choose
 from fenicsrom.scene import Basis, Scene
 
 
@@ -70,3 +73,30 @@ def test_close_frequencies_form_one_group() -> None:
     groups = close_frequency_groups(omega, 5e-3)
     assert groups == [slice(0, 2), slice(2, 3), slice(3, 6)]
     assert close_frequency_groups(np.zeros(0), 5e-3) == []
+
+
+def test_snapshots_do_not_depend_on_the_end_of_the_run() -> None:
+    """A run that continues with more periods has the same basis."""
+    found = []
+    for end in ({"periods": 2}, {"periods": 30}, {"periods": 2, "steady_tolerance": 1e-2}):
+        scene = scene_with(modes=2, elastic_force="projection")
+        scene = replace(scene, time=scene.time.changed(steps_per_period=40, **end))
+        beam = beam_structure(scene)
+        found.append(linear_snapshots(beam, scene, component_modes(beam, scene.basis)))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other, found[0])
+
+
+def test_nonlinear_statics_select_derivatives_in_mmi_nls_only() -> None:
+    """The linear transient moves in the first mode only, the statics in the second."""
+    scene = scene_with(modes=2, elastic_force="projection")
+    beam = beam_structure(scene)
+    modes = component_modes(beam, scene.basis)
+    first, second = modes.normal[:, [0]], modes.normal[:, [1]]
+    snapshots: Any = SimpleNamespace(linear=first, static=0.5 * second)
+    chosen = {}
+    for method in ("mmi", "mmi-nls"):
+        options = replace(scene.basis, derivatives=method, threshold=0.01)
+        chosen[method] = choose(beam, replace(scene, basis=options), modes, snapshots)
+    assert "2V2V" not in chosen["mmi"].derivatives
+    assert "2V2V" in chosen["mmi-nls"].derivatives

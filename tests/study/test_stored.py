@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import html
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, linear_model, refusal
 
 from fenicsrom import study
+from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories
+from fenicsrom.post.sentences import UNJUDGED
 
 SHORT = (
     "geometrically_nonlinear=false",
@@ -32,22 +37,90 @@ def stored(*overrides: str) -> StoredModel:
         loads=[[1.0]],
         load_histories=load_histories(scene),
     )
-    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6]), {})
+    return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6, 22.0]), {})
 
 
 def warnings_of(model: StoredModel, folder: Path) -> list[str]:
     """The warnings of a run, which its summary repeats."""
-    found = study.rerun(model, model.model, model.scene, folder)
+    found = study.rerun(model, folder)
     assert json.loads((folder / "summary.json").read_text())["warnings"] == found.warnings
     return found.warnings
 
 
 def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
-    (warning,) = warnings_of(stored(), tmp_path)
-    assert "within 2 periods" in warning
+    warning, other = warnings_of(stored(), tmp_path)
+    assert "within 2 periods" in warning and other == UNJUDGED
+
+
+def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> None:
+    """The modes at 3.6 and 22 Hz follow a load up to 14.7 Hz."""
+    for frequency, warned in ((14.6, 0), (14.8, 1)):
+        fast = stored().with_overrides(f"loads.0.frequency={frequency}")
+        named = [text for text in warnings_of(fast, tmp_path) if "basis.modes" in text]
+        assert len(named) == warned
+
+
+def test_load_that_the_stored_step_misses_is_refused() -> None:
+    fourth, fifth = (f"loads.0.harmonics=[[1, 1.0, 0.0], [{n}, 1.0, 0.0]]" for n in (4, 5))
+    assert stored().with_overrides(fourth).scene.time.steps_per_period == 40
+    with refusal(ErrorKind.CONFLICT, "time.steps_per_period", names="at least 50"):
+        stored().with_overrides(fifth)
+
+
+def test_stored_model_keeps_its_modes_where_a_scene_leaves_them_open() -> None:
+    made = stored("basis.modes=1").scene
+    assert changed_key(made, stored().scene) is None
+    assert changed_key(made, stored("basis.modes=2").scene) == "basis"
 
 
 @pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
 def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -> None:
     named = [text for text in warnings_of(stored(f"{key}=true"), tmp_path) if key in text]
     assert len(named) == 1
+
+
+def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
+    """With so long a step, the run with twice the step gives another motion."""
+    model = stored("time.steps_per_period=10", "time.periods=40", "loads.0.frequency=3.6")
+    found = study.rerun(model, tmp_path)
+    assert isinstance(found.unfinished, AccuracyError)
+    assert found.unfinished.kind is ErrorKind.TIME_STEP
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["unfinished"] == {"model": "reduced", "reason": str(found.unfinished)}
+    assert summary["estimated_error_percent"]["time step"] == pytest.approx(
+        100.0 * found.errors["time step"].amplitude
+    )
+    page = html.unescape((tmp_path / "report.html").read_text())
+    assert str(found.unfinished) in page and "no reliable result" in page
+
+
+def test_summary_and_report_of_good_run_give_the_estimate(tmp_path: Path) -> None:
+    model = stored("time.periods=40", "time.steps_per_period=200")
+    found = study.rerun(model, tmp_path)
+    assert found.unfinished is None and 0.0 < found.errors["time step"].amplitude < 0.1
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert "unfinished" not in summary
+    assert summary["estimated_error_percent"]["time step"] > 0.0
+    assert "due to the time step" in (tmp_path / "report.html").read_text()
+
+
+def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) -> None:
+    """The load is at the second frequency, which only the candidates have: the run is refused, and
+    its files say so."""
+    model = stored("loads.0.frequency=4.8", "time.periods=40")
+    both = linear_model(
+        np.eye(2),
+        np.diag([500.0, (2.0 * np.pi * 4.8) ** 2]),
+        damping=model.model.damping,
+        loads=[[1.0], [0.5]],
+        load_histories=model.model.load_histories,
+    )
+    both = both._replace(probe=np.array([[1.0, 1.0], [0.0, 0.0]]))
+    found = study.rerun(replace(model, candidates=both), tmp_path)
+    assert isinstance(found.unfinished, AccuracyError) and UNJUDGED not in found.warnings
+    assert found.unfinished.kind is ErrorKind.BASIS
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["unfinished"]["reason"] == str(found.unfinished)
+    estimates = told["estimated_error_percent"]
+    assert estimates["basis"] == pytest.approx(100.0 * found.errors["basis"].amplitude)
+    assert estimates["basis"] > 50.0 and len(estimates["directions by the basis"]) == 2

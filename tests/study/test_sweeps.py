@@ -93,7 +93,7 @@ def test_key_of_offline_stage_fails_on_stored_model(model: Path, tmp_path: Path)
 
 
 def test_run_with_too_long_steps_is_doubtful(model: Path, tmp_path: Path) -> None:
-    found = swept(model, tmp_path, ["time.steps_per_period=[4, 100]"])
+    found = swept(model, tmp_path, ["time.steps_per_period=[10, 100]"])
     assert [row["outcome"] for row in found.rows] == [DOUBTFUL, DONE]
     assert found.rows[0]["amplitude_x_m"] > 0.0
 

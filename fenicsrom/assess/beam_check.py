@@ -1,0 +1,69 @@
+"""Whether the 1D beam of a scene stands for its solid: a comparison of linear properties.
+
+The table [reference.beam_section] repeats what the mesh and the places of the scene say. If one of
+them changes and the other does not, the beam is another structure. Its first natural frequency, its
+displacement under the loads at the loads, and that at the observed place then differ from those of
+the solid.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction.beam import beam_structure
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
+
+AGREEMENT = 0.05
+"""Largest relative difference; a slender solid on a usual mesh is within 1 %."""
+
+
+def check_beam(body: Structure, scene: Scene) -> None:
+    """Check that the beam of a scene agrees with its solid. Collective.
+
+    Args:
+        body: the solid.
+        scene: its scene, with a reference beam.
+
+    Raises:
+        SceneError: the beam differs from the solid, or cannot be made of this scene.
+    """
+    ours, theirs = _properties(body), _properties(beam_structure(scene))
+    for name, value in ours.items():
+        apart = float(np.linalg.norm(value - theirs[name]))
+        if apart > AGREEMENT * float(np.linalg.norm(value)):
+            raise SceneError(
+                f"{scene.source}: reference.beam_section: the beam does not stand for the solid: "
+                f"{name} is {_shown(theirs[name])} of the beam and {_shown(value)} of the solid "
+                f"(at most {100.0 * AGREEMENT:g} % difference is accepted); give the length, "
+                "height, width and load_at of the mesh, or set reference.beam = false",
+                kind=ErrorKind.MISMATCH,
+                key="reference.beam_section",
+                source=scene.source,
+            )
+
+
+def _shown(values: Array) -> str:
+    """Numbers for a message."""
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _properties(body: Structure) -> dict[str, Array]:
+    """Linear properties of a structure by their names, of loads of size 1."""
+    squares, _ = body.eigenmodes(body.factor, 1)
+    under_loads = body.factor.solve(body.load_vectors)
+    at_loads = np.sum(body.load_vectors * under_loads, axis=0)
+    at_probe = (body.probe_rows @ under_loads).ravel()
+    return {
+        "the first natural frequency in Hz": np.sqrt(np.abs(squares)) / (2.0 * np.pi),
+        "the flexibility at the loads in m/N": np.asarray(body.comm.allreduce(at_loads)),
+        "the displacement of the observed place by 1 N in m": np.asarray(
+            body.comm.allreduce(at_probe)
+        ),
+    }

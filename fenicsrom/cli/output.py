@@ -1,0 +1,136 @@
+"""The output folder of a command: its name, its record, and how to continue after an interrupt."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fenicsrom import study
+from fenicsrom.cli.printing import progress
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import Scene
+
+CONTAINER = "FENICSROM_CONTAINER"  # variable that is set where only mounted folders outlive a run
+MOUNTS = Path("/proc/self/mountinfo")
+
+
+@contextmanager
+def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Iterator[Path]:
+    """Open the output folder of a command, and say how to continue if it is interrupted.
+
+    Raises:
+        SceneError: the folder holds another run, is in use, or would vanish with the container.
+        OSError: the folder cannot be written.
+    """
+    from fenicsrom.online.compilation import announced
+
+    folder = output_path(options)
+    _require_lasting(folder)
+    quiet = comm is not None and comm.rank > 0
+    try:
+        with (
+            study.output_folder(folder, scene, comm, _origin(options, folder), options.force),
+            announced((lambda line: None) if quiet else progress),
+        ):
+            yield folder
+    except KeyboardInterrupt:
+        options.continuation = _continuation(options, folder)
+        raise
+
+
+def output_path(options: argparse.Namespace) -> Path:
+    """The folder of --output, or out/ and the name of the scene or of the stored model.
+
+    Raises:
+        SceneError: a file has this name, or that of a folder that should hold it.
+    """
+    source = options.scene or options.stored
+    name = "stability" if options.name == "stability" else Path(source).stem
+    folder = Path(options.output) if options.output else Path("out") / name
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise SceneError(
+                f"--output {folder}: {place} is a file; must be a folder, or a new name",
+                kind=ErrorKind.FILE,
+                key="--output",
+                source=str(place),
+            )
+    return folder
+
+
+VARIATIONS = {"axis": "--axis", "over": "--over", "together": "--zip"}  # options that vary a scene
+STATES = {"run": "checkpoint.npz", "response": "response_state", "sweep": "runs"}
+
+
+def _origin(options: argparse.Namespace, folder: Path) -> Any:
+    """How the command was started, and how it is repeated in its folder."""
+    from fenicsrom.post.origin import SCENE_FILE, Origin
+
+    model = getattr(options, "stored", None)
+    resume = getattr(options, "resume", None)
+    if resume is True:  # a sweep continues in its own folder
+        resume = folder / STATES["sweep"]
+    elif resume:
+        resume = Path(resume)
+    varied = [
+        word
+        for name, option in VARIATIONS.items()
+        for value in getattr(options, name, [])
+        for word in (option, value)
+    ]
+    repeat = ["fenicsrom", options.name, SCENE_FILE, *varied]
+    repeat += ["--from", Path(model).name] if model else []
+    repeat += ["--resume", resume.name] if resume and options.name != "sweep" else []
+    return Origin(
+        ("fenicsrom", *options.arguments),
+        repeat,
+        (options.name, *varied),
+        options.overrides,
+        Path(model) if model else None,
+        resume or None,
+    )
+
+
+def _continuation(options: argparse.Namespace, folder: Path) -> str:
+    """Say how to go on after an interrupt."""
+    state = STATES.get(options.name)
+    if state is None or not (folder / state).exists():
+        return "nothing to continue from was kept; run the command again"
+    flag = options.name == "sweep"
+    words = list(options.arguments)
+    for name in ("--output",) if flag else ("--resume", "--output"):
+        while name in words:
+            place = words.index(name)
+            del words[place : place + 2]
+        words = [word for word in words if not word.startswith(f"{name}=")]
+    if flag:
+        words += [] if "--resume" in words else ["--resume"]
+    else:
+        words += ["--resume", str(folder / state)]
+    return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
+
+
+def _require_lasting(folder: Path) -> None:
+    """Check that the folder is on a mounted file system, inside a container.
+
+    Raises:
+        SceneError: it would vanish with the container.
+    """
+    if not os.environ.get(CONTAINER) or not MOUNTS.exists():
+        return
+    mounted = [Path(line.split()[4]) for line in MOUNTS.read_text("utf-8").splitlines()]
+    place = folder.resolve()
+    shared = [path for path in mounted if path != Path("/") and path in (place, *place.parents)]
+    if not shared:
+        raise SceneError(
+            f"--output {folder}: only mounted folders outlive the container, and {place} is in "
+            f"none of them; {os.environ[CONTAINER]}",
+            kind=ErrorKind.FILE,
+            key="--output",
+            source=str(folder),
+        )

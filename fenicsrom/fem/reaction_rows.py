@@ -1,0 +1,133 @@
+"""The terms of the reactions of a solid: `fenicsrom.online.reactions.ReactionTable`."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.solid import Solid
+from fenicsrom.online.reactions import ReactionTable
+from fenicsrom.scene import Scene
+
+
+def reaction_table(solid: Solid, scene: Scene, vectors: Array) -> ReactionTable:
+    """Tabulate the terms of the reactions of all supports. Collective.
+
+    Args:
+        solid: the body in its equilibrium.
+        scene: its scene.
+        vectors: (local, n) the basis vectors.
+
+    Returns:
+        The table, the same on every rank.
+    """
+    nodes = _support_nodes(solid, scene)
+    centres = np.array([_centroid(solid, mine) for mine in nodes])
+    tests = [_test_functions(solid, mine, x) for mine, x in zip(nodes, centres, strict=True)]
+    whole = np.zeros_like(tests[0])
+    whole[:, : solid.dimension] = solid.translations()
+    parts = [
+        _gradients_at(solid, mine, test, vectors) for mine, test in zip(nodes, tests, strict=True)
+    ]
+    rows = [_rows(solid, test, vectors) for test in (*tests, whole)]
+    sizes = [part[0].shape[1] for part in parts]
+    return ReactionTable(
+        centres,
+        np.repeat(np.arange(len(nodes)), sizes),
+        np.concatenate([part[0] for part in parts], axis=1),
+        np.concatenate([part[1] for part in parts], axis=1),
+        *(np.array(term) for term in zip(*rows, strict=True)),
+    )
+
+
+def _support_nodes(solid: Solid, scene: Scene) -> list[npt.NDArray[np.int32]]:
+    """Nodes of each support on this rank, ghosts included; a shared node belongs to the first."""
+    found: list[npt.NDArray[np.int32]] = []
+    for support in scene.supports:
+        nodes = solid.mesh.nodes(support, solid.space)
+        found.append(np.setdiff1d(nodes, np.concatenate([*found, nodes[:0]])).astype(np.int32))
+    return found
+
+
+def _centroid(solid: Solid, nodes: npt.NDArray[np.int32]) -> Array:
+    """Mean place (d,) of nodes over all ranks, m."""
+    owned = nodes[nodes < solid.local // solid.dimension]
+    x = solid.space.tabulate_dof_coordinates()[owned, : solid.dimension]
+    count = solid.comm.allreduce(owned.size)
+    return np.asarray(solid.comm.allreduce(x.sum(axis=0)) / max(count, 1))
+
+
+def _test_functions(solid: Solid, nodes: npt.NDArray[np.int32], centre: Array) -> Array:
+    """Translations and rotations (local, m) of nodes about a centre, zero on all other nodes."""
+    d = solid.dimension
+    owned = nodes[nodes < solid.local // d]
+    arm = solid.space.tabulate_dof_coordinates()[owned, :d] - centre
+    fields = np.zeros((solid.local // d, d, 3 * (d - 1)))
+    fields[owned, :, :d] = np.eye(d)
+    if d == 2:
+        fields[owned, 0, 2], fields[owned, 1, 2] = -arm[:, 1], arm[:, 0]
+    else:
+        for axis in range(3):
+            fields[owned, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
+    return fields.reshape(solid.local, -1)
+
+
+def _gradients_at(
+    solid: Solid, nodes: npt.NDArray[np.int32], tests: Array, vectors: Array
+) -> tuple[Array, Array]:
+    """Displacement gradients, and weighted gradients of the tests, in the cells at some nodes.
+
+    The points are those of the quadrature rule of the internal force, on all ranks.
+    """
+    touching = np.isin(solid.space.dofmap.list, nodes).any(axis=1)
+    owned = solid.owned_cells()
+    cells = owned[touching[owned]]
+    d, m = solid.dimension, tests.shape[1]
+    fields = np.concatenate([vectors, tests], axis=1)
+    chunks = list(solid.tabulate(fields, solid.equilibrium, cells=cells))
+    weights = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
+    none = np.zeros((0, 1 + fields.shape[1], d, d))
+    values = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
+    values[-m:] *= weights[:, None, None]
+    every = np.concatenate(solid.comm.allgather(values), axis=1)
+    return every[:-m], every[-m:]
+
+
+def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Array, Array]:
+    """The products of test functions with the linear terms of the equation of motion.
+
+    The matrices of the solid have no clamped rows, so the forms are assembled anew.
+
+    Returns:
+        Mass (m, n), gyroscopic (m, n), centrifugal (m, 1 + n) and loads (m, loads).
+    """
+    density = solid.material.density * solid.thickness
+    test, w = ufl.TestFunction(solid.space), fem.Function(solid.space)
+    fields = np.concatenate([solid.equilibrium[:, None], vectors], axis=1)
+
+    def products(integrand: ufl.core.expr.Expr) -> Array:
+        """∫ ρ (integrand with W) of u₀ and every φ, (m, 1 + n)."""
+        form = fem.form(density * integrand * solid.dx)
+        found = np.empty_like(tests)
+        for k in range(tests.shape[1]):
+            w.x.array[: solid.local] = tests[:, k]
+            w.x.scatter_forward()
+            found[:, k] = solid.assembled(form)
+        return solid.inner(found, fields)
+
+    mass = products(ufl.dot(w, test))[:, 1:]
+    gyroscopic, centrifugal = np.zeros_like(mass), np.zeros((tests.shape[1], fields.shape[1]))
+    frame = solid.rotation
+    if frame is not None:
+        arm = solid.assembled(fem.form(density * frame.out_of_axis(frame.arm, test) * solid.dx))
+        centrifugal = products(frame.out_of_axis(w, test))
+        centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]
+        centrifugal *= frame.omega_squared
+        if solid.gyroscopic is not None:
+            gyroscopic = frame.omega * products(frame.coriolis(test, w))[:, 1:]
+    loads = [solid.load_vector(load, f"loads[{k}]") for k, load in enumerate(solid.loads)]
+    unit = np.array(loads).reshape(len(loads), solid.local).T
+    return mass, gyroscopic, centrifugal, solid.inner(tests, unit)

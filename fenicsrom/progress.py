@@ -1,0 +1,65 @@
+"""The progress of long computations: loops tell how far they are, and a listener may show it.
+
+The loops do not know who listens, and nobody needs to: without a listener they only count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TypeVar
+
+T = TypeVar("T")
+Listener = Callable[[float], None]
+
+_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def listening(listener: Listener | None) -> Iterator[None]:
+    """Pass the completed fraction of the work in the body to a listener."""
+    outer = _listener.get()
+    _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.set(outer)
+
+
+def tell(fraction: float) -> None:
+    """Tell the listener which fraction of the work is done, from 0 to 1."""
+    listener = _listener.get()
+    if listener is not None:
+        listener(fraction)
+
+
+def tracked(items: Collection[T]) -> Iterator[T]:
+    """Iterate over items of about equal work, and tell after each one the fraction that is done.
+
+    What the body tells counts as a part of its item.
+    """
+    outer = _listener.get()
+    count = len(items)
+    for k, item in enumerate(items):
+        with listening(outer and _part(outer, k, count)):
+            yield item
+        tell((k + 1) / count)
+
+
+def _part(outer: Listener, k: int, count: int) -> Listener:
+    """A listener of item k of so many items."""
+    return lambda fraction: outer((k + fraction) / count)
+
+
+def time_left(seconds: float, fraction: float) -> str:
+    """Say how long the rest takes if this fraction took so many seconds."""
+    if fraction <= 0.0:
+        return "time left unknown"
+    rest = seconds * (1.0 - fraction) / fraction
+    return f"about {duration(rest)} left"
+
+
+def duration(seconds: float) -> str:
+    """A time in words."""
+    return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"

@@ -1,0 +1,99 @@
+"""Static responses to loads that the modes of a basis leave out.
+
+A load p that varies slowly moves the structure by K⁻¹ p. The static response within a basis R does
+the part of the work of this response that the Galerkin projection keeps; the rest is left out:
+
+    share = 1 − pᵀ R (Rᵀ K R)⁻¹ Rᵀ p / (pᵀ K⁻¹ p).    (1)
+
+It is the relative error of the displacement at the load, in its direction, and the square of the
+relative error of the response in the energy norm. The lowest modes of a slender body bend it: an
+axial load does no work on them, and its share is 1. A share above `LOAD_SHARE` adds the static
+response K⁻¹ p (an attachment mode: Rubin 1975; mode acceleration corrects the same error after the
+run) to the basis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.load_histories import OMEGA
+from fenicsrom.reduction.protocols import Structure
+
+LOAD_SHARE = 0.05
+"""Largest share of a static response that is left out; as the accepted error by the basis."""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadVectors:
+    """Static responses that complete a basis.
+
+    Attributes:
+        labels: (k,) labels: 1L is the response to the first load of the scene.
+        vectors: (local, k) responses to unit loads.
+        shares: share (1) that the modes leave out, by the label of each load that varies.
+    """
+
+    labels: tuple[str, ...]
+    vectors: Array
+    shares: dict[str, float]
+
+
+def varying_loads(structure: Structure) -> list[int]:
+    """The numbers, from 0, of the loads that vary in time."""
+    histories = structure.load_histories
+    found = []
+    for k in range(histories.spans.shape[0]):
+        first, last, row, end = (int(entry) for entry in histories.spans[k])
+        if end > row or np.any(histories.sines[first:last, OMEGA] != 0.0):
+            found.append(k)
+    return found
+
+
+def load_responses(structure: Structure) -> Array:
+    """K⁻¹ p (local, k) of the loads that vary."""
+    numbers = varying_loads(structure)
+    if not numbers:
+        return np.zeros((structure.local, 0))
+    return structure.factor.solve(np.ascontiguousarray(structure.load_vectors[:, numbers]))
+
+
+def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVectors:
+    """Choose the static responses that a basis leaves out.
+
+    Args:
+        structure: the structure.
+        basis: (local, n) static modes and normal modes.
+        responses: (local, k) K⁻¹ p of the loads that vary (`load_responses`).
+
+    Returns:
+        The responses to add. A response that earlier ones contain is not added again.
+    """
+    labels: list[str] = []
+    shares: dict[str, float] = {}
+    chosen: list[int] = []
+    for column, number in enumerate(varying_loads(structure)):
+        load = structure.load_vectors[:, [number]]
+        label = f"{number + 1}L"
+        vectors = np.concatenate([basis, responses[:, chosen]], axis=1)
+        shares[label] = _share_left_out(structure, vectors, load, responses[:, [column]])
+        if shares[label] > LOAD_SHARE:
+            chosen.append(column)
+            labels.append(label)
+    return LoadVectors(tuple(labels), responses[:, chosen], shares)
+
+
+def _share_left_out(structure: Structure, vectors: Array, load: Array, response: Array) -> float:
+    """The share (1) for a load (local, 1) with its response (local, 1)."""
+    work = float(structure.inner(load, response)[0, 0])
+    if vectors.shape[1] == 0 or work <= 0.0:
+        return float(work > 0.0)
+    stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
+    size = np.sqrt(np.abs(np.diag(stiffness)))
+    force = structure.inner(vectors, load)[:, 0] / size
+    stiffness = stiffness / np.outer(size, size)
+    # nearly dependent vectors (static and normal modes): the pseudo-inverse drops round-off
+    kept = float(force @ np.linalg.lstsq(stiffness, force, rcond=1e-12)[0])
+    return max(0.0, 1.0 - kept / work)

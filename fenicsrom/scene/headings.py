@@ -1,0 +1,81 @@
+"""Titles that follow the values of the scene.
+
+A title may hold keys in braces, such as `{loads.0.frequency}`; the heading shows their values.
+An override of a key that the title does not hold is appended to it in this form, so that the
+heading of a report names every changed value, also after a second change.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.scene.overrides import names_of
+from fenicsrom.scene.tables import plain
+from fenicsrom.scene.writing import toml_value
+
+if TYPE_CHECKING:
+    from fenicsrom.scene.schema import Scene
+
+KEY_IN_BRACES = re.compile(r"\{([A-Za-z_][\w.]*)\}")
+APPENDED = re.compile(r", ([\w.]+) = \{\1\}")
+WITHOUT_EFFECT = ("title", "output")  # changes of these keys do not change the results
+LONGEST = 40  # longest text of one value in a heading
+
+
+def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str) -> dict[str, Any]:
+    """Give the table of a scene with a title that holds the keys of some overrides.
+
+    Args:
+        table: the plain data of a scene, the overrides included.
+        overrides: as `override_table` takes them.
+        source: name of the scene file, the title of a scene that has none.
+    """
+    title = table.get("title", "")
+    if not isinstance(title, str):
+        return dict(table)
+    for override in [overrides] if isinstance(overrides, str) else overrides:
+        path = names_of(override.partition("=")[0])
+        if path[0] not in WITHOUT_EFFECT and f"{{{'.'.join(path)}}}" not in title:
+            name = ".".join(path)
+            title = f"{title or PurePath(source).stem}, {name} = {{{name}}}"
+    return {**table, "title": title} if title else dict(table)
+
+
+def scene_heading(scene: Scene) -> str:
+    """Give the title of a scene with the values of the keys that stand in braces.
+
+    Braces around anything else stay as they are. A scene without a title is called by its file.
+    """
+    table = plain(scene)
+
+    def shown(match: re.Match[str]) -> str:
+        value = _value(table, match[1])
+        return match[0] if value is None else _short(value)
+
+    title = APPENDED.sub(
+        lambda match: match[0] if _value(table, match[1]) is not None else "", scene.title
+    )
+    return KEY_IN_BRACES.sub(shown, title) or scene.source
+
+
+def _value(table: Any, name: str) -> Any:
+    """The value of a key such as `loads.0.frequency`; None if the scene has none."""
+    for part in name.split("."):
+        if isinstance(table, Mapping):
+            table = table.get(part)
+        elif isinstance(table, list) and part.isdecimal() and int(part) < len(table):
+            table = table[int(part)]
+        else:
+            return None
+    return table
+
+
+def _short(value: Any) -> str:
+    """A value in a heading: numbers without trailing zeros, text without quotes."""
+    if isinstance(value, str):
+        return value
+    text = f"{value:.10g}" if isinstance(value, float) else toml_value(value)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}.."

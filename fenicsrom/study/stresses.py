@@ -1,0 +1,46 @@
+"""The work of the stages that tabulate and evaluate stresses and reactions."""
+
+from __future__ import annotations
+
+from fenicsrom.study.stage import Run
+
+
+def tabulate(run: Run) -> None:
+    """Tabulate the gradients of the basis vectors; of the normal modes if there is no basis."""
+    import numpy as np
+
+    from fenicsrom.fem.reaction_rows import reaction_table
+    from fenicsrom.fem.stress_points import stress_table
+    from fenicsrom.online.recovery import Recovery
+
+    study = run.study
+    solid, scene = study.solid, study.scene
+    vectors = np.zeros((solid.local, 0))
+    if study.basis is not None:
+        vectors = study.basis.vectors
+    elif study.modes is not None:
+        vectors = study.modes.normal
+    study.recovery = Recovery(
+        stress_table(solid, scene, solid.equilibrium, vectors),
+        reaction_table(solid, scene, vectors),
+    )
+
+
+def evaluate(run: Run) -> None:
+    """Find the largest stresses, and the reactions."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from fenicsrom.online.stress_peaks import find_stresses, modal_peaks
+
+    study = run.study
+    assert study.recovery is not None
+    count = 0 if study.modes is None else study.modes.normal.shape[1]
+    motion = study.motions.get("reduced")
+    found = find_stresses(study.recovery, study.scene, study.model, motion, count)
+    if study.basis is None and study.modes is not None:
+        names = study.modes.labels[:count]
+        modal = modal_peaks(study.recovery.stress, study.modes.frequencies_hz, np.eye(count), names)
+        found = replace(found, modes=modal)
+    study.stresses = found

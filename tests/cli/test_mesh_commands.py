@@ -1,0 +1,144 @@
+"""The commands inspect and init, and modes of a scene without loads."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from support import refusal
+
+from fenicsrom.errors import ErrorKind
+
+pytest.importorskip("gmsh")
+from fenicsrom.cli import main
+from fenicsrom.fem.inspection import inspect
+from fenicsrom.post import mesh_report
+from fenicsrom.post.starter import starter_scene
+from fenicsrom.scene import parse_scene
+from fenicsrom.scene.paths import shared_meshes
+
+BAR = """*NODE
+{nodes}*ELEMENT, TYPE=C3D8, ELSET=bar
+{cells}*ELEMENT, TYPE=MASS
+100, 1
+*MATERIAL, NAME=steel
+"""
+
+
+def bar(path: Path, number: int = 3, size: float = 0.1, sets: str = "") -> Path:
+    """A bar of cubes along z."""
+    corners = ((0, 0), (1, 0), (1, 1), (0, 1))
+    places = [(x, y, z) for z in range(number + 1) for x, y in corners]
+    nodes = "".join(
+        f"{k}, {x * size}, {y * size}, {z * size}\n" for k, (x, y, z) in enumerate(places, 1)
+    )
+    rows = [range(4 * k + 1, 4 * k + 9) for k in range(number)]
+    cells = "".join(f"{k}, {', '.join(map(str, row))}\n" for k, row in enumerate(rows, 1))
+    path.write_text(BAR.format(nodes=nodes, cells=cells) + sets)
+    return path
+
+
+def test_inspection_gives_cells_box_volume_groups_and_what_is_not_read(tmp_path: Path) -> None:
+    sets = "*NSET, NSET=bar\n1, 2, 3, 4\n*NSET, NSET=corner\n13\n*SURFACE, NAME=side\nbar, S3\n"
+    found = inspect(bar(tmp_path / "bar.inp", sets=sets))
+    assert found.cells == {"hexahedra": 3} and found.nodes == 16 and found.pieces == 1
+    assert found.volume == pytest.approx(3e-3, rel=1e-12)
+    assert found.low.tolist() == [0, 0, 0] and found.high == pytest.approx((0.1, 0.1, 0.3))
+    groups = {(group.name, group.kind): (group.number, group.size) for group in found.groups}
+    assert groups["bar", "cells"] == (3, pytest.approx(3e-3))
+    assert groups["bar", "facets"] == (1, pytest.approx(1e-2))
+    assert groups["side", "facets"] == (3, pytest.approx(3e-2))
+    assert groups["bar", "nodes"] == (4, None) and groups["corner", "nodes"] == (1, None)
+    (warning,) = found.warnings
+    assert "1 MASS elements, *MATERIAL" in warning
+    text = "\n".join(mesh_report.lines(found, 1000.0))
+    assert "0.003 m³" in text and "3 kg" in text and not mesh_report.scale_hint(found)
+
+
+def test_body_of_150_m_draws_a_hint(tmp_path: Path) -> None:
+    path = bar(tmp_path / "bar.inp", size=50.0)
+    assert "150 m" in mesh_report.scale_hint(inspect(path))
+    scaled = inspect(path, scale=1e-3)
+    assert not mesh_report.scale_hint(scaled) and scaled.extent == pytest.approx(0.15)
+
+
+def test_inspection_of_curved_cells_and_of_a_plane_mesh() -> None:
+    found = inspect(shared_meshes() / "beam2d.geo")
+    assert found.geometry.dimension == 2 and found.volume == pytest.approx(2.54 * 0.0254)
+    assert "metre of thickness" in "\n".join(mesh_report.lines(found, 1.0))
+
+
+def test_mesh_that_cannot_be_used_is_described_and_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bar(tmp_path / "bar.inp")
+    path.write_text(path.read_text().replace("1, 1, 2, 3, 4,", "1, 2, 1, 3, 4,"))
+    assert main(["inspect", str(path), "--output", str(tmp_path)]) == 2
+    said = capsys.readouterr()
+    assert "3 hexahedra" in said.out and "bar.inp" in said.err
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [("density", "0"), ("density", "inf"), ("scale", "-1"), ("scale", "abc"), ("size", "nan")],
+)
+def test_option_that_is_no_positive_number_is_refused(
+    tmp_path: Path, option: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bar(tmp_path / "bar.inp")
+    assert main(["inspect", str(path), f"--{option}={text}", "--output", str(tmp_path)]) == 2
+    assert f"--{option} {text}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("sets", "key", "value"),
+    [
+        ("*NSET, NSET=a\n13,14,15,16\n*NSET, NSET=my root\n1,2,3,4\n", "group", "my root"),
+        ("", "plane", {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}),
+    ],
+)
+def test_starter_scene_clamps_a_likely_part(
+    tmp_path: Path, sets: str, key: str, value: object
+) -> None:
+    path = bar(tmp_path / "bar.inp", sets=sets)
+    table = tomllib.loads(starter_scene(inspect(path), tmp_path))
+    assert table["supports"] == [{key: value}] and table["geometry"]["mesh"] == "bar.inp"
+    assert parse_scene(table, "s.toml", tmp_path, unloaded=True).probe is None
+    with refusal(ErrorKind.MISSING, key="probe"):
+        parse_scene(table, "s.toml", tmp_path)
+
+
+def test_existing_scene_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bar(tmp_path / "bar.inp")
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", str(path)]) == 0 and (tmp_path / "bar.toml").exists()
+    (tmp_path / "bar.toml").write_text("mine")
+    assert main(["init", str(path)]) == 2 and (tmp_path / "bar.toml").read_text() == "mine"
+    assert "bar.toml" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sets", ["", "*NSET, NSET=root\n1,2,3,4\n"])
+def test_modes_of_a_starter_scene_are_computed(
+    tmp_path: Path, sets: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("dolfinx")
+    path, scene = bar(tmp_path / "bar.inp", sets=sets), tmp_path / "scenes" / "a.toml"
+    assert main(["init", str(path), "--output", str(scene)]) == 0
+    quick = ["--set", "output.pictures=false", "--set", "output.paraview=false"]
+    assert main(["modes", str(scene), "--output", str(tmp_path / "out"), *quick]) == 0
+    assert "1V" in capsys.readouterr().out
+    assert main(["run", str(scene), "--output", str(tmp_path / "out"), *quick]) == 2
+
+
+@pytest.mark.slow
+def test_campbell_needs_no_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("dolfinx")
+    scene = tmp_path / "a.toml"
+    text = starter_scene(inspect(bar(tmp_path / "bar.inp")), tmp_path)
+    turning = "[rotation]\nspeed_rpm = 1000\naxis = [1, 0, 0]\n[campbell]\nmodes = 2\n"
+    scene.write_text(text + turning + "speeds_rpm = [0, 1000]\n")
+    assert main(["campbell", str(scene), "--output", str(tmp_path / "out")]) == 0

@@ -1,0 +1,46 @@
+"""What `simulate` refuses before the first step."""
+
+from __future__ import annotations
+
+import numpy as np
+from support import beam_scene, linear_model, refusal
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.scene import Scene
+
+
+def round_wall(radius: float, preload: float) -> Scene:
+    """The tip of a beam of 2.54 m in a casing about the origin; the steps end at once."""
+    surface = {"kind": "cylinder", "point": [0.0, 0.0], "radius": radius}
+    contact = {
+        "group": "tip",
+        "surface": surface,
+        "preload": preload,
+        "normal_stiffness": 1e4,
+        "tangential_stiffness": 1e4,
+        "friction": 0.5,
+    }
+    return beam_scene(
+        2, ("time.periods=1", "geometrically_nonlinear=false"), contacts=[contact], probe=None
+    )
+
+
+def test_preload_needs_a_round_surface_that_touches_the_body() -> None:
+    points = ContactPoints(
+        np.zeros(1, dtype=np.int64), np.ones(1), np.array([[2.54, 0.0]]), np.eye(2)[None]
+    )
+    touching, apart, unpressed = round_wall(2.54, 40.0), round_wall(2.55, 40.0), round_wall(2.55, 0)
+    model = linear_model(
+        np.eye(2),
+        1e5 * np.eye(2),
+        damping=touching.material.mass_damping,
+        loads=[[0.0], [1.0]],
+        load_histories=load_histories(touching),
+        masters=2,
+    )._replace(points=points)
+    for scene in (touching, unpressed):
+        assert simulate(model, scene, compiled=False).periods == 1
+    with refusal(ErrorKind.CONFLICT, "contacts[0].surface.radius", names="0.01 m"):
+        simulate(model, apart, compiled=False)

@@ -1,0 +1,188 @@
+"""The largest stresses of a motion and of modes, and the tables in an archive."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support import beam_scene, linear_model, refusal
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online.archive import FORMAT, StoredModel, load_model, save_model
+from fenicsrom.online.reactions import ReactionTable
+from fenicsrom.online.recovery import REACTION_ARRAYS, STRESS_ARRAYS, Recovery
+from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.stress import StressLaw, StressTable, von_mises
+from fenicsrom.online.stress_peaks import find_stresses, modal_peaks, reduced_modes
+from fenicsrom.scene import Scene
+
+Array = NDArray[np.float64]
+
+ENTRIES = [f"stress_{name}" for name in STRESS_ARRAYS]
+ENTRIES += [f"reaction_{name}" for name in REACTION_ARRAYS]
+
+
+def scene_with(*overrides: str) -> Scene:
+    """A linear scene with stresses, of 40 steps per period."""
+    short = ("time.periods=3", "time.steps_per_period=40", "time.steady='march'")
+    linear = ("geometrically_nonlinear=false", "output.stresses='second-piola-kirchhoff'")
+    return beam_scene(2, (*short, *linear, *overrides), contacts=None, probe={"group": "tip"})
+
+
+def two_cells(scene: Scene, n: int = 2) -> Recovery:
+    """The tables of two squares of four Gauss points that n random displacements strain."""
+    rng = np.random.default_rng(1)
+    cells = np.array([[0, 1, 3, 4], [1, 2, 4, 5]])
+    corners = np.array([[0.0, 0], [1, 0], [2, 0], [0, 1], [1, 1], [2, 1]])
+    g = 0.5 - 0.5 / np.sqrt(3.0)
+    points = np.array([[g, g], [1 - g, g], [g, 1 - g], [1 - g, 1 - g]])
+    x = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1]])
+
+    def bilinear(at: Array) -> Array:
+        return np.column_stack([np.ones(4), at, at[:, 0] * at[:, 1]])
+
+    stress = StressTable(
+        StressLaw.of(scene),
+        np.concatenate([points, points + np.array([1.0, 0.0])]),
+        np.full(8, 0.25),
+        1e-3 * rng.standard_normal((1 + n, 8, 2, 2)),
+        cells,
+        corners,
+        rng.standard_normal((1 + n, 6, 2)),
+        bilinear(x) @ np.linalg.inv(bilinear(points)),
+    )
+    reactions = ReactionTable(
+        np.zeros((1, 2)),
+        np.zeros(4, np.int64),
+        1e-3 * rng.standard_normal((1 + n, 4, 2, 2)),
+        rng.standard_normal((3, 4, 2, 2)),
+        rng.standard_normal((2, 3, n)),
+        np.zeros((2, 3, n)),
+        np.zeros((2, 3, 1 + n)),
+        rng.standard_normal((2, 3, 1)),
+    )
+    return Recovery(stress, reactions)
+
+
+@pytest.fixture(scope="module")
+def stored() -> StoredModel:
+    """A linear model of two coordinates with stresses."""
+    scene = scene_with("loads.0.force=111.0")
+    model = linear_model(
+        np.eye(2),
+        np.diag([500.0, 900.0]),
+        damping=5.0,
+        loads=[[1.0], [0.3]],
+        load_histories=load_histories(scene),
+    )
+    frequencies = np.sqrt([500.0, 900.0]) / (2.0 * np.pi)
+    recovery = two_cells(scene)
+    return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, frequencies, {}, recovery)
+
+
+def test_largest_stress_of_motion_is_that_of_every_instant(stored: StoredModel) -> None:
+    assert stored.recovery is not None
+    scene = scene_with("loads.0.force=111.0", "output.stress_fractions=[0.5]")
+    motion = simulate(stored.model, scene, keep_coordinates=True)
+    found = find_stresses(stored.recovery, scene, stored.model, motion, 2)
+    table, q, time = stored.recovery.stress, motion.coordinates, motion.coordinate_time
+    assert q is not None and time is not None
+    each = np.array([von_mises(table.at_vertices(table.stress(row))) for row in q])
+    peaks = {peak.state: peak for peak in found.peaks}
+    largest = peaks["largest of the last period"]
+    row, vertex = np.unravel_index(np.argmax(each), each.shape)
+    assert largest.von_mises == pytest.approx(each.max(), rel=1e-12)
+    assert largest.time == time[row] and list(largest.position) == list(
+        table.vertex_position[vertex]
+    )
+    assert found.largest is largest
+    assert set(peaks) == {
+        "equilibrium",
+        "largest of the last period",
+        "largest displacement",
+        "fraction 0.5",
+    }
+    middle = peaks["fraction 0.5"]
+    assert middle.time == pytest.approx(time.mean(), abs=np.diff(time).max())
+    assert middle.point_von_mises == pytest.approx(
+        von_mises(table.stress(middle.coordinates)).max()
+    )
+    assert found.motion_reactions is not None
+    assert found.motion_reactions.values.shape == (time.size - 1, 1, 3)
+
+
+def test_modal_stress_is_that_of_unit_displacement(stored: StoredModel) -> None:
+    assert stored.recovery is not None
+    frequencies, vectors = reduced_modes(stored.model, 2)
+    np.testing.assert_allclose(frequencies, stored.frequencies_hz, rtol=1e-12)
+    (first, second) = modal_peaks(stored.recovery.stress, frequencies, vectors, ["1V", "2V"])
+    (same, _) = modal_peaks(stored.recovery.stress, frequencies, -7.0 * vectors, ["1V", "2V"])
+    assert same.von_mises == pytest.approx(first.von_mises, rel=1e-12)
+    assert first.frequency == frequencies[0] and second.von_mises != first.von_mises
+    rest = stored.recovery.stress.displacement(np.zeros(2))
+    moved = stored.recovery.stress.displacement(first.coordinates) - rest
+    assert np.linalg.norm(moved, axis=1).max() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_tables_of_archive_are_read_back(stored: StoredModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, stored)
+    read = load_model(path).recovery
+    assert read is not None and stored.recovery is not None
+    for part in ("stress", "reactions"):
+        names = STRESS_ARRAYS if part == "stress" else REACTION_ARRAYS
+        for name in names:
+            expected = getattr(getattr(stored.recovery, part), name)
+            np.testing.assert_array_equal(getattr(getattr(read, part), name), expected)
+    assert read.stress.law == stored.recovery.stress.law
+
+
+def test_archive_without_stresses_has_no_tables(stored: StoredModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, replace(stored, recovery=None))
+    with read_archive(path, "a model", FORMAT) as (_, arrays):
+        assert not set(ENTRIES) & set(arrays)
+    assert load_model(path).recovery is None
+
+
+@pytest.mark.parametrize(
+    ("entry", "damage"),
+    [
+        (entry, damage)
+        for entry in ENTRIES
+        for damage in ("missing", "shape", "type")
+        if (entry, damage) != ("stress_gradients", "missing")  # an archive without stresses
+    ],
+)
+def test_archive_with_damaged_table_is_refused(
+    stored: StoredModel, tmp_path: Path, entry: str, damage: str
+) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, stored)
+    with read_archive(path, "a model", FORMAT) as (header, arrays):
+        array: Any = arrays.pop(entry)
+    if damage == "shape":
+        arrays[entry] = np.concatenate([array, array[:1]])
+    elif damage == "type":
+        arrays[entry] = array.astype(np.float32)
+    write_archive(path, header, arrays)
+    with refusal(ErrorKind.FORMAT, file="model.npz"):
+        load_model(path)
+
+
+@pytest.mark.parametrize(
+    ("override", "kind", "key"),
+    [
+        ("output.stresses='piola'", ErrorKind.RANGE, "output.stresses"),
+        ("output.stresses=true", ErrorKind.TYPE, "output.stresses"),
+        ("output.stress_fractions=[1.5]", ErrorKind.RANGE, "output.stress_fractions[0]"),
+    ],
+)
+def test_stress_keys_are_checked(override: str, kind: ErrorKind, key: str) -> None:
+    with refusal(kind, key):
+        scene_with(override)

@@ -1,0 +1,77 @@
+"""Tables: they fit into the terminal and into the report, and directions have names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fenicsrom.post.directions import direction_names
+from fenicsrom.post.html_page import html_report
+from fenicsrom.post.tables import TERMINAL_WIDTH, filled_columns, text_table
+from fenicsrom.scene import read_scene
+
+DEMOS = Path(__file__).parents[2] / "demos"
+
+
+def test_narrow_table_stays_on_one_line() -> None:
+    rows = [["name", "long head"], ["a", 1.5], ["bc", 22.25]]
+    assert text_table(rows).splitlines() == [
+        "name  long head",
+        "────  ─────────",
+        "a           1.5",
+        "bc        22.25",
+    ]
+
+
+def test_columns_without_content_are_left_out() -> None:
+    rows = [["name", "none", "empty", "zero"], [None, None, "", 0], [None, None, "", 0]]
+    assert filled_columns(rows) == [["name", "zero"], [None, 0], [None, 0]]
+
+
+def test_wide_heads_take_several_lines() -> None:
+    heads = ["name", *(f"a long head number {k}" for k in range(9))]
+    table = text_table([heads, ["first", *range(9)]])
+    lines = table.splitlines()
+    assert max(map(len, lines)) <= TERMINAL_WIDTH
+    assert lines[-1].split() == ["first", *map(str, range(9))]
+    above = [line.split() for line in lines[:-2]]
+    assert above[-1][0] == "name" and ["a"] * 9 not in above[-1:]
+
+
+@pytest.mark.parametrize("keys", [1, 2])
+def test_too_many_columns_are_distributed_over_tables_with_the_same_keys(keys: int) -> None:
+    heads = ["name", "kind", *(f"column{k}" for k in range(30))]
+    rows = [heads, *([name, "k", *range(1000, 1030)] for name in ("first", "second"))]
+    blocks = text_table(rows, keys).split("\n\n")
+    found: list[str] = []
+    for block in blocks:
+        lines = block.splitlines()
+        assert max(map(len, lines)) <= TERMINAL_WIDTH and len(lines) == 4
+        assert lines[2].startswith("first") and lines[3].startswith("second")
+        found += lines[2].split()[keys:]
+    assert len(blocks) > 1
+    assert found == (["k"] * (keys == 1)) + [str(value) for value in range(1000, 1030)]
+
+
+def test_table_of_a_report_breaks_heads_and_not_numbers() -> None:
+    rows = [["a head", "empty", "words"], [1.25, None, "long " * 20]]
+    page = html_report("title", [("heading", [rows])])
+    assert "empty" not in page
+    assert '<th class="n">a head</th>' in page and '<td class="n s">1.25</td>' in page
+    assert f"<td>{'long ' * 20}</td>" in page
+
+
+@pytest.mark.parametrize(
+    ("demo", "override", "names"),
+    [
+        ("slip_liftoff_2d", "", ["normal x", "tangential y"]),
+        ("slip_liftoff_3d", "", ["normal x", "tangential y", "tangential z"]),
+        ("slip_liftoff_2d", "contacts.0.normal=[0.6, 0.8]", ["normal", "tangential"]),
+        ("blade_rub", "", ["normal", "tangential 1", "tangential 2"]),
+        ("response_2d", "", ["x", "y"]),
+    ],
+)
+def test_directions_along_axes_are_named(demo: str, override: str, names: list[str]) -> None:
+    scene = read_scene(DEMOS / f"{demo}.toml", [override] if override else [])
+    assert direction_names(scene) == names

@@ -1,0 +1,202 @@
+"""An output folder holds one run, and says which."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support import refusal
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.post.origin import Origin, checksum, origin_table, read_record
+from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
+from fenicsrom.study import output_folder
+
+DEMO = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
+ORIGIN = Origin(
+    ("fenicsrom", "run", "a b.toml"), ("fenicsrom", "run", "scene.toml"), ("run",), ("x=1",)
+)
+
+
+def scene(*overrides: str) -> Scene:
+    return read_scene(DEMO, overrides)
+
+
+def run(folder: Path, wanted: Scene, *results: str, overwrite: bool = False) -> None:
+    """Write some results into an output folder."""
+    with output_folder(folder, wanted, None, ORIGIN, overwrite):
+        for name in results:
+            (folder / name).write_text(wanted.title)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+RECORDS = {"scene.toml", "provenance.json", "beam2d.geo"}
+
+
+def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
+    wanted = scene("loads.0.force=120", "time.tolerance=1e-3")
+    run(tmp_path, wanted, "report.html")
+    record = read_record(tmp_path)
+    assert record is not None
+    assert (record["state"], record["ranks"]) == ("complete", 1)
+    assert record["command"] == "fenicsrom run 'a b.toml'" and record["overrides"] == ["x=1"]
+    assert record["mesh"]["sha256"] == checksum(wanted.geometry.mesh)
+    assert record["began"] <= record["ended"] and record["versions"]["numpy"]
+    assert set(record["results"]) == {"report.html", "beam2d.geo"}
+    again = read_scene(tmp_path / "scene.toml")
+    assert again.geometry.mesh == (tmp_path / "beam2d.geo").resolve()
+    table, copy = scene_table(wanted), scene_table(again)
+    assert table["geometry"].pop("mesh") != copy["geometry"].pop("mesh")
+    assert table == copy and scene_heading(again) == scene_heading(wanted)
+    cells = [cell for row in origin_table(tmp_path) for cell in row]
+    assert record["command"] in cells and "x=1" in cells
+
+
+def test_same_scene_replaces_its_results(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html", "old.csv")
+    (tmp_path / "notes.txt").write_text("mine")
+    run(tmp_path, scene(), "report.html")
+    assert names(tmp_path) == RECORDS | {"report.html", "notes.txt"}
+
+
+def test_another_scene_is_replaced_only_on_request(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html", "old.csv")
+    other = scene("loads.0.force=1.0")
+    with refusal(ErrorKind.FILE, "--output", tmp_path.name):
+        run(tmp_path, other, "report.html")
+    assert names(tmp_path) == RECORDS | {"report.html", "old.csv"}
+    assert (tmp_path / "report.html").read_text() == scene().title
+    run(tmp_path, other, "report.html", overwrite=True)
+    assert names(tmp_path) == RECORDS | {"report.html"}
+    assert (tmp_path / "report.html").read_text() == other.title
+
+
+def test_another_command_is_another_run(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    modes = Origin(ORIGIN.command, ORIGIN.repeat, ("modes",))
+    with (
+        refusal(ErrorKind.FILE, "--output", tmp_path.name),
+        output_folder(tmp_path, scene(), None, modes),
+    ):
+        pass
+
+
+def test_changed_mesh_file_is_another_run(tmp_path: Path) -> None:
+    text = DEMO.read_text()
+    (tmp_path / "a.toml").write_text(text)
+    mesh = tmp_path / "beam2d.geo"
+    mesh.write_bytes(scene().geometry.mesh.read_bytes())
+    run(tmp_path / "out", read_scene(tmp_path / "a.toml"), "report.html")
+    mesh.write_text(mesh.read_text() + "\n// finer\n")
+    with refusal(ErrorKind.FILE, "--output", "out"):
+        run(tmp_path / "out", read_scene(tmp_path / "a.toml"), "report.html")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_run_without_results_leaves_the_folder_as_it_was(
+    tmp_path: Path, error: type[BaseException]
+) -> None:
+    run(tmp_path, scene(), "report.html")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other = scene("loads.0.force=1.0")
+    with pytest.raises(error), output_folder(tmp_path, other, None, ORIGIN, True):
+        raise error
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    with pytest.raises(error), output_folder(tmp_path / "new", other, None, ORIGIN):
+        raise error
+    assert not (tmp_path / "new").exists()
+
+
+def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), output_folder(tmp_path, scene(), None, ORIGIN):
+        (tmp_path / "checkpoint.npz").write_text("state")
+        raise KeyboardInterrupt
+    record = read_record(tmp_path)
+    assert record is not None and record["state"] == "interrupted"
+    resumed = Origin(ORIGIN.command, ORIGIN.repeat, resume=tmp_path / "checkpoint.npz")
+    longer = scene("time.periods=200")
+    with output_folder(tmp_path, longer, None, resumed):
+        assert (tmp_path / "checkpoint.npz").read_text() == "state"
+        (tmp_path / "report.html").write_text("")
+    record = read_record(tmp_path)
+    assert record is not None and {"checkpoint.npz", "report.html"} <= set(record["results"])
+    assert record["resumed_from"]["file"] == str(tmp_path / "checkpoint.npz")
+
+
+def test_inputs_inside_the_folder_are_kept(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "reduced_model.npz", "report.html")
+    model = Origin(ORIGIN.command, ORIGIN.repeat, model=tmp_path / "reduced_model.npz")
+    with output_folder(tmp_path, scene("loads.0.force=1.0"), None, model, True):
+        (tmp_path / "report.html").write_text("")
+    assert names(tmp_path) == {"scene.toml", "provenance.json", "report.html", "reduced_model.npz"}
+
+
+def test_folders_of_other_runs_inside_are_not_touched(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    run(tmp_path / "inner", scene("loads.0.force=1.0"), "report.html")
+    run(tmp_path, scene("loads.0.force=2.0"), "report.html", overwrite=True)
+    assert names(tmp_path / "inner") == RECORDS | {"report.html"}
+
+
+def test_results_of_a_killed_run_are_replaced(tmp_path: Path) -> None:
+    """Its record has no list of results; files of other kinds stay."""
+    run(tmp_path, scene(), "report.html", "old.csv")
+    record = json.loads((tmp_path / "provenance.json").read_text())
+    (tmp_path / "provenance.json").write_text(
+        json.dumps(record | {"state": "running", "results": None})
+    )
+    (tmp_path / "notes.txt").write_text("mine")
+    run(tmp_path, scene("loads.0.force=1.0"), "report.html", overwrite=True)
+    assert names(tmp_path) == RECORDS | {"report.html", "notes.txt"}
+
+
+@pytest.mark.parametrize("name", ["scene.toml", "summary.json"])
+def test_files_of_the_user_are_not_overwritten(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    with refusal(ErrorKind.FILE, "--output", tmp_path.name):
+        run(tmp_path, scene(), "report.html")
+    assert names(tmp_path) == {name}
+
+
+HOLDER = """
+import sys
+from pathlib import Path
+from fenicsrom.scene import read_scene
+from fenicsrom.study import output_folder
+with output_folder(Path(sys.argv[1]), read_scene(sys.argv[2])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_second_run_in_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", HOLDER, str(tmp_path), str(DEMO)]
+    with subprocess.Popen(
+        words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None and holder.stdout.readline() == "held\n"
+        before = names(tmp_path)
+        with refusal(ErrorKind.FILE, "--output", tmp_path.name):
+            run(tmp_path, scene(), "report.html", overwrite=True)
+        assert names(tmp_path) == before
+        holder.kill()
+        holder.wait()
+    run(tmp_path, scene(), "report.html")  # the lock of a dead process holds nobody up
+    assert (tmp_path / "report.html").exists()
+
+
+def test_mesh_that_reads_other_files_is_named_and_not_copied(tmp_path: Path) -> None:
+    mesh = tmp_path / "beam2d.geo"
+    mesh.write_text('Include "sizes.geo";\n' + scene().geometry.mesh.read_text())
+    (tmp_path / "a.toml").write_text(DEMO.read_text())
+    run(tmp_path / "out", read_scene(tmp_path / "a.toml"), "report.html")
+    record = read_record(tmp_path / "out")
+    assert record is not None and record["mesh"]["copy"] is None
+    assert "sizes.geo" in record["mesh"]["missing"]
+    assert read_scene(tmp_path / "out" / "scene.toml").geometry.mesh == mesh.resolve()

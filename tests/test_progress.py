@@ -1,0 +1,59 @@
+"""The progress of nested loops."""
+
+from __future__ import annotations
+
+import pytest
+
+from fenicsrom.progress import duration, listening, tell, time_left, tracked
+from fenicsrom.study import stopwatch
+
+
+def test_nested_loops_tell_their_part_of_the_whole() -> None:
+    told: list[float] = []
+    with listening(told.append):
+        for item in tracked(range(2)):
+            for _ in tracked(range(2)):
+                tell(0.5)
+            tell(1.0 if item else 0.0)
+    inner = [0.125, 0.25, 0.375, 0.5]
+    assert told == pytest.approx([*inner, 0.0, 0.5, *(0.5 + x for x in inner), 1.0, 1.0])
+
+
+def test_loop_that_is_left_early_leaves_the_outer_listener() -> None:
+    told: list[float] = []
+    with listening(told.append):
+        for _ in tracked(range(4)):
+            break
+        tell(0.7)
+    tell(0.9)  # nobody listens
+    assert told == [0.7]
+
+
+def test_time_left_is_said_in_words() -> None:
+    assert time_left(10.0, 0.25) == "about 30 s left"
+    assert time_left(10.0, 0.0) == "time left unknown"
+    assert duration(600.0) == "10 min"
+
+
+def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    watch = stopwatch.Stopwatch(lines.append)
+    with watch("derivatives"):
+        for _ in tracked(range(10)):
+            now += 2.0
+    assert lines[0] == "derivatives .."
+    ends = ["30%, about 14 s left", "60%, about 8 s left", "90%, about 2 s left"]
+    assert lines[1:] == [f"  derivatives: {end} at most" for end in ends]
+    assert watch.seconds["derivatives"] == 20.0
+
+
+def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 100.0
+    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    report = stopwatch.Stopwatch(lines.append).progress("full", 1e-5)
+    now += 3.0
+    report(0.1, 1e-2)
+    assert "period 1" in lines[0] and "at most 27 s left" in lines[0]
