@@ -369,8 +369,8 @@ def _read_ratios(value: Any, where: Where) -> float | tuple[float, ...]:
     ratio = number(least=0.0, below=1.0)
     if is_number(value):
         return float(ratio(value, where))
-    if not is_sequence(value) or not 1 <= len(value) <= MOST_RATIOS:
-        allowed = f"must be a number, or a list of 1 to {MOST_RATIOS} numbers"
+    if not is_sequence(value) or len(value) > MOST_RATIOS:
+        allowed = f"must be a number, or a list of at most {MOST_RATIOS} numbers"
         raise where.refuse(value, allowed, ErrorKind.TYPE)
     return tuple(float(ratio(entry, where.at(k))) for k, entry in enumerate(value))
 
@@ -381,7 +381,7 @@ ratios = Rule(
     {
         "oneOf": [
             _RATIO,
-            {"type": "array", "items": _RATIO, "minItems": 1, "maxItems": MOST_RATIOS},
+            {"type": "array", "items": _RATIO, "maxItems": MOST_RATIOS},
         ]
     },
     "number from 0 to below 1, or a list of such numbers",

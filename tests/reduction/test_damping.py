@@ -118,7 +118,7 @@ def test_more_ratios_than_modes_are_refused() -> None:
         beam_structure(damped_scene({"ratios": 0.01, "modes": 100}))
 
 
-@pytest.mark.parametrize("ratios", [-0.1, 1.0, [], [0.1, "x"], "all", [0.1, 2.0], True])
+@pytest.mark.parametrize("ratios", [-0.1, 1.0, {}, [0.1, "x"], "all", [0.1, 2.0], True])
 def test_wrong_ratios_are_refused(ratios: Any) -> None:
     with pytest.raises(SceneError) as caught:
         damped_scene({"ratios": ratios})
