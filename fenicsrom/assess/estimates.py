@@ -25,7 +25,7 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene
-from fenicsrom.scene.step_size import coarser
+from fenicsrom.scene.step_size import coarser, refined
 from fenicsrom.scene.times import Periodic
 
 PHASES = 200  # instants at which two periods are compared
@@ -70,7 +70,8 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     estimate of a motion that has settled is therefore at least a third of the distance between the
     last periods of both runs. If a stiff contact lasts only a few steps, its peak force is not
     resolved. The error of this force counts as unknown if a contact has a blending weight of a half
-    or more (`fenicsrom.online.contact_step`).
+    or more (`fenicsrom.online.contact_step`). A motion with such a contact may repeat for this step
+    only. There is then no estimate unless the motion repeats with half the step too.
 
     Args:
         model: the model that was integrated.
@@ -91,9 +92,19 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force = _force_error(motion, other)
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
+    if np.isinf(force) and motion.steady and not _settles_with_half_step(model, scene, motion):
+        return unknown
     found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
     least = _shape_distance(motion, other) / 3.0 if has_settled(motion) else 0.0
     return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
+
+
+def _settles_with_half_step(model: Any, scene: Scene, motion: Motion) -> bool:
+    """Whether a motion still settles with half its step."""
+    try:
+        return has_settled(check_motion(model, refined(scene), motion))
+    except (ConvergenceError, AccuracyError):
+        return False
 
 
 def check_motion(

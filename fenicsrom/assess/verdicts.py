@@ -82,13 +82,13 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     name = step_key(scene)
     given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
     if np.isfinite(estimate):
-        found, other = f"an error of about {100.0 * estimate:.2g} %", ""
+        run = "eight times the tolerance" if name == "tolerance" else "twice the step"
+        found, other = f"{run} gives an error of about {100.0 * estimate:.2g} %", ""
     else:
-        found = "a motion that does not settle, or no motion"
+        found = "another step gives a motion that does not settle, or no motion"
         other = f"{other_scheme(scene)}; or add modes that the loads may excite, basis.modes"
     raise AccuracyError(
-        f"time.{name} = {given:g}: the steps are too long: a run with "
-        f"{'eight times the tolerance' if name == 'tolerance' else 'twice the step'} gives {found} "
+        f"time.{name} = {given:g}: the steps are too long: a run with {found} "
         f"(at most {100.0 * allowed:g} % is accepted"
         f"{' for a motion that does not settle' if unsteady else ''}): "
         f"try {name} = {better:g}{other}",
