@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support import first, linear_model, period_steps
+from support import excited_stiffness, linear_model, period_steps
 
+from fenicsrom.online import continuation
 from fenicsrom.online.bifurcations import outside
 from fenicsrom.online.continuation import follow
 from fenicsrom.online.curve import Curve
 from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.periodic import Shooting, periodic_motion
-from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.online.turning_pairs import turning_pairs
 
@@ -21,30 +20,10 @@ FORCE, DAMPING, TONGUE = 0.03, 1e-4, 1e-4
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.1 / (2.0 * np.pi)
 
 
-def coupled(coupling: float) -> ReducedModel:
-    """A shaken mode x and a mode y that x excites through its stiffness.
-
-    x'' + d x' + 4 x + c x y^2 = F sin(W t) and y'' + d y' + (1 + c x^2) y = 0.
-    """
-    cubic = np.zeros((3, 3))  # of the pairs xx, xy, yy
-    cubic[0, 2] = cubic[2, 0] = coupling
-    cubic[1, 1] = 2.0 * coupling
-    elastic = ElasticPolynomial(np.zeros(2), np.diag([4.0, 1.0]), np.zeros((2, 3)), cubic)
-    return reduced_model(
-        np.eye(2),
-        DAMPING,
-        elastic,
-        np.array([[1.0], [0.0]]),
-        harmonic(np.array([FORCE]), np.array([2.0 * np.pi * LOW]), np.zeros(1)),
-        *first(0, 2),
-        np.eye(2),
-        np.zeros(2),
-    )
-
-
 def response(coupling: float, direction: float = 1.0) -> Curve:
     """The motions without y over the frequency, with the default steps."""
-    model = coupled(coupling)
+    load = harmonic(np.array([FORCE]), np.array([2.0 * np.pi * LOW]), np.zeros(1))
+    model = excited_stiffness(DAMPING, coupling, load)
     family = frequency_family(model, no_contacts(), 1.0 / LOW)
     value = LOW if direction > 0.0 else HIGH
     problem = family(value)
@@ -78,13 +57,21 @@ def test_instability_tongue_much_shorter_than_a_step_is_found(direction: float) 
     assert parameters == sorted(parameters)
 
 
-def test_pair_that_meets_on_the_real_axis_without_excitation_adds_nothing() -> None:
+def test_pair_that_meets_on_the_real_axis_without_excitation_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     curve = response(0.0)
     assert curve.reason == "end of the range"
     assert curve.special == []
     assert all(point.stable for point in curve.points)
     senses = [np.sign(point.turning.imag) for point in curve.points]
     assert not np.array_equal(senses[0], senses[-1])
+    monkeypatch.setattr(continuation, "unseen_points", lambda path, a, b: [])
+    plain = response(0.0)
+    assert len(plain.points) == len(curve.points)
+    for one, other in zip(plain.points, curve.points, strict=True):
+        np.testing.assert_array_equal(one.z, other.z)
+        assert one.parameter == other.parameter
 
 
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
