@@ -106,7 +106,7 @@ class Continuation(Corrector):
                 return curve
             curve.special.extend(special or [])
             curve.points.extend([*unseen, found])
-            before, tangent = curve.points[-2], found.tangent
+            before, tangent = [behind, *unseen][-1], found.tangent
             marched, derived = found.marches
             effort = marched + derived
             step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
