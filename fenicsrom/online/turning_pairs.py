@@ -26,13 +26,13 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import REAL, Path, outside, point_between
 from fenicsrom.online.curve import CurvePoint
 
-LIGHT = 0.9  # multipliers of this size belong to lightly damped vibrations
+LIGHT = 0.9  # multipliers larger than this belong to lightly damped vibrations
 CROSSINGS = 2  # largest number between two points where stretches are sought, to bound the effort
 TRIALS = 3  # points that seek one crossing
 # Along a curve the size of a multiplier changes much more slowly than its angle: it tells the pairs
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
-NEAR = 0.5  # of -log r: a stretch has the pair on the real axis at so small an angle, or is shorter
+NEAR = 0.5  # of -log r: where the pair keeps so small an angle, e is too small for a stretch
 
 
 class TurningPath(Path, Protocol):
