@@ -289,6 +289,26 @@ def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[R
     return model, 2.0 * np.pi / omega
 
 
+def excited_stiffness(damping: float, coupling: float, load: LoadHistories) -> ReducedModel:
+    """A shaken mode x and a mode y that x excites through its stiffness.
+
+    x'' + d x' + 4 x + c x y^2 = load and y'' + d y' + (1 + c x^2) y = 0.
+    """
+    cubic = np.zeros((3, 3))  # of the pairs xx, xy, yy
+    cubic[0, 2] = cubic[2, 0] = coupling
+    cubic[1, 1] = 2.0 * coupling
+    return reduced_model(
+        np.eye(2),
+        damping,
+        ElasticPolynomial(np.zeros(2), np.diag([4.0, 1.0]), np.zeros((2, 3)), cubic),
+        np.array([[1.0], [0.0]]),
+        load,
+        *first(0, 2),
+        np.eye(2),
+        np.zeros(2),
+    )
+
+
 def oscillator(
     steps: int = 40, force: float = 1.0, damping: float = 0.5
 ) -> tuple[ReducedModel, Scene, Motion]:

@@ -210,6 +210,15 @@ def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Brac
     return None
 
 
+def point_between(path: Path, a: CurvePoint, b: CurvePoint, share: float) -> CurvePoint | None:
+    """The point of a curve at a share of the chord from a to b; None if it is not found."""
+    origin = path.place(a)
+    chord = path.place(b) - origin
+    length = float(np.linalg.norm(chord))
+    chord /= length
+    return _between(path, [a, b], [0.0, length], share * length, origin, chord)
+
+
 def _between(
     path: Path,
     points: list[CurvePoint],

@@ -2,12 +2,14 @@
 
 The curve is extrapolated by the cubic through its last two points with their tangents, and each
 point is corrected by `fenicsrom.online.curve_correction`. `fenicsrom.online.bifurcations` locates
-special points between two points.
+special points between two points, and `fenicsrom.online.turning_pairs` finds unstable stretches
+that are shorter than a step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import PeriodicMotion, Shooting
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.online.turning_pairs import unseen_points
 
 FIRST_STEP = 0.01  # along a curve, in parts of the range and of the size of the motion
 AWAY, KINK_AWAY = 0.5, 2.0  # longest correction in parts of the step, on the curve and at a kink
@@ -85,13 +88,13 @@ class Continuation(Corrector):
             found = self._next(behind, guess, step, smallest_step)
             if found is not None and not self.low <= found.parameter <= self.high:
                 last = self._end(behind, found)
-                special = self._special(behind, last, locate)
+                unseen, special = self._special(behind, last, locate)
                 if last is not None and special is not None:
-                    curve.points.append(last)
+                    curve.points.extend([*unseen, last])
                     curve.special.extend(special)
                 curve.reason = "end of the range"
                 return curve
-            special = self._special(behind, found, locate)
+            unseen, special = self._special(behind, found, locate)
             if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
@@ -102,8 +105,8 @@ class Continuation(Corrector):
                 curve.reason = reason
                 return curve
             curve.special.extend(special or [])
-            curve.points.append(found)
-            before, tangent = behind, found.tangent
+            curve.points.extend([*unseen, found])
+            before, tangent = [behind, *unseen][-1], found.tangent
             marched, derived = found.marches
             effort = marched + derived
             step = min(largest_step, step * (1.5 if effort <= 4 else 1.0 if effort <= 6 else 0.6))
@@ -161,9 +164,23 @@ class Continuation(Corrector):
 
     def _special(
         self, a: CurvePoint, b: CurvePoint | None, locate: bool
-    ) -> list[CurvePoint] | None:
-        """The special points between two points; None if one was not located."""
-        return special_points(self, a, b) if locate and b is not None else []
+    ) -> tuple[list[CurvePoint], list[CurvePoint] | None]:
+        """Points in unstable stretches between two points, and the special points there.
+
+        The special points are None if one was not located.
+        """
+        if b is None or not locate:
+            return [], []
+        guess = self.shooting.guess
+        unseen, special = unseen_points(self, a, b), []
+        if not unseen:  # the curve goes on as if nothing had been sought
+            self.shooting.guess = guess
+        for first, last in pairwise([a, *unseen, b]):
+            located = special_points(self, first, last)
+            if located is None:
+                return unseen, None
+            special.extend(located)
+        return unseen, special
 
     def _arrival(self, curve: Curve, before: CurvePoint, found: CurvePoint) -> str:
         """Why the curve ends between two points; its last point is then added. Else ""."""

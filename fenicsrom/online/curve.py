@@ -51,6 +51,9 @@ class CurvePoint:
             `fenicsrom.online.curve_measures.harmonics`.
         period_states: (phases, P) contact states over the period.
         damping_dissipation: energy dissipated by damping in the period, J.
+        turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
+            `fenicsrom.online.turning_pairs`.
+        turn_rates: (K,) derivatives of their angles by the logarithm of the period.
     """
 
     parameter: float
@@ -74,6 +77,8 @@ class CurvePoint:
     harmonics: NDArray[np.complex128] = field(default_factory=lambda: np.zeros((0, 0, 0), complex))
     period_states: NDArray[np.int8] = field(default_factory=lambda: np.zeros((0, 0), np.int8))
     damping_dissipation: float = 0.0
+    turning: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
+    turn_rates: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> bool:

@@ -18,6 +18,7 @@ from fenicsrom.online.curve_measures import harmonics, states_over_period
 from fenicsrom.online.families import Family
 from fenicsrom.online.periodic import RANK, Shooting, floquet, least_squares_step, stuck_points
 from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
+from fenicsrom.online.turning_pairs import turning_pairs
 
 CURVE_TOLERANCE = 1e-8  # of the residual relative to the variables
 CORRECTIONS = 8
@@ -181,6 +182,13 @@ class Corrector:
         problem = self.family(float(y[-1] * self.range))
         bits = state_bits(record, problem.contacts)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
+        turning, turn_rates = turning_pairs(
+            monodromy,
+            problem.model.size,
+            self.shooting.omega,
+            m * problem.period,
+            self.shooting.map.fractions.size - 1,
+        )
         return CurvePoint(
             parameter=float(y[-1] * self.range),
             z=self.unscaled(s, float(y[-1] * self.range)),
@@ -201,6 +209,8 @@ class Corrector:
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
             period_states=states_over_period(record),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
+            turning=turning,
+            turn_rates=turn_rates,
         )
 
     def monodromy(self, point: CurvePoint) -> Array | None:
@@ -211,6 +221,10 @@ class Corrector:
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
         return np.append(point.s / self.size, point.parameter / self.range)
+
+    def period(self, point: CurvePoint) -> float:
+        """The period of the motion at a point, s."""
+        return self.shooting.m * self.family(point.parameter).period
 
     def at_parameter(self, s: Array, value: float) -> CurvePoint | None:
         """The point at a value of the parameter near scaled variables s."""

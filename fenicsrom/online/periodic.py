@@ -104,6 +104,7 @@ class Shooting:
     1 / (b^T M^-1 b), so that the norm has the same unit in all components.
 
     Attributes:
+        omega: that of the scales, 1/s.
         guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
             size of that step, s: the first guess of the first step is extrapolated from them.
         stop: asked before each march, which raises `Stopped` if it returns True; None asks nobody.
@@ -136,6 +137,7 @@ class Shooting:
         self.m, self.model, self.contacts, self.period = m, model, contacts, period
         self.map = PeriodMap(model, contacts, plan, contacts.centre.shape[1], grid)
         n, omega = model.size, 2.0 * np.pi / period
+        self.omega = omega
         root = np.linalg.cholesky(model.mass).T
         give = np.sum(model.contact_rows * np.linalg.solve(model.mass, model.contact_rows.T).T, 1)
         slider = 1.0 / np.sqrt(np.maximum(give, 1e-300))

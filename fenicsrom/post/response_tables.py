@@ -28,7 +28,7 @@ def sentences(found: Response) -> list[str]:
             f"amplitude {amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, "
             f"{_verdict(top)}."
         )
-        lines += [f"{begin}{unstable} points are unstable."] if unstable else []
+        lines += [f"{begin}Unstable points: {unstable}."] if unstable else []
         if curve.step_error is not None:
             lines.append(
                 f"{begin}Half the time step changes this amplitude by "

@@ -1,0 +1,69 @@
+"""Response curves with unstable stretches that are shorter than a step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import beam_scene, excited_stiffness
+from test_response import ignore
+from test_response_runs import assert_same, interrupted
+
+from fenicsrom.assess.response import response
+from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.bifurcations import outside
+from fenicsrom.online.simulate import load_histories
+from fenicsrom.scene import read_scene
+
+
+def excited() -> StoredModel:
+    """A mode that loses its stability in 0.1 % of the range."""
+    scene = beam_scene(
+        2,
+        (
+            "loads.0.force=0.03",
+            "loads.0.frequency=0.15",
+            "material.mass_damping=1e-4",
+            "time.steps_per_period=200",
+            f"response.first={0.9 / (2.0 * np.pi)}",
+            f"response.last={1.1 / (2.0 * np.pi)}",
+        ),
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    model = excited_stiffness(scene.material.mass_damping, 8.0, load_histories(scene))
+    return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([0.3, 0.15]), {})
+
+
+def test_curve_interrupted_at_a_short_unstable_stretch_continues_bit_for_bit(
+    tmp_path: Path,
+) -> None:
+    stored = excited()
+    whole = response(stored, ignore)
+    (curve,) = whole.curves
+    assert [point.kind for point in curve.special] == ["branch point", "branch point"]
+    (number,) = (k for k, point in enumerate(curve.points) if outside(point))
+    reached = set()
+    for calls in range(number - 1, number + 3):  # before and after the stretch
+        folder = tmp_path / str(calls)
+        part = interrupted(stored, folder, calls)
+        reached.add(any(outside(point) for point in part.curves[0].points))
+        assert_same(response(stored, ignore, resume=folder), whole)
+    assert reached == {False, True}
+
+
+@pytest.mark.slow
+def test_short_unstable_stretch_of_the_beam_is_found_with_the_default_steps() -> None:
+    pytest.importorskip("dolfinx")
+    from fenicsrom.study import build_model
+
+    demo = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
+    stored = build_model(read_scene(demo))
+    changed = stored.with_overrides(["response.first=2.9", "response.last=3.6"])
+    (curve,) = response(changed, ignore).curves
+    kinds = [point.kind for point in curve.special]
+    assert kinds == ["first lift-off", "branch point", "branch point", "last lift-off"]
+    ends = [point.parameter for point in curve.special if point.kind == "branch point"]
+    assert ends == pytest.approx([3.239364, 3.240123], abs=2e-6)  # steps of 0.004 see them too
+    assert len(curve.points) < 80
