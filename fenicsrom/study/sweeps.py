@@ -149,9 +149,10 @@ def _assign_models(
             origin = digest_of(scene, file_digest(mesh) if mesh.is_file() else str(mesh))
             path = folder / MODELS / f"{origin[:16]}.npz"
             models[path], origins[path] = scene, origin
-        file = folder / RUNS / f"{number + 1:06d}.json"
+        digest = digest_of(scene, origins[path])
+        file = folder / RUNS / f"{digest[:16]}.json"
         values = {key: value for key, value in rows[number].items() if key != "run"}
-        runs.append(SweepRun(number, values, scene, path, file, digest_of(scene, origins[path])))
+        runs.append(SweepRun(number, values, scene, path, file, digest))
     return runs, models
 
 
