@@ -76,6 +76,8 @@ def sweep(
     try:
         build = [(model, path) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
+        if build and comm is not None and comm.size > 1:
+            import fenicsrom.fem.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
         failures = dict(
             zip((path for _, path in build), jobs(_build, build, "model"), strict=False)
         )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, on_ranks, refusal
+from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal
 
 from fenicsrom import study
 from fenicsrom.assess import sweep_runs
@@ -192,3 +192,17 @@ def test_runs_share_models_unless_offline_keys_change(tmp_path: Path) -> None:
     assert found.models == 2
     assert len(list((tmp_path / sweeps.MODELS).glob("*.npz"))) == 2
     assert len({row["peak_normal_force_N"] for row in found.rows}) == 4
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_ranks_build_models(tmp_path: Path) -> None:
+    """PETSc starts on all ranks together, though rank 0 builds none."""
+    demo = Path(__file__).parents[2] / "demos" / "open_2d.toml"
+    changes = ["geometry.parameters.elements_along=10", "output.pictures=false"]
+    options = [part for change in changes for part in ("--set", change)]
+    options += ["--over", "basis.modes=[1, 2]", "--output", str(tmp_path / "out")]
+    on_ranks(2, "-m", "fenicsrom", "sweep", str(demo), *options)
+    written = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    assert written["models"] == 2
+    assert [row["outcome"] for row in written["runs"]] == [DONE, DONE]
