@@ -120,16 +120,20 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
         OSError: the file cannot be written.
     """
     begin = clock.perf_counter()
-    row: dict[str, Any] = {"run": run.number + 1, **run.values}
     try:
         stored = _model(run.model, file_digest(run.model)).with_scene(run.scene)
-        row |= _measured(stored, report)
+        found = _measured(stored, report)
     except (SceneError, ConvergenceError, AccuracyError) as error:
-        row |= failure(error)
-    row["seconds"] = clock.perf_counter() - begin
-    keep(run, row)
-    report(1.0, f"run {run.number + 1}: {row['outcome']}")
-    return row
+        found = failure(error)
+    found["seconds"] = clock.perf_counter() - begin
+    keep(run, found)
+    report(1.0, f"run {run.number + 1}: {found['outcome']}")
+    return row_of(run, found)
+
+
+def row_of(run: SweepRun, found: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a run, from what was found of it."""
+    return {"run": run.number + 1, **run.values, **found}
 
 
 def failure(error: Exception) -> dict[str, Any]:
@@ -137,14 +141,15 @@ def failure(error: Exception) -> dict[str, Any]:
     return {"outcome": FAILED, "sentence": str(error)}
 
 
-def keep(run: SweepRun, row: Mapping[str, Any]) -> None:
-    """Write the row of a run to its file.
+def keep(run: SweepRun, found: Mapping[str, Any]) -> None:
+    """Write what was found of a run to its file.
 
     Raises:
         OSError: the file cannot be written.
     """
     with atomic_write(run.file) as temporary:
-        text = json.dumps({"digest": run.digest, "row": row}, ensure_ascii=False, allow_nan=False)
+        content = {"digest": run.digest, "values": run.values, "found": found}
+        text = json.dumps(content, ensure_ascii=False, allow_nan=False)
         temporary.write_text(text, encoding="utf-8")
 
 
@@ -152,8 +157,8 @@ def kept(run: SweepRun) -> dict[str, Any] | None:
     """The row of a run from its file; None if there is none, or it belongs to another run."""
     try:
         content = json.loads(run.file.read_text(encoding="utf-8"))
-        if content["digest"] == run.digest and content["row"]["outcome"]:
-            return {**content["row"], "run": run.number + 1}
+        if content["digest"] == run.digest and content["found"]["outcome"]:
+            return row_of(run, content["found"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     return None

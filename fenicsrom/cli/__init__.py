@@ -22,13 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace(arguments=words)
     try:
-        from fenicsrom.cli.parser import make_parser
-
-        options = make_parser().parse_args(words, options)
-        _check_arguments(options)
-        if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
-            return 0
         with terminable():
+            from fenicsrom.cli.parser import make_parser
+
+            options = make_parser().parse_args(words, options)
+            _check_arguments(options)
+            if getattr(options, "stored", None) and options.name != "sweep" and is_idle():
+                return 0
             return int(options.command(options))
     except SceneError as error:
         return refuse(str(error), 2)

@@ -282,7 +282,7 @@ def _require_scene(options: argparse.Namespace) -> None:
     """
     if options.scene is not None:
         return
-    resuming = getattr(options, "resume", None) is not None
+    resuming = getattr(options, "resume", None)
     sentence = (
         "--resume also needs the scene file or --from MODEL"
         if resuming

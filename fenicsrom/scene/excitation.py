@@ -46,7 +46,8 @@ def excitations(scene: Scene) -> Iterator[Excitation]:
     """Yield what moves the body of a scene whose tables were read."""
     for index, load in enumerate(scene.loads):
         if load.size != 0.0 and not isinstance(load.history, Static):
-            yield Excitation(f"loads[{index}]", shortest_period(load))
+            key = f"loads[{index}]{'.table' if isinstance(load.history, Table) else ''}"
+            yield Excitation(key, shortest_period(load))
     for index, contact in enumerate(scene.contacts):
         key = f"contacts[{index}]"
         if contact.approach:

@@ -23,6 +23,8 @@ def step_problems(scene: Scene) -> Problems:
         return
     key, period = fastest
     shortest = f"the shortest period of {key}, {period:.6g} s"
+    if key.endswith(".table"):
+        shortest += " (twice its shortest swing; smooth the table if this is noise)"
     match scene.time.stepping:
         case FixedStep(step=step) if step > (1.0 + ROUNDING) * period / STEPS:
             allowed = f"must be at most {period / STEPS:.6g}, so that {STEPS} steps resolve"

@@ -96,7 +96,7 @@ def _held_folder(
         _put_back(folder)  # of a run that was killed
         inputs = [Path(scene.source), scene.geometry.mesh, origin.model, origin.resume]
         kept = {path.resolve() for path in inputs if path is not None}
-        continued = origin.resume is not None and place in origin.resume.resolve().parents
+        continued = _continues(folder, record, scene, origin)
         if record is None and (folder / SCENE_FILE).exists():
             reason = f"it holds a {SCENE_FILE}, which the run would replace; choose another folder"
             raise _refused(folder, reason)
@@ -176,13 +176,29 @@ def _require_free(folder: Path, record: dict[str, Any] | None, earlier: list[str
         )
 
 
+def _continues(folder: Path, record: dict[str, Any] | None, scene: Scene, origin: Origin) -> bool:
+    """Whether a run continues what the same command left in this folder.
+
+    A sweep may go on with other values, but only under the scene of its earlier results.
+    """
+    if record is None or origin.resume is None:
+        return False
+    same_command = list(record.get("task") or ())[:1] == list(origin.task[:1])
+    inside = folder.resolve() in origin.resume.resolve().parents
+    sweeps = origin.task[0] == "sweep"
+    return same_command and inside and (not sweeps or _has_same_scene(folder, record, scene))
+
+
 def _is_same_run(folder: Path, record: dict[str, Any], scene: Scene, origin: Origin) -> bool:
     """Whether the folder holds the same task on the same scene and the same mesh file."""
+    return record.get("task") == list(origin.task) and _has_same_scene(folder, record, scene)
+
+
+def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
+    """Whether the folder holds a run of the same scene and the same mesh file."""
     from fenicsrom.post.origin import SCENE_FILE, checksum
     from fenicsrom.scene import scene_table
 
-    if record.get("task") != list(origin.task):
-        return False
     try:
         found = tomllib.loads((folder / SCENE_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):

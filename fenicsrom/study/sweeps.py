@@ -76,6 +76,8 @@ def sweep(
     try:
         build = [(model, path) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
+        if build and comm is not None and comm.size > 1:
+            import fenicsrom.fem.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
         failures = dict(
             zip((path for _, path in build), jobs(_build, build, "model"), strict=False)
         )
@@ -149,9 +151,10 @@ def _assign_models(
             origin = digest_of(scene, file_digest(mesh) if mesh.is_file() else str(mesh))
             path = folder / MODELS / f"{origin[:16]}.npz"
             models[path], origins[path] = scene, origin
-        file = folder / RUNS / f"{number + 1:06d}.json"
+        digest = digest_of(scene, origins[path])
+        file = folder / RUNS / f"{digest[:16]}.json"
         values = {key: value for key, value in rows[number].items() if key != "run"}
-        runs.append(SweepRun(number, values, scene, path, file, digest_of(scene, origins[path])))
+        runs.append(SweepRun(number, values, scene, path, file, digest))
     return runs, models
 
 

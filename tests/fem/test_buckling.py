@@ -108,6 +108,16 @@ def test_column_with_contact_keeps_its_equilibrium_and_warns() -> None:
     assert abs(tip(solid)[0]) < 1e-3
 
 
+def test_steep_growth_below_the_buckling_load_is_no_snap() -> None:
+    """A small force across a column near its buckling load: the growth is large, and continuous."""
+    axial = {"group": "tip", "at": "centre", "direction": [-1.0, 0.0], "force": 0.996 * EULER}
+    push = {"group": "tip", "at": "centre", "direction": [0.0, 1.0], "force": 0.1}
+    solid = pressed(0.0, 16, loads=[axial, push], probe={"group": "tip"})
+    alone = pressed(0.0, 16, loads=[push], probe={"group": "tip"})
+    assert tip(solid)[1] > 50.0 * tip(alone)[1] > 0.0
+    assert not solid.warnings
+
+
 def test_arch_that_snaps_through_is_told(tmp_path: Path) -> None:
     """The limit load is between 750 and 800 N."""
     calm, snapped = arch(tmp_path, 750.0), arch(tmp_path, 1000.0)

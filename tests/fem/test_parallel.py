@@ -139,10 +139,10 @@ from fenicsrom.cli import commands, main
 from fenicsrom.errors import SceneError
 
 read = commands.read_scene
-def read_scene(*given):
+def read_scene(*given, **options):
     if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
         raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
-    return read(*given)
+    return read(*given, **options)
 commands.read_scene = read_scene
 sys.exit(main(["run", sys.argv[1], "--output", sys.argv[3]]))
 """
@@ -191,10 +191,10 @@ from mpi4py import MPI
 from fenicsrom.cli import commands, main
 
 read = commands.read_scene
-def read_scene(*given):
+def read_scene(*given, **options):
     if MPI.COMM_WORLD.rank == 1:
         raise ZeroDivisionError("a defect of the program")
-    return read(*given)
+    return read(*given, **options)
 commands.read_scene = read_scene
 sys.exit(main(["run", sys.argv[1], "--output", sys.argv[2]]))
 """

@@ -129,6 +129,22 @@ def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
     assert record["resumed_from"]["file"] == str(tmp_path / "checkpoint.npz")
 
 
+def test_sweep_resumes_only_in_a_folder_of_its_scene(tmp_path: Path) -> None:
+    def resumed(*values: str) -> Origin:
+        return Origin((), (), ("sweep", *values), resume=tmp_path / "runs")
+
+    run(tmp_path, scene(), "report.html")
+    with refusal(ErrorKind.FILE, "--output"), output_folder(tmp_path, scene(), None, resumed("a")):
+        pass
+    with output_folder(tmp_path, scene(), None, resumed("a"), True):
+        (tmp_path / "runs").mkdir()
+    with output_folder(tmp_path, scene(), None, resumed("a", "b")):
+        assert (tmp_path / "runs").exists()
+    other = scene("loads.0.force=1.0")
+    with refusal(ErrorKind.FILE, "--output"), output_folder(tmp_path, other, None, resumed("a")):
+        pass
+
+
 def test_inputs_inside_the_folder_are_kept(tmp_path: Path) -> None:
     run(tmp_path, scene(), "reduced_model.npz", "report.html")
     model = Origin(ORIGIN.command, ORIGIN.repeat, model=tmp_path / "reduced_model.npz")

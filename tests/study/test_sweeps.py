@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, on_ranks, refusal
+from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal
 
 from fenicsrom import study
 from fenicsrom.assess import sweep_runs
@@ -108,7 +108,9 @@ def test_resumed_sweep_computes_only_what_is_missing(
 ) -> None:
     over = ["loads.0.force=[10, 20, 30]"]
     whole = swept(model, tmp_path, over)
-    (tmp_path / sweeps.RUNS / "000002.json").write_text("{")
+    for file in (tmp_path / sweeps.RUNS).iterdir():
+        if json.loads(file.read_text())["values"] == {"loads.0.force": 20}:
+            file.write_text("{")
     computed: list[int] = []
     real = sweep_runs.compute
 
@@ -125,6 +127,10 @@ def test_resumed_sweep_computes_only_what_is_missing(
     swept(model, tmp_path, ["loads.0.force=[10, 20, 31]"], resume=True)
     assert computed == [2]
     computed.clear()
+    finer = swept(model, tmp_path, ["loads.0.force=[5, 10, 20, 30]"], resume=True)
+    assert computed == [0] and [row["run"] for row in finer.rows] == [1, 2, 3, 4]
+    assert finer.rows[3]["amplitude_x_m"] == whole.rows[2]["amplitude_x_m"]
+    computed.clear()
     swept(model, tmp_path, over)
     assert computed == [0, 1, 2]
 
@@ -139,7 +145,7 @@ def test_results_of_another_model_are_not_reused(model: Path, tmp_path: Path) ->
 
 def test_interrupted_sweep_keeps_finished_runs(model: Path, tmp_path: Path) -> None:
     def stop() -> bool:
-        return (tmp_path / sweeps.RUNS / "000002.json").exists()
+        return len(list((tmp_path / sweeps.RUNS).glob("*.json"))) == 2
 
     found = swept(model, tmp_path, ["loads.0.force=[10, 20, 30, 40]"], stop=stop)
     assert found.interrupted
@@ -186,3 +192,17 @@ def test_runs_share_models_unless_offline_keys_change(tmp_path: Path) -> None:
     assert found.models == 2
     assert len(list((tmp_path / sweeps.MODELS).glob("*.npz"))) == 2
     assert len({row["peak_normal_force_N"] for row in found.rows}) == 4
+
+
+@pytest.mark.slow
+@needs_mpirun
+def test_ranks_build_models(tmp_path: Path) -> None:
+    """PETSc starts on all ranks together, though rank 0 builds none."""
+    demo = Path(__file__).parents[2] / "demos" / "open_2d.toml"
+    changes = ["geometry.parameters.elements_along=10", "output.pictures=false"]
+    options = [part for change in changes for part in ("--set", change)]
+    options += ["--over", "basis.modes=[1, 2]", "--output", str(tmp_path / "out")]
+    on_ranks(2, "-m", "fenicsrom", "sweep", str(demo), *options)
+    written = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    assert written["models"] == 2
+    assert [row["outcome"] for row in written["runs"]] == [DONE, DONE]
