@@ -34,6 +34,7 @@ def import_matrices(options: argparse.Namespace) -> int:
     """
     from fenicsrom.online import archive
     from fenicsrom.online.exchange.superelement import read_matrices, superelement_model
+    from fenicsrom.scene.rules import counted
     from fenicsrom.scene.superelement import read_superelement_scene
 
     matrices, scene = Path(options.matrices), options.superelement_scene
@@ -41,9 +42,10 @@ def import_matrices(options: argparse.Namespace) -> int:
     given = read_superelement_scene(scene, matrices)
     stored = superelement_model(read_matrices(matrices), given)
     archive.save_model(path, stored)
+    points = stored.model.points.contact.size
     lowest = ", ".join(f"{value:.6g}" for value in stored.frequencies_hz[:5])
     lines = [
-        f"{stored.size} coordinates, {stored.model.points.contact.size} contact points",
+        f"{counted(stored.size, 'coordinate')}, {counted(points, 'contact point')}",
         f"lowest natural frequencies: {lowest} Hz",
         f"Now run: fenicsrom run --from {path}",
     ]

@@ -211,10 +211,16 @@ class _Builder:
     def _mean(self, place: Place, key: str) -> tuple[Array, Array, Array]:
         """Rows (d, n), offset (d,) and position (d,) of the mean of the nodes of a place.
 
+        With at = "centre" they are those of the node that is nearest to the mean position.
+
         Raises:
             SceneError: all its nodes are clamped.
         """
         found = self._named(place, key)
+        if place.at == "centre":
+            positions = np.array([self.nodes[k].position for k in found])
+            away = np.linalg.norm(positions - positions.mean(axis=0), axis=1)
+            found = [found[int(np.argmin(away))]]
         rows = np.mean([self.rows[k] for k in found], axis=0)
         if not np.any(rows):
             self._fail(key, "the supports clamp this place, or it has no coordinates")
