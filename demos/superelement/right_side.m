@@ -4,9 +4,9 @@
 %
 % fenicsrom export out/reduced_model.npz --format mat --output model.mat
 % model = load('model.mat');
-% [t, y] = ode15s(@(t, y) right_side(y, model, 111.29 * sin(2 * pi * 3.2 * t)), [0 1], zeros(2 * n, 1));
+% [t, y] = ode15s(@(t, y) right_side(y, model, 111.29 * sin(2 * pi * 3.2 * t)), [0 1], zeros(2 * size(model.M, 1), 1));
 %
-% y: (2 n) coordinates and velocities; s: the size of each load; F: the forces of the contact points
+% y: (2 n) coordinates and velocities; s: the size of each load, static loads included; F: the forces of the contact points
 % on their surfaces, in the local frames [normal, tangents]. All in SI units.
 function rate = right_side(y, model, s, F)
   n = size(model.M, 1);

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import rules
 from fenicsrom.scene.reading import parse_scene, read_toml
-from fenicsrom.scene.rules import Where, choice, integer, list_of, number
+from fenicsrom.scene.rules import Rule, Where, choice, integer, is_sequence, number
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import read_table, tables_of
 
@@ -43,6 +43,23 @@ class Superelement:
     mass_damping: Annotated[float, number(least=0.0, unit="1/s")] = 0.0
 
 
+def _read_coordinates(value: Any, where: Where) -> tuple[int, ...]:
+    """Read numbers of coordinates, of which only 0 may occur several times."""
+    if not is_sequence(value):
+        raise where.refuse(value, "must be a list of integers", ErrorKind.TYPE)
+    found = tuple(_NUMBER(entry, where.at(index)) for index, entry in enumerate(value))
+    for index, entry in enumerate(found):
+        if entry and entry in found[:index]:
+            raise where.at(index).refuse(entry, "must occur only once in the list")
+    return found
+
+
+_NUMBER = integer(0, LARGEST_NUMBER)
+_coordinates = Rule(
+    _read_coordinates, {"type": "array", "items": _NUMBER.schema}, "list of integers from 0"
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class InterfaceNode:
     """One of the tables [[nodes]]: a point of the body that loads, contacts and probes can name.
@@ -60,7 +77,7 @@ class InterfaceNode:
 
     name: Annotated[str, rules.name]
     position: Annotated[tuple[float, ...], rules.point]
-    coordinates: Annotated[tuple[int, ...] | None, list_of(integer(0, LARGEST_NUMBER))] = None
+    coordinates: Annotated[tuple[int, ...] | None, _coordinates] = None
     grid: Annotated[int | None, integer(1, LARGEST_NUMBER)] = None
     offset: Annotated[tuple[float, ...] | None, rules.point] = None
     area: Annotated[float, number(above=0.0)] = 1.0

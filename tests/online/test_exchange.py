@@ -166,6 +166,39 @@ def test_support_of_a_scene_clamps_the_coordinates_of_its_nodes() -> None:
     assert stored.labels == ("q2", "q3")
 
 
+def test_model_in_3d_is_exported_and_imported(tmp_path: Path) -> None:
+    """Five masses on springs; the load moves the body along one axis only, and so does its row."""
+    stiffness = np.diag([400.0, 500.0, 600.0, 700.0, 800.0])
+    table: dict[str, Any] = {
+        "superelement": {"dimension": 3, "mass_damping": 0.5},
+        "nodes": [
+            {"name": "tip", "position": [1.0, 0.2, 0.3], "coordinates": [1, 2, 3]},
+            {"name": "load", "position": [0.5, 0.0, 0.0], "coordinates": [0, 5, 0]},
+        ],
+        "loads": [{"group": "load", "direction": [0.0, 1.0, 0.0], "force": 9.0, "frequency": 2.0}],
+        "contacts": [
+            {
+                "nearest": [0.9, 0.0, 0.0],
+                "surface": {"kind": "cylinder", "point": [0.0, 0.0, 0.0], "axis": [1.0, 0.0, 0.0]},
+                "gap": 1e-3,
+                "normal_stiffness": 1e4,
+                "tangential_stiffness": 1e4,
+                "friction": 0.3,
+            }
+        ],
+    }
+    made = imported(MatrixSet(np.eye(5), stiffness), table)
+    matrices, scene = export(made, tmp_path / "a.op4", "op4").files
+    again = superelement_model(read_matrices(matrices), read_superelement_scene(scene, matrices))
+    np.testing.assert_array_equal(again.model.points.frame, made.model.points.frame)
+    np.testing.assert_allclose(again.model.contact_rows, made.model.contact_rows, atol=1e-15)
+    np.testing.assert_array_equal(again.model.loads, [[0.0], [0.0], [0.0], [0.0], [1.0]])
+    assert again.model.damping == 0.5
+    with refusal(ErrorKind.RANGE, key="nodes[0].coordinates[1]"):
+        table["nodes"][0]["coordinates"] = [1, 1, 0]
+        imported(MatrixSet(np.eye(5), stiffness), table)
+
+
 def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
     scene = rubbing_scene()
     plain = beam_matrices(scene)

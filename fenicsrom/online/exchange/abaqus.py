@@ -3,7 +3,7 @@
 Each matrix has a file of its own, such as JOB_STIF1.mtx, JOB_MASS1.mtx and JOB_DMPV1.mtx (viscous
 damping), with a line for each entry:
 
-    node, direction, node, direction, value        format "matrix input" or "labels"
+    node, direction, node, direction, value        format "matrix input"
     row column value                               format "coordinate"
 
 The file may hold one triangle of a symmetric matrix. A clamped unknown has a diagonal value of 1e36

@@ -29,7 +29,7 @@ from fenicsrom.online.exchange.op4 import write_op4
 from fenicsrom.online.exchange.source import write_source
 from fenicsrom.online.matrices import ModelArrays, model_arrays
 from fenicsrom.online.surfaces import spin_of
-from fenicsrom.scene import scene_table, toml_text
+from fenicsrom.scene import scene_heading, scene_table, toml_text
 from fenicsrom.scene.superelement import EXCLUDED
 
 SUFFIXES: Mapping[str, str] = {"mat": ".mat", "jax": ".py", "dmig": ".bdf", "op4": ".op4"}
@@ -65,7 +65,7 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
     """
     arrays, linear = model_arrays(stored.model), stored.model.linear
     if form == "jax":
-        write_source(path, stored.scene.title, arrays, linear)
+        write_source(path, scene_heading(stored.scene), arrays, linear)
         return Exported((path,), ())
     interface, nodes = interface_nodes(stored)
     if form == "mat":

@@ -31,7 +31,8 @@ DOUBLE = 2
 FIELD = 16
 """Characters of a wide field: eleven or twelve significant digits."""
 
-LARGEST_COLUMNS = 100_000
+LARGEST_COLUMNS = 10_000
+"""Largest number of interface rows in a file."""
 NO_EXPONENT_LETTER = re.compile(r"([0-9.])([+-][0-9]+)$")
 Entries = dict[tuple[Label, Label], float]
 

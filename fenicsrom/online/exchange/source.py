@@ -25,9 +25,10 @@ A reduced model of {n} coordinates q in SI units, written by fenicsrom:
 
     M q'' + C q' + f(q) = L s - Bc^T F
 
-with the sizes s ({loads},) of the loads and the forces F ({contacts},) of the contact points on
-their surfaces, in the local frames [normal, tangents]. The functions are pure and take arrays of
-numpy or jax. With jax, enable numbers of 64 bits: jax.config.update("jax_enable_x64", True).
+with the sizes s ({loads},) of the loads (static ones included, which balance f at q = 0) and the
+forces F ({contacts},) of the contact points on their surfaces, in the local frames [normal,
+tangents]. The functions are pure and take arrays of numpy or jax. With jax, enable numbers of 64
+bits: jax.config.update("jax_enable_x64", True).
 """
 
 import base64
