@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import runpy
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ import pytest
 from support import beam_scene, random_model, refusal
 
 from fenicsrom.cli import main
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.exchange.export import SUFFIXES, export
 from fenicsrom.online.exchange.matrix_set import MatrixSet
@@ -384,6 +385,39 @@ def test_damaged_file_of_matrices_is_refused(
     (tmp_path / name).write_text(content)
     with refusal(kind, file=name):
         read_matrices(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.op4", "a.bdf", "a_STIF1.mtx", "a.mat", "a.npz"])
+def test_mutated_file_of_matrices_is_read_or_refused(name: str, tmp_path: Path) -> None:
+    path, rng = tmp_path / name, np.random.default_rng(2)
+    if name == "a.op4":
+        write_op4(path, MATRICES)
+    elif name == "a.bdf":
+        write_dmig(path, MATRICES, 3)
+    elif name == "a.npz":
+        np.savez(path, K=np.eye(3), M=np.eye(3))
+    elif name == "a.mat":
+        from scipy.io import savemat
+
+        savemat(path, {"K": np.eye(3), "M": np.eye(3), "units": {"K": "N/m"}})
+    else:
+        path.write_text("1,1, 1,1, 2.0\n1,2, 1,2, 3.0\n")
+        (tmp_path / "a_MASS1.mtx").write_text(path.read_text())
+    original = path.read_bytes()
+    for _ in range(60):
+        data = bytearray(original)
+        for _ in range(rng.integers(1, 4)):
+            k, length = rng.integers(len(data)), rng.integers(1, 20)
+            match rng.integers(3):
+                case 0:
+                    data[k] = rng.choice(list(b"0123456789 -+.DE,*$KM\n"))
+                case 1:
+                    data[k:k] = data[k : k + length]
+                case _:
+                    data[k : k + length] = b" "
+        path.write_bytes(bytes(data))
+        with contextlib.suppress(SceneError):
+            read_matrices(path)
 
 
 @pytest.mark.parametrize("suffix", [".op4", ".bdf", "_STIF1.mtx", ".mat", ".npz"])

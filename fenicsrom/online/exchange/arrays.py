@@ -24,7 +24,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.exchange.matrix_set import MatrixSet, matrix_set, refuse
+from fenicsrom.online.exchange.matrix_set import NAMES, MatrixSet, matrix_set, refuse
 from fenicsrom.online.matrices import UNITS, ModelArrays
 
 LEFT_OUT = ("quadratic", "cubic")  # the polynomial holds them; B would take 8 n^4 bytes
@@ -100,6 +100,14 @@ def write_mat(path: Path, stored: StoredModel, arrays: ModelArrays, interface: A
         savemat(temporary, content, do_compression=True, oned_as="column")
 
 
+_SPELLINGS = tuple(
+    spelling
+    for names in NAMES.values()
+    for name in names
+    for spelling in (name, name.lower(), name.capitalize())
+)
+
+
 def read_mat(path: Path) -> MatrixSet:
     """Read the matrices of a superelement from a MATLAB file of version 4 to 7.
 
@@ -109,7 +117,8 @@ def read_mat(path: Path) -> MatrixSet:
     from scipy.io import loadmat
 
     try:
-        content = loadmat(path)
+        # only matrices of known names: scipy crashes on damaged structures and cells
+        content = loadmat(path, variable_names=_SPELLINGS)
     except OSError as error:
         raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except NotImplementedError:
