@@ -387,6 +387,23 @@ def test_damaged_file_of_matrices_is_refused(
         read_matrices(tmp_path / name)
 
 
+@pytest.mark.parametrize("compressed", [False, True])
+def test_dense_and_sparse_matrices_of_matlab_are_read(compressed: bool, tmp_path: Path) -> None:
+    from scipy.io import savemat
+    from scipy.sparse import csc_matrix
+
+    content = {
+        "units": {"K": "N/m"},
+        "K": csc_matrix(MATRICES["KAAX"]),
+        "M": np.diag([1, 2, 3]).astype(np.int16),
+        "C": MATRICES["BAAX"],
+        "interface": MATRICES["INTERF"],
+        "names": np.array(["a", "bc"], dtype=object),
+    }
+    savemat(tmp_path / "a.mat", content, do_compression=compressed)
+    assert_matrices(read_matrices(tmp_path / "a.mat"), 0.0)
+
+
 @pytest.mark.parametrize("name", ["a.op4", "a.bdf", "a_STIF1.mtx", "a.mat", "a.npz"])
 def test_mutated_file_of_matrices_is_read_or_refused(name: str, tmp_path: Path) -> None:
     path, rng = tmp_path / name, np.random.default_rng(2)

@@ -5,6 +5,7 @@
     op4           OUTPUT4 files as text, written and read
     abaqus        matrices of Abaqus (.mtx), read
     arrays        .mat and .npz files
+    mat_reader    matrices of MATLAB files, read
     source        a Python module that needs only numpy, and that jax can differentiate
     export        the formats of `fenicsrom export`
     superelement  a reduced model from the matrices and a scene of interface nodes

@@ -24,7 +24,8 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.exchange.matrix_set import NAMES, MatrixSet, matrix_set, refuse
+from fenicsrom.online.exchange.mat_reader import mat_matrices
+from fenicsrom.online.exchange.matrix_set import MatrixSet, matrix_set, refuse
 from fenicsrom.online.matrices import UNITS, ModelArrays
 
 LEFT_OUT = ("quadratic", "cubic")  # the polynomial holds them; B would take 8 n^4 bytes
@@ -100,32 +101,20 @@ def write_mat(path: Path, stored: StoredModel, arrays: ModelArrays, interface: A
         savemat(temporary, content, do_compression=True, oned_as="column")
 
 
-_SPELLINGS = tuple(
-    spelling
-    for names in NAMES.values()
-    for name in names
-    for spelling in (name, name.lower(), name.capitalize())
-)
-
-
 def read_mat(path: Path) -> MatrixSet:
-    """Read the matrices of a superelement from a MATLAB file of version 4 to 7.
+    """Read the matrices of a superelement from a MATLAB file of version 5 to 7.
 
     Raises:
         SceneError: the file cannot be read, or its matrices do not fit together.
     """
-    from scipy.io import loadmat
-
     try:
-        # only matrices of known names: scipy crashes on damaged structures and cells
-        content = loadmat(path, variable_names=_SPELLINGS)
+        content = mat_matrices(path.read_bytes())
     except OSError as error:
         raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
-    except NotImplementedError:
-        raise refuse(path, "is a MATLAB file of version 7.3; save it with -v7") from None
-    except Exception as error:  # damaged bytes raise many kinds of errors in scipy
-        raise refuse(path, f"is not a MATLAB file ({type(error).__name__})") from None
-    return matrix_set(path, _matrices(content))
+    except ValueError as error:
+        reason = f"is not a MATLAB file of version 5 to 7 ({error}); save it with -v7"
+        raise refuse(path, reason) from None
+    return matrix_set(path, content)
 
 
 def read_npz(path: Path) -> MatrixSet:
@@ -141,14 +130,5 @@ def read_npz(path: Path) -> MatrixSet:
         raise refuse(path, f"cannot be read: {error.strerror}", ErrorKind.FILE) from None
     except Exception as error:  # damaged bytes raise many kinds of errors in numpy and zipfile
         raise refuse(path, f"is not an .npz file ({type(error).__name__})") from None
-    return matrix_set(path, _matrices(content))
-
-
-def _matrices(content: dict[str, Any]) -> dict[str, Array]:
-    """The entries that are matrices, dense ones; MATLAB's sparse matrices are expanded."""
-    found: dict[str, Array] = {}
-    for name, value in content.items():
-        dense = value.toarray() if hasattr(value, "toarray") else value
-        if isinstance(dense, np.ndarray) and dense.ndim == 2:
-            found[name] = dense
-    return found
+    matrices = {name: array for name, array in content.items() if array.ndim == 2}
+    return matrix_set(path, matrices)
