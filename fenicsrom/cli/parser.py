@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fenicsrom import __version__
-from fenicsrom.cli import commands, mesh_commands
+from fenicsrom.cli import commands, exchange_commands, mesh_commands
 
 
 def natural(text: str) -> int:
@@ -140,6 +140,22 @@ DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for t
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
+MODEL = Argument("model", help="the reduced_model.npz of an earlier run")
+FORMAT = Argument(
+    "--format",
+    required=True,
+    choices=("mat", "dmig", "op4", "jax"),
+    help="mat (MATLAB and Octave) and jax (a Python module) hold the nonlinear model; dmig and op4 "
+    "(Nastran) hold its linear part",
+)
+MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")
+INTERFACE_SCENE = Argument(
+    "--scene",
+    required=True,
+    dest="superelement_scene",
+    metavar="SCENE",
+    help="scene file (TOML) with the tables [superelement] and [[nodes]]",
+)
 
 COMMANDS = (
     Command(
@@ -201,6 +217,18 @@ COMMANDS = (
         "run a scene or a stored model for lists or ranges of values of its keys",
         commands.sweep,
         (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT, FORCE),
+    ),
+    Command(
+        "export",
+        "write a stored reduced model for MATLAB, Nastran, or numpy and jax",
+        exchange_commands.export,
+        (MODEL, FORMAT, FILE),
+    ),
+    Command(
+        "import",
+        "make a reduced model of the matrices of a linear superelement",
+        exchange_commands.import_matrices,
+        (MATRICES, INTERFACE_SCENE, FILE),
     ),
     Command(
         "schema",

@@ -52,6 +52,10 @@ UNJUDGED = (
     "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
     "basis is not estimated; run the scene again to store them"
 )
+UNJUDGED_MATRICES = (
+    "the error due to the reduction of the superelement is not estimated: the program that wrote "
+    "its matrices knows what they leave out"
+)
 
 
 def response_rows(

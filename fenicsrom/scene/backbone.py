@@ -29,4 +29,4 @@ class Backbone:
     first: Annotated[float, number(above=0.0, unit="m")]
     last: Annotated[float, number(above=0.0, unit="m")]
     points: Annotated[int, integer(2, 100_000)] = 500
-    load_factors: Annotated[tuple[float, ...], list_of(number(above=0.0))] = ()
+    load_factors: Annotated[tuple[float, ...], list_of(number(above=0.0), least=0)] = ()

@@ -52,7 +52,7 @@ def read_scene(
         SceneError: the file cannot be read, is not TOML, or does not describe a scene.
     """
     source = os.fspath(path)
-    table = override_table(_read_toml(source), overrides, source)
+    table = override_table(read_toml(source), overrides, source)
     table, folder = titled(table, overrides, source), Path(path).parent
     return parse_scene(table, source, folder, mesh=mesh, unloaded=unloaded)
 
@@ -117,8 +117,12 @@ def scene_table(scene: Scene) -> dict[str, Any]:
     return table
 
 
-def _read_toml(source: str) -> dict[str, Any]:
-    """Read a TOML file."""
+def read_toml(source: str) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        SceneError: the file cannot be read or is not TOML.
+    """
 
     def failure(reason: str, kind: ErrorKind) -> SceneError:
         return SceneError(f"{source}: {reason}", kind=kind, source=source)

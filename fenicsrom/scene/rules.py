@@ -464,19 +464,20 @@ derivatives = Rule(
 )
 
 
-def list_of(rule: Rule) -> Rule:
-    """Make the rule of a list of different values, at least one."""
+def list_of(rule: Rule, least: int = 1) -> Rule:
+    """Make the rule of a list of different values; with `least` = 0 it may be empty."""
 
     def read(value: Any, where: Where) -> tuple[Any, ...]:
-        if not is_sequence(value) or not value:
-            raise where.refuse(value, "must be a list of at least one value", ErrorKind.TYPE)
+        if not is_sequence(value) or len(value) < least:
+            count = "at least one value" if least else "values"
+            raise where.refuse(value, f"must be a list of {count}", ErrorKind.TYPE)
         values = tuple(rule(entry, where.at(index)) for index, entry in enumerate(value))
         for index, entry in enumerate(values):
             if entry in values[:index]:
                 raise where.at(index).refuse(value[index], "must occur only once in the list")
         return values
 
-    schema = {"type": "array", "items": rule.schema, "minItems": 1, "uniqueItems": True}
+    schema = {"type": "array", "items": rule.schema, "minItems": least, "uniqueItems": True}
     return Rule(read, schema, f"list of {rule.allowed}", rule.unit)
 
 

@@ -43,8 +43,14 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.online.checkpoints import load_checkpoint
+    from fenicsrom.online.exchange.superelement import METHOD
     from fenicsrom.post.record import Rerun
-    from fenicsrom.post.sentences import UNJUDGED, motion_warnings, rerun_warnings
+    from fenicsrom.post.sentences import (
+        UNJUDGED,
+        UNJUDGED_MATRICES,
+        motion_warnings,
+        rerun_warnings,
+    )
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
@@ -59,7 +65,8 @@ def rerun(
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         if stored.candidates is None:
-            warnings.append(UNJUDGED)
+            imported = stored.method == METHOD
+            warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
         stop_where_asked(stop)
         with watch("checks"):
             unfinished = _check(stored, motion, errors)

@@ -20,7 +20,7 @@ from fenicsrom.online.archive import StoredModel, save_model
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import load_histories
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
 TABLE = (
@@ -179,6 +179,13 @@ def test_wrong_table_is_refused_with_its_key(override: str, key: str, kind: Erro
     with pytest.raises(SceneError) as caught:
         scene_with(override)
     assert (caught.value.key, caught.value.kind) == (key, kind)
+
+
+def test_scene_without_load_factors_is_read_again() -> None:
+    table = scene_table(scene_with("backbone.points=9"))
+    table["backbone"]["load_factors"] = []
+    scene = parse_scene(table, "scene", None)
+    assert parse_scene(scene_table(scene), "scene", None) == scene
 
 
 def test_mode_that_the_model_does_not_have_is_refused(model: Path, tmp_path: Path) -> None:
