@@ -36,8 +36,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.quadrature import quadrature_degree
 from fenicsrom.fem.rotation import RotatingFrame
-from fenicsrom.fem.supports import clamped_nodes
-from fenicsrom.scene import Geometry, Material, Region, Rotation
+from fenicsrom.fem.supports import clamped_unknowns, conditions
+from fenicsrom.scene import Geometry, Material, Rotation, Support
 
 CHUNK_BYTES = 200e6
 """Memory of one chunk of tabulated gradients."""
@@ -73,7 +73,7 @@ class ElasticBody:
         mesh: Mesh,
         geometry: Geometry,
         material: Material,
-        supports: Sequence[Region],
+        supports: Sequence[Support],
         rotation: Rotation | None,
         source: str,
     ):
@@ -99,11 +99,10 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        dofs = clamped_nodes(mesh, self.space, supports, source)
+        unknowns = clamped_unknowns(mesh, self.space, supports, source)
         self._zero = fem.Function(self.space)
-        self._conditions = [fem.dirichletbc(self._zero, dofs)]
-        unrolled = (dofs[:, None] * bs + np.arange(bs)).reshape(-1)
-        self.clamped = unrolled[unrolled < self.local]
+        self._conditions = conditions(self.space, self._zero, unknowns)
+        self.clamped = unknowns[unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
         self.first_lame, self.shear_modulus = lame_parameters(material, geometry.plane)
         self._compile_forms()

@@ -14,10 +14,8 @@ from mpi4py import MPI
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.mesh_data import NEAR
 from fenicsrom.scene import Place, Region
-
-NEAR = 1e-3
-"""Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
 """Smaller weights of a node, relative to the largest weight, count as zero."""
@@ -67,14 +65,19 @@ class Places:
             each point.
 
         Raises:
-            SceneError: as `find`; or every node of the region is clamped.
+            SceneError: as `find`; every node of the region is clamped, or a component of the
+                displacement of a single point.
         """
         if place.at != "nodes":
-            return [(*self.find(place, key), 1.0)]
+            rows, position = self.find(place, key)
+            if not np.all(self._body.comm.allreduce(np.abs(rows).sum(axis=1)) > 0.0):
+                reason = "a support clamps a component of this point; choose a free node"
+                raise self._error(key, reason)
+            return [(rows, position, 1.0)]
         body, d = self._body, self._body.dimension
         weights, _, measure = self._weights(place, key)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
-        weights[body.clamped[::d] // d] = 0.0
+        weights[body.clamped // d] = 0.0  # also of a node that moves in a plane only
         largest = body.comm.allreduce(float(np.max(weights, initial=0.0)), op=MPI.MAX)
         mine = [  # the corners of quadratic triangles have no weight
             (*x[node].round(12), float(weights[node]), body.comm.rank, int(node))
@@ -150,7 +153,7 @@ class Places:
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):
                 rows[k, best * d + k] = 1.0
-            clamped = bool(np.isin(best * d, body.clamped))
+            clamped = bool(np.isin(best * d + np.arange(d), body.clamped).all())
             rows[:, body.clamped] = 0.0
         if body.comm.allreduce(clamped, op=MPI.LOR):
             at = list(chosen[1 : 1 + d])

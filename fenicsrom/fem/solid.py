@@ -31,7 +31,7 @@ from fenicsrom.online.newton import Correction, in_load_steps, newton, small_aga
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Region, Rotation, Scene
+from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Rotation, Scene, Support
 from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 25
@@ -86,7 +86,7 @@ class Solid(ElasticBody):
         *,
         geometry: Geometry,
         material: Material,
-        supports: Sequence[Region],
+        supports: Sequence[Support],
         loads: Sequence[Load] = (),
         contacts: Sequence[Contact] = (),
         rotation: Rotation | None = None,
@@ -101,7 +101,7 @@ class Solid(ElasticBody):
             mesh: the mesh.
             geometry: dimension, degree, thickness and plane state; its file is not read.
             material: the material.
-            supports: the clamped regions, at least one.
+            supports: the supports, at least one.
             loads: the loads.
             contacts: the contacts.
             rotation: rotation of the frame of the scene, or None.

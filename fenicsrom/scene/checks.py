@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.loads import Load
-from fenicsrom.scene.places import Place, Region
+from fenicsrom.scene.places import AXES, Place, Region
 from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
@@ -61,6 +61,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
     yield from _place_problems(scene)
+    yield from _support_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
@@ -127,7 +128,7 @@ def _place_problems(scene: Scene) -> Problems:
     for key, region in _regions(scene):
         given = {name: value for name in REGION_KEYS if (value := getattr(region, name, None))}
         if not given:
-            names = REGION_KEYS if isinstance(region, Place) else ("group", "box", "plane")
+            names = [name for name in REGION_KEYS if hasattr(region, name)]
             allowed = f"one of {', '.join(names[:-1])} and {names[-1]} must be given"
             yield Problem(f"{key}.group", MISSING, allowed)
         if len(given) > 1:
@@ -141,6 +142,18 @@ def _place_problems(scene: Scene) -> Problems:
         if place.at != "mean" and (place.node or place.nearest):
             other = "node" if place.node else "nearest"
             yield Problem(f"{key}.at", place.at, f"not allowed with {other}")
+
+
+def _support_problems(scene: Scene) -> Problems:
+    known = AXES[: scene.geometry.dimension]
+    for index, support in enumerate(scene.supports):
+        for k, axis in enumerate(support.components or ()):
+            if axis not in known:
+                allowed = f"must be {' or '.join(known)} in {len(known)}D"
+                yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
+        if support.components is not None and scene.reference.beam is not None:
+            allowed = "not allowed with reference.beam, whose end is clamped"
+            yield Problem(f"supports[{index}].components", list(support.components), allowed)
 
 
 def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:

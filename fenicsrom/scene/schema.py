@@ -389,7 +389,7 @@ class Scene:
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
         material: the material.
-        supports: the clamped regions, at least one.
+        supports: the supports, at least one.
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
