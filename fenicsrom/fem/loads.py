@@ -49,7 +49,7 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
         direction = body.constant(load.direction)
         return body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
     surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
-    thickness = body.constant(body.thickness)
+    thickness = body.thickness
     if load.kind == "traction":
         direction = body.constant(load.direction)
         return body.assembled(fem.form(thickness * ufl.dot(direction, test) * surface))

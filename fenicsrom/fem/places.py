@@ -179,19 +179,23 @@ class Places:
         ds = body.mesh.surface(region)
         scalar = fem.functionspace(domain, ("Lagrange", body.geometry.degree))
         weights = fem.Function(scalar)
-        fem.assemble_vector(weights.x.array, fem.form(ufl.TestFunction(scalar) * ds))
+        per, whole = fem.Constant(domain, 1.0), float(body.materials.thickness[0])
+        if (
+            not body.materials.has_one_thickness
+        ):  # by volume: the thickness changes along the region
+            per, whole = body.thickness, 1.0
+        fem.assemble_vector(weights.x.array, fem.form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         x = ufl.SpatialCoordinate(domain)
-        one = fem.Constant(domain, 1.0)
-        area = body.comm.allreduce(fem.assemble_scalar(fem.form(one * ds)))
+        area = body.comm.allreduce(fem.assemble_scalar(fem.form(per * ds)))
         if not area > 0.0:
             name = region.group
             raise self._error(f"{key}.group", f"group {name!r} has no area; name a group of facets")
         position = np.zeros(3)
         for k in range(body.dimension):
-            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(x[k] * ds))) / area
+            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(per * x[k] * ds))) / area
         local = scalar.dofmap.index_map.size_local
-        return weights.x.array[:local] / area, position, float(area * body.thickness)
+        return weights.x.array[:local] / area, position, float(area * whole)
 
     def _edge_or_node_weights(self, region: Region) -> tuple[Array, Array, float]:
         """Weights by edge length for a node group with edges, else equal ones; as `_weights`."""

@@ -108,7 +108,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     Returns:
         Mass (m, n), gyroscopic (m, n), centrifugal (m, 1 + n) and loads (m, loads).
     """
-    density = solid.material.density * solid.thickness
+    density = solid.density
     test, w = ufl.TestFunction(solid.space), fem.Function(solid.space)
     fields = np.concatenate([solid.equilibrium[:, None], vectors], axis=1)
 

@@ -33,8 +33,18 @@ from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.reduction.strain_products import strain_products
-from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Rotation, Scene, Support
+from fenicsrom.reduction.strain_products import strain_products, tensor_products
+from fenicsrom.scene import (
+    Contact,
+    Geometry,
+    GroupMaterial,
+    Load,
+    Material,
+    Place,
+    Rotation,
+    Scene,
+    Support,
+)
 from fenicsrom.scene.excitation import highest_frequency
 
 EXTRAPOLATED = 4
@@ -88,13 +98,14 @@ class Solid(ElasticBody):
         geometrically_nonlinear: bool = True,
         source: str = "",
         excitation: float = 0.0,
+        materials: Sequence[GroupMaterial] = (),
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
         Args:
             mesh: the mesh.
             geometry: dimension, degree, thickness and plane state; its file is not read.
-            material: the material.
+            material: the material of the cells without a material of their group.
             supports: the supports, at least one.
             loads: the loads.
             contacts: the contacts.
@@ -104,13 +115,14 @@ class Solid(ElasticBody):
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
+            materials: materials of groups of cells.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
                 or not found.
             ConvergenceError: no equilibrium was found under the static loads.
         """
-        super().__init__(mesh, geometry, material, supports, rotation, source)
+        super().__init__(mesh, geometry, material, supports, rotation, source, materials)
         self.geometrically_nonlinear = geometrically_nonlinear
         self.mass_damping = material.mass_damping
         self.excitation = excitation
@@ -234,9 +246,7 @@ class Solid(ElasticBody):
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
         n = vectors.shape[1]
-        chunks = self.tabulate(vectors, self.equilibrium)
-        products = strain_products(chunks, self.first_lame, self.shear_modulus, n)
-        elastic = elastic_polynomial(self.comm.allreduce(products), n)
+        elastic = elastic_polynomial(self.comm.allreduce(self._strain_products(vectors)), n)
         if self.rotation is None:
             return elastic
         force = self.rotation.centrifugal_force(self.equilibrium)
@@ -247,6 +257,17 @@ class Solid(ElasticBody):
         return elastic._replace(
             force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
         )
+
+    def _strain_products(self, vectors: Array) -> Array:
+        """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
+        n, materials = vectors.shape[1], self.materials
+        if materials.single:
+            return strain_products(self.tabulate(vectors, self.equilibrium), *materials.lame(), n)
+        total = np.zeros(())
+        for k, cells in materials.cells():
+            chunks = self.tabulate(vectors, self.equilibrium, cells=cells)
+            total = total + tensor_products(chunks, materials.tensor(k), n)
+        return total
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
@@ -366,6 +387,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         geometrically_nonlinear=scene.geometrically_nonlinear,
         source=scene.source,
         excitation=highest_frequency(scene),
+        materials=scene.materials,
     )
 
 

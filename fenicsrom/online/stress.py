@@ -67,7 +67,7 @@ class StressLaw:
     @classmethod
     def of(cls, scene: Scene) -> StressLaw:
         """The law of a scene."""
-        young, poisson = scene.material.young, scene.material.poisson
+        young, poisson = scene.material.isotropic_constants
         spinning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
         nonlinear = scene.geometrically_nonlinear
         return cls(

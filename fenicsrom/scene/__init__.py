@@ -21,6 +21,7 @@ from fenicsrom.scene.loads import (
     Table,
     Traction,
 )
+from fenicsrom.scene.materials import Elasticity, GroupMaterial, Material
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.places import Place, Plane, Region, Support
 from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
@@ -32,7 +33,6 @@ from fenicsrom.scene.schema import (
     Compare,
     Contact,
     Geometry,
-    Material,
     Output,
     Reference,
     Rotation,
@@ -63,10 +63,12 @@ __all__ = [
     "Compare",
     "Contact",
     "Duration",
+    "Elasticity",
     "EquilibriumOnly",
     "Families",
     "FixedStep",
     "Geometry",
+    "GroupMaterial",
     "Harmonic",
     "Harmonics",
     "History",

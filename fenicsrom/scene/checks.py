@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.loads import Load
+from fenicsrom.scene.materials import material_problems
 from fenicsrom.scene.places import AXES, Place, Region
 from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.rules import counted
@@ -58,6 +59,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     A scene that is `unloaded` may be without loads, contacts and probe.
     """
     yield from _geometry_problems(scene.geometry)
+    yield from _material_problems(scene)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
     yield from _place_problems(scene)
@@ -229,6 +231,19 @@ def _geometry_problems(geometry: Geometry) -> Problems:
     if "structured" in geometry.parameters:
         value = geometry.parameters["structured"]
         yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")
+
+
+def _material_problems(scene: Scene) -> Problems:
+    dimension = scene.geometry.dimension
+    for found in material_problems(scene.material, scene.materials, dimension):
+        yield Problem(*found)
+    if not scene.materials and scene.material.is_isotropic:
+        return
+    why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, f"must be false {why}")
+    if scene.output.stresses != "none":
+        yield Problem("output.stresses", scene.output.stresses, f'must be "none" {why}')
 
 
 def _rotation_problems(scene: Scene) -> Problems:

@@ -19,6 +19,7 @@ from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
 from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.loads import Load
+from fenicsrom.scene.materials import GroupMaterial, Material
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
@@ -55,23 +56,6 @@ class Geometry:
     parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Material:
-    """A St Venant–Kirchhoff material with mass-proportional damping C = α M.
-
-    Attributes:
-        young: Young's modulus.
-        poisson: Poisson's ratio.
-        density: density.
-        mass_damping: factor α of the damping matrix C = α M.
-    """
-
-    young: Annotated[float, number(above=0.0, unit="Pa")]
-    poisson: Annotated[float, number(least=0.0, below=0.5)]
-    density: Annotated[float, number(above=0.0, unit="kg/m³")]
-    mass_damping: Annotated[float, number(least=0.0, unit="1/s")] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,7 +372,8 @@ class Scene:
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
-        material: the material.
+        material: the material of all cells that are in no group of `materials`.
+        materials: materials of groups of cells.
         supports: the supports, at least one.
         loads: the loads.
         contacts: the contact points.
@@ -410,6 +395,7 @@ class Scene:
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]
     material: Annotated[Material, table_of(Material)]
+    materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
     supports: Annotated[tuple[Support, ...], tables_of(Support, least=1)]
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
