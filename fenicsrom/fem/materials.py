@@ -90,6 +90,14 @@ class Materials:
         for k in range(len(self.every)):
             yield k, np.flatnonzero(owned == k).astype(np.int32)
 
+    def of_points(
+        self, points: int, cells: npt.NDArray[np.int32] | None = None
+    ) -> npt.NDArray[np.int64]:
+        """Number of the material of each of some points of each cell, by default the owned ones."""
+        topology = self._mesh.domain.topology
+        own = self.number[: topology.index_map(topology.dim).size_local]
+        return np.repeat(own if cells is None else self.number[cells], points)
+
     def thickness_of(self, cells: npt.NDArray[np.int32]) -> Any:
         """The thickness in m: a number, or (cells, 1) if it differs between the materials."""
         if self.has_one_thickness:

@@ -42,6 +42,7 @@ def reaction_table(solid: Solid, scene: Scene, vectors: Array) -> ReactionTable:
         np.concatenate([part[0] for part in parts], axis=1),
         np.concatenate([part[1] for part in parts], axis=1),
         *(np.array(term) for term in zip(*rows, strict=True)),
+        np.concatenate([part[2] for part in parts]) if scene.materials else None,
     )
 
 
@@ -81,8 +82,10 @@ def _test_functions(solid: Solid, unknowns: npt.NDArray[np.int32], centre: Array
 
 def _gradients_at(
     solid: Solid, nodes: npt.NDArray[np.int32], tests: Array, vectors: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Displacement gradients, and weighted gradients of the tests, in the cells at some nodes.
+
+    The numbers of the materials of the points follow.
 
     The points are those of the quadrature rule of the internal force, on all ranks.
     """
@@ -97,7 +100,8 @@ def _gradients_at(
     values = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
     values[-m:] *= weights[:, None, None]
     every = np.concatenate(solid.comm.allgather(values), axis=1)
-    return every[:-m], every[-m:]
+    numbers = solid.materials.of_points(weights.size // max(1, cells.size), cells)
+    return every[:-m], every[-m:], np.concatenate(solid.comm.allgather(numbers))
 
 
 def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Array, Array]:

@@ -25,8 +25,7 @@ def stiffness(material: Elasticity, dimension: int, plane: str | None) -> Array:
         dimension: 2 or 3.
         plane: "stress" or "strain" in 2D.
     """
-    turned = rotation(axes(material))
-    whole = turned @ np.linalg.inv(compliance(material)) @ turned.T
+    whole = in_space(material)
     if dimension == 3:
         found = whole
     elif plane == "strain":
@@ -34,6 +33,20 @@ def stiffness(material: Elasticity, dimension: int, plane: str | None) -> Array:
     else:
         found = np.linalg.inv(np.linalg.inv(whole)[np.ix_(IN_PLANE, IN_PLANE)])
     return np.asarray(0.5 * (found + found.T))
+
+
+def across(material: Elasticity, plane: str | None) -> Array:
+    """The row (3,) that gives S_zz in plane strain, or E_zz in plane stress, from the strain."""
+    whole = in_space(material)
+    if plane == "strain":
+        return np.asarray(whole[2, IN_PLANE])
+    return np.asarray(np.linalg.inv(whole)[2, IN_PLANE] @ stiffness(material, 2, plane))
+
+
+def in_space(material: Elasticity) -> Array:
+    """The elasticity tensor (6, 6) of a material in space, in global axes, Pa."""
+    turned = rotation(axes(material))
+    return np.asarray(turned @ np.linalg.inv(compliance(material)) @ turned.T)
 
 
 def compliance(material: Elasticity) -> Array:

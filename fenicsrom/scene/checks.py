@@ -242,8 +242,6 @@ def _material_problems(scene: Scene) -> Problems:
     why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, f"must be false {why}")
-    if scene.output.stresses != "none":
-        yield Problem("output.stresses", scene.output.stresses, f'must be "none" {why}')
 
 
 def _rotation_problems(scene: Scene) -> Problems:

@@ -17,14 +17,20 @@ from support import (
     make_solid,
     random_field,
     refusal,
+    scene_of,
 )
 
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.reaction_rows import reaction_table
+from fenicsrom.fem.stress_points import stress_table
 from fenicsrom.online.polynomial import pairs
+from fenicsrom.online.reactions import equilibrium_reactions
+from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
+from fenicsrom.online.stress import StressLaw
 from fenicsrom.reduction.modes import component_modes
-from fenicsrom.scene import Basis, make_scene
+from fenicsrom.scene import Basis, Material, make_scene
 
 Array = NDArray[np.float64]
 
@@ -62,6 +68,13 @@ def on_plane(axis: int, value: float, dimension: int = 2) -> dict[str, Any]:
     normal, point = [0.0] * dimension, [0.0] * dimension
     normal[axis], point[axis] = 1.0, value
     return {"plane": {"point": point, "normal": normal}}
+
+
+def at_rest(solid: Any) -> Recovery:
+    """The tables of stresses and reactions of a body without coordinates."""
+    scene, none = scene_of(solid), np.zeros((solid.local, 0))
+    table = stress_table(solid, scene, solid.equilibrium, none)
+    return Recovery(table, reaction_table(solid, scene, none))
 
 
 def two_parts(
@@ -108,6 +121,16 @@ def test_bimaterial_bar_under_tension_extends_as_two_springs_in_series(tmp_path:
     weight = solid.load_vector(solid.loads[1], "loads[1]")  # of 1 m/s²
     assert weight.sum() == pytest.approx(mass, rel=1e-12)
     assert solid.load_vectors[:, 0].sum() == pytest.approx(0.05 * 0.01, rel=1e-12)
+    found = at_rest(solid)
+    stress = found.stress.stress(np.zeros(0))[:, 0]
+    left_part = found.stress.position[:, 0] < 0.4
+    np.testing.assert_allclose(stress, np.where(left_part, 0.5e6, 1e6), rtol=1e-9)
+    reactions = equilibrium_reactions(found.reactions, scene_of(solid))
+    assert reactions.values[0, 0, 0] == pytest.approx(-force, rel=1e-9)
+    assert reactions.mismatch < 1e-9
+    read = read_recovery(recovery_arrays(found), scene_of(solid), 0)
+    assert read is not None
+    np.testing.assert_array_equal(read.stress.stress(np.zeros(0))[:, 0], stress)
 
 
 def test_bimaterial_bar_has_the_frequencies_of_the_closed_form(tmp_path: Path) -> None:
@@ -165,6 +188,8 @@ def test_tension_of_a_turned_lamina_stretches_and_shears_by_the_closed_form(angl
     scale = 1e6 * along
     np.testing.assert_allclose(u[:, 0], 1e6 * along * x, atol=1e-9 * scale)
     np.testing.assert_allclose(u[:, 1], 1e6 * (across * y + shear * x), atol=1e-9 * scale)
+    stress = at_rest(solid).stress.stress(np.zeros(0))
+    np.testing.assert_allclose(stress - [1e6, 0, 0, 0, 0, 0], 0.0, atol=1e-3)
 
 
 @pytest.mark.slow
@@ -257,6 +282,13 @@ def test_polynomial_of_a_composite_is_exact(composite: Any) -> None:
     assert_polynomial_is_exact(composite)
 
 
+def test_reactions_of_a_bent_composite_balance_the_load(composite: Any) -> None:
+    found = equilibrium_reactions(at_rest(composite).reactions, scene_of(composite))
+    d, load = composite.dimension, scene_of(composite).loads[0]
+    force = -2e6 * np.array(load.direction)
+    np.testing.assert_allclose(found.values[0, 0, :d], force, rtol=0, atol=1e-6 * 2e6)
+
+
 @pytest.mark.parametrize("other", [STIFF, LAMINA | {"axes": [[0.6, 0.8]]}], ids=["steel", "lamina"])
 def test_polynomial_of_two_materials_is_exact(other: dict[str, Any], tmp_path: Path) -> None:
     solid = two_parts(
@@ -283,6 +315,25 @@ def test_orthotropic_material_of_equal_constants_is_isotropic(plane: str) -> Non
         for changes in ({"material": same}, {})
     ]
     np.testing.assert_allclose(matrices[0], matrices[1], rtol=0, atol=1e-12 * matrices[1].max())
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain", None])
+@pytest.mark.parametrize("linear", [False, True])
+def test_stresses_of_orthotropic_material_of_equal_constants_are_isotropic(
+    plane: str | None, linear: bool
+) -> None:
+    e, nu, d = 200.0, 0.3, 3 if plane is None else 2
+    same = Material(
+        young=(e,) * 3, poisson=(nu,) * 3, shear=(e / 2.0 / (1.0 + nu),) * 3, density=1.0,
+        axes=((0.6, 0.8, 0.0)[:d], (0.0, 0.6, 0.8)[:d]),
+    )  # fmt: skip
+    isotropic = StressLaw(e * nu / 1.3 / 0.4, e / 2.6, plane, linear, True)
+    composite = StressLaw(0.0, 0.0, plane, linear, True, (same,))
+    start, change = 0.1 * np.random.default_rng(1).standard_normal((2, 4, d, d))
+    for measure in ("second_piola", "cauchy", "first_piola", "modal"):
+        expected = getattr(isotropic, measure)(start, change)
+        found = getattr(composite, measure)(start, change)
+        np.testing.assert_allclose(found, expected, atol=1e-13 * e)
 
 
 def test_turned_body_has_the_frequencies_of_the_turned_material(tmp_path: Path) -> None:
