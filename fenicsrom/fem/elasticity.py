@@ -41,6 +41,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.linalg import add_to_diagonal
 from fenicsrom.fem.materials import Materials
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.quadrature import quadrature_degree
@@ -73,6 +74,8 @@ class ElasticBody:
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         mass_form: the form of M.
         rotation: the rotating frame, or None without rotation.
+        springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
+        point_masses: (local,) concentrated mass at each unknown, kg.
         warnings: sentences for the user.
     """
 
@@ -114,6 +117,7 @@ class ElasticBody:
         self.clamped = unknowns[unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
         self.materials = Materials(mesh, geometry, material, materials, source)
+        self.springs, self.point_masses = np.zeros((2, self.local))
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 
@@ -217,10 +221,18 @@ class ElasticBody:
         """(local, d) unit translations along the axes."""
         return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
 
+    def mass_matrix(self, diagonal: float) -> PETSc.Mat:
+        """Assemble M, with `diagonal` on the diagonal of the clamped rows."""
+        matrix = self.matrix(self.mass_form, diagonal)
+        add_to_diagonal(matrix, self.point_masses)
+        return matrix
+
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
         self._set(self._u, u)
         force = self._vector(self._force_form)
+        if self.springs.any():
+            force += self.springs * u
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
     def tangent(
@@ -243,6 +255,7 @@ class ElasticBody:
             fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
             matrix.assemble()
         self._change.x.array[:] = 0.0
+        add_to_diagonal(matrix, self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         return matrix
@@ -256,6 +269,7 @@ class ElasticBody:
         # inserted
         matrix.assemble()
         self._weight.value = 1.0
+        add_to_diagonal(matrix, weight * self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, weight)
 
@@ -265,7 +279,8 @@ class ElasticBody:
         The centrifugal potential of the undeformed body is zero.
         """
         self._set(self._u, u)
-        energy = float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.springs * u))
+        energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 
     def derivative_at(self, u: Array, x: Array, y: Array) -> Array:

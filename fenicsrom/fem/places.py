@@ -51,6 +51,18 @@ class Places:
             self._found[place] = self._mean(place, key) if mean else self._node(place, key)
         return self._found[place]
 
+    def shares(self, place: Place, key: str) -> tuple[Array, float]:
+        """Give the share (local / d,) of each node in a place, with the sum 1, and its area in m².
+
+        The area of a node is 1. Arguments and errors as `find`.
+        """
+        d = self._body.dimension
+        if place.node is None and place.nearest is None and place.at == "mean":
+            weights, _, measure = self._weights(place, key)
+            return weights, measure
+        rows = self._node(place, key)[0]
+        return rows.max(axis=0).reshape(-1, d).max(axis=1), 1.0
+
     def contact_points(self, place: Place, key: str) -> list[tuple[csr_array, Array, float]]:
         """Give the contact points of a place.
 

@@ -22,7 +22,13 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
-from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply, without_zeros
+from fenicsrom.fem.linalg import (
+    Factorisation,
+    add_to_diagonal,
+    eigenmodes,
+    multiply,
+    without_zeros,
+)
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.mesh_data import Mesh
@@ -35,6 +41,7 @@ from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.reduction.strain_products import strain_products, tensor_products
 from fenicsrom.scene import (
+    Attachment,
     Contact,
     Geometry,
     GroupMaterial,
@@ -99,6 +106,7 @@ class Solid(ElasticBody):
         source: str = "",
         excitation: float = 0.0,
         materials: Sequence[GroupMaterial] = (),
+        attachments: Sequence[Attachment] = (),
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
@@ -116,6 +124,7 @@ class Solid(ElasticBody):
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
             materials: materials of groups of cells.
+            attachments: masses and springs.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
@@ -129,6 +138,7 @@ class Solid(ElasticBody):
         self.loads = tuple(loads)
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
+        self._set_attachments(attachments)
         self._set_contacts(contacts)
         self._set_loads()
         observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
@@ -138,8 +148,9 @@ class Solid(ElasticBody):
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
 
         self.equilibrium = np.zeros(self.local)
-        self.mass = without_zeros(self.matrix(self.mass_form, 0.0))
+        self.mass = without_zeros(self.mass_matrix(0.0))
         self.stiffness = self.matrix(self._tangent_form, 1.0)
+        add_to_diagonal(self.stiffness, self.springs)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
         self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
         spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
@@ -155,6 +166,17 @@ class Solid(ElasticBody):
                     check_snap(self, linear)
             else:
                 self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
+
+    def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
+        """Set the springs and the concentrated masses."""
+        for k, found in enumerate(attachments):
+            shares, area = self._places.shares(found.place, f"attachments[{k}]")
+            each = np.repeat(shares, self.dimension)
+            each[self.clamped] = 0.0
+            if not self.comm.allreduce(bool(each.any())):
+                raise self._places.clamped(f"attachments[{k}]")
+            self.point_masses += found.mass * each
+            self.springs += (found.stiffness + found.stiffness_per_area * area) * each
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -247,6 +269,12 @@ class Solid(ElasticBody):
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
         n = vectors.shape[1]
         elastic = elastic_polynomial(self.comm.allreduce(self._strain_products(vectors)), n)
+        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
+        if self.comm.allreduce(bool(self.springs.any())):
+            found = self.inner(vectors, held)
+            elastic = elastic._replace(
+                force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
+            )
         if self.rotation is None:
             return elastic
         force = self.rotation.centrifugal_force(self.equilibrium)
@@ -388,6 +416,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         source=scene.source,
         excitation=highest_frequency(scene),
         materials=scene.materials,
+        attachments=scene.attachments,
     )
 
 

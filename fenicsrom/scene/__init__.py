@@ -1,5 +1,6 @@
 """What to compute: scenes read from TOML or made in Python, checked and completed."""
 
+from fenicsrom.scene.attachments import Attachment
 from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.checks import FEW_CONTACTS, INTERFACE_MODES
 from fenicsrom.scene.headings import scene_heading, titled
@@ -56,6 +57,7 @@ __all__ = [
     "INTERFACE_MODES",
     "Acceleration",
     "Action",
+    "Attachment",
     "Backbone",
     "Basis",
     "BeamSection",

@@ -64,6 +64,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from _vector_problems(scene)
     yield from _place_problems(scene)
     yield from _support_problems(scene)
+    yield from _attachment_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
@@ -87,6 +88,7 @@ def _places(scene: Scene) -> list[tuple[str, Place]]:
     loads = [(f"loads[{k}]", load) for k, load in enumerate(scene.loads)]
     places = [(key, load.place) for key, load in loads if _acts_at_a_place(load)]
     places += [(f"contacts[{k}]", contact.place) for k, contact in enumerate(scene.contacts)]
+    places += [(f"attachments[{k}]", found.place) for k, found in enumerate(scene.attachments)]
     return places + ([("probe", scene.probe)] if scene.probe else [])
 
 
@@ -156,6 +158,27 @@ def _support_problems(scene: Scene) -> Problems:
         if support.components is not None and scene.reference.beam is not None:
             allowed = "not allowed with reference.beam, whose end is clamped"
             yield Problem(f"supports[{index}].components", list(support.components), allowed)
+
+
+def _attachment_problems(scene: Scene) -> Problems:
+    for index, found in enumerate(scene.attachments):
+        key = f"attachments[{index}]"
+        if not (found.mass or found.stiffness or found.stiffness_per_area):
+            yield Problem(f"{key}.mass", MISSING, "a mass or a stiffness above 0 must be given")
+        if found.mass and scene.rotation is not None:
+            allowed = "not allowed with [rotation]; model the mass by cells with a density"
+            yield Problem(f"{key}.mass", found.mass, allowed)
+        point = found.place.node or found.place.nearest or found.place.at != "mean"
+        if found.stiffness_per_area and point:
+            allowed = "only allowed on a whole region; use stiffness"
+            yield Problem(f"{key}.stiffness_per_area", found.stiffness_per_area, allowed)
+    if not scene.attachments:
+        return
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, "must be false with [[attachments]]")
+    if scene.output.stresses != "none":
+        allowed = 'must be "none" with [[attachments]], whose forces the reactions lack'
+        yield Problem("output.stresses", scene.output.stresses, allowed)
 
 
 def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:

@@ -17,6 +17,7 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
+from fenicsrom.scene.attachments import Attachment
 from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.materials import GroupMaterial, Material
@@ -375,6 +376,7 @@ class Scene:
         material: the material of all cells that are in no group of `materials`.
         materials: materials of groups of cells.
         supports: the supports, at least one.
+        attachments: concentrated masses and springs.
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
@@ -397,6 +399,7 @@ class Scene:
     material: Annotated[Material, table_of(Material)]
     materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
     supports: Annotated[tuple[Support, ...], tables_of(Support, least=1)]
+    attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None

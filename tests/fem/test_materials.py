@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 from support import (
     STOCKY,
     assert_force_of_energy,
+    assert_polynomial_is_exact,
     assert_tangent_of_force,
     beam_scene,
     make_solid,
-    random_field,
     refusal,
     scene_of,
 )
@@ -25,7 +25,6 @@ pytest.importorskip("dolfinx")
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.reaction_rows import reaction_table
 from fenicsrom.fem.stress_points import stress_table
-from fenicsrom.online.polynomial import pairs
 from fenicsrom.online.reactions import equilibrium_reactions
 from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
 from fenicsrom.online.stress import StressLaw
@@ -259,22 +258,6 @@ def test_force_of_a_composite_is_the_derivative_of_the_energy(composite: Any) ->
 
 def test_tangent_of_a_composite_is_the_derivative_of_the_force(composite: Any) -> None:
     assert_tangent_of_force(composite)
-
-
-def assert_polynomial_is_exact(solid: Any) -> None:
-    """The polynomial equals the projected force of the body."""
-    n = 3
-    vectors = np.array([random_field(solid, 0.05, seed) for seed in range(n)]).T
-    found = solid.elastic_polynomial(vectors)
-    i, j = pairs(n)
-    for seed in range(3):
-        q = np.random.default_rng(seed).standard_normal(n)
-        a, b = np.zeros((2, n, n))
-        a[i, j] = a[j, i] = found.quadratic @ q
-        b[i, j] = b[j, i] = found.cubic @ (q[i] * q[j])
-        force = found.force + (found.stiffness + a / 2.0 + b / 3.0) @ q
-        expected = vectors.T @ solid.internal_force(solid.equilibrium + vectors @ q)
-        np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_polynomial_of_a_composite_is_exact(composite: Any) -> None:
