@@ -7,12 +7,12 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING
 from itertools import pairwise
-from typing import NamedTuple
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.body_checks import attachment_problems, material_problems, support_problems
 from fenicsrom.scene.loads import Load
-from fenicsrom.scene.materials import material_problems
-from fenicsrom.scene.places import AXES, Place, Region
+from fenicsrom.scene.places import Place, Region
+from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
@@ -34,37 +34,18 @@ MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a 
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
-class Problem(NamedTuple):
-    """A key that does not agree with the others.
-
-    Attributes:
-        key: the dotted key.
-        value: its value, or `MISSING`.
-        allowed: what is allowed, in words.
-        kind: the kind of the error; a missing value has its own kind.
-    """
-
-    key: str
-    value: object
-    allowed: str
-    kind: ErrorKind = ErrorKind.CONFLICT
-
-
-Problems = Iterator[Problem]
-
-
 def problems(scene: Scene, unloaded: bool = False) -> Problems:
     """Yield the keys of a scene that do not agree with each other, in the order of the checks.
 
     A scene that is `unloaded` may be without loads, contacts and probe.
     """
     yield from _geometry_problems(scene.geometry)
-    yield from _material_problems(scene)
+    yield from material_problems(scene)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
     yield from _place_problems(scene)
-    yield from _support_problems(scene)
-    yield from _attachment_problems(scene)
+    yield from support_problems(scene)
+    yield from attachment_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
@@ -148,39 +129,6 @@ def _place_problems(scene: Scene) -> Problems:
             yield Problem(f"{key}.at", place.at, f"not allowed with {other}")
 
 
-def _support_problems(scene: Scene) -> Problems:
-    known = AXES[: scene.geometry.dimension]
-    for index, support in enumerate(scene.supports):
-        for k, axis in enumerate(support.components or ()):
-            if axis not in known:
-                allowed = f"must be {' or '.join(known)} in {len(known)}D"
-                yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
-        if support.components is not None and scene.reference.beam is not None:
-            allowed = "not allowed with reference.beam, whose end is clamped"
-            yield Problem(f"supports[{index}].components", list(support.components), allowed)
-
-
-def _attachment_problems(scene: Scene) -> Problems:
-    for index, found in enumerate(scene.attachments):
-        key = f"attachments[{index}]"
-        if not (found.mass or found.stiffness or found.stiffness_per_area):
-            yield Problem(f"{key}.mass", MISSING, "a mass or a stiffness above 0 must be given")
-        if found.mass and scene.rotation is not None:
-            allowed = "not allowed with [rotation]; model the mass by cells with a density"
-            yield Problem(f"{key}.mass", found.mass, allowed)
-        point = found.place.node or found.place.nearest or found.place.at != "mean"
-        if found.stiffness_per_area and point:
-            allowed = "only allowed on a whole region; use stiffness"
-            yield Problem(f"{key}.stiffness_per_area", found.stiffness_per_area, allowed)
-    if not scene.attachments:
-        return
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", True, "must be false with [[attachments]]")
-    if scene.output.stresses != "none":
-        allowed = 'must be "none" with [[attachments]], whose forces the reactions lack'
-        yield Problem("output.stresses", scene.output.stresses, allowed)
-
-
 def _contact_problems(contact: Contact, key: str, dimension: int) -> Problems:
     if contact.surface is None and contact.normal is None:
         yield Problem(f"{key}.normal", MISSING, "a normal or a surface must be given")
@@ -254,17 +202,6 @@ def _geometry_problems(geometry: Geometry) -> Problems:
     if "structured" in geometry.parameters:
         value = geometry.parameters["structured"]
         yield Problem("geometry.parameters.structured", value, "use geometry.cells instead")
-
-
-def _material_problems(scene: Scene) -> Problems:
-    dimension = scene.geometry.dimension
-    for found in material_problems(scene.material, scene.materials, dimension):
-        yield Problem(*found)
-    if not scene.materials and scene.material.is_isotropic:
-        return
-    why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
-    if scene.reference.beam is not None:
-        yield Problem("reference.beam", True, f"must be false {why}")
 
 
 def _rotation_problems(scene: Scene) -> Problems:

@@ -134,19 +134,19 @@ class GroupMaterial(Elasticity):
 Found = Iterator[tuple[str, object, str, ErrorKind]]
 
 
-def material_problems(material: Material, groups: Sequence[GroupMaterial], dimension: int) -> Found:
+def constant_problems(material: Material, groups: Sequence[GroupMaterial], dimension: int) -> Found:
     """Yield (key, value, allowed, kind) of the materials that are not allowed."""
-    yield from _constant_problems(material, "material", dimension)
+    yield from _problems_of_one(material, "material", dimension)
     for index, group in enumerate(groups):
         key = f"materials[{index}]"
-        yield from _constant_problems(group, key, dimension)
+        yield from _problems_of_one(group, key, dimension)
         if group.group in [other.group for other in groups[:index]]:
             yield f"{key}.group", group.group, "must occur only once", ErrorKind.CONFLICT
         if dimension == 3 and group.thickness is not None:
             yield f"{key}.thickness", group.thickness, "only allowed in 2D", ErrorKind.CONFLICT
 
 
-def _constant_problems(material: Elasticity, key: str, dimension: int) -> Found:
+def _problems_of_one(material: Elasticity, key: str, dimension: int) -> Found:
     """Yield the problems of the constants and axes of one material."""
     conflict = ErrorKind.CONFLICT
     if material.is_isotropic:
