@@ -24,7 +24,7 @@ from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, pairs
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.online.surfaces import Contacts, planes
 from fenicsrom.reduction.strain_products import strain_products
@@ -102,6 +102,22 @@ def assert_tangent_of_force(solid: Any) -> None:
         step=0.5,
         tolerance=1e-9,
     )
+
+
+def assert_polynomial_is_exact(solid: Any) -> None:
+    """The elastic polynomial of a solid equals its projected internal force, to rounding."""
+    n = 3
+    vectors = np.array([random_field(solid, 0.05, seed) for seed in range(n)]).T
+    found = solid.elastic_polynomial(vectors)
+    i, j = pairs(n)
+    for seed in range(3):
+        q = np.random.default_rng(seed).standard_normal(n)
+        a, b = np.zeros((2, n, n))
+        a[i, j] = a[j, i] = found.quadratic @ q
+        b[i, j] = b[j, i] = found.cubic @ (q[i] * q[j])
+        force = found.force + (found.stiffness + a / 2.0 + b / 3.0) @ q
+        expected = vectors.T @ solid.internal_force(solid.equilibrium + vectors @ q)
+        np.testing.assert_allclose(force, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def slope(steps: Any, errors: Any) -> float:

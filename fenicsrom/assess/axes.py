@@ -252,6 +252,8 @@ def _scheme(scene: Scene, scales: Scales) -> Values:
 
 
 def _poisson(scene: Scene, scales: Scales) -> Values:
+    if not scene.material.is_isotropic:
+        raise LeftOut("the material is not isotropic")
     planes = [f"geometry.plane='{name}'" for name in ("stress", "strain")]
     chosen = planes if scene.geometry.dimension == 2 else [""]
     return {

@@ -3,7 +3,7 @@
 With the displacement gradient ∇u, the deformation gradient F = I + ∇u, the Green-Lagrange strain
 and the second Piola-Kirchhoff stress
 
-    E = sym ∇u + ½ ∇uᵀ ∇u,    S = λ tr(E) I + 2 μ E,    (1)
+    E = sym ∇u + ½ ∇uᵀ ∇u,    S = λ tr(E) I + 2 μ E  or  S = C E,    (1)
 
 the internal force f, its tangent K and the derivative of the tangent along x are
 
@@ -41,11 +41,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.linalg import add_to_diagonal
+from fenicsrom.fem.materials import Materials
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.quadrature import quadrature_degree
 from fenicsrom.fem.rotation import RotatingFrame
-from fenicsrom.fem.supports import clamped_nodes
-from fenicsrom.scene import Geometry, Material, Region, Rotation
+from fenicsrom.fem.supports import clamped_unknowns, conditions
+from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
 
 CHUNK_BYTES = 200e6
 """Memory of one chunk of tabulated gradients."""
@@ -57,7 +59,7 @@ class ElasticBody:
     Attributes:
         mesh: the mesh.
         geometry: dimension, degree, thickness and plane state.
-        material: the material.
+        material: the material of the cells without a material of their group.
         source: name of the scene file, for messages.
         comm: the communicator.
         space: the displacement space.
@@ -65,14 +67,15 @@ class ElasticBody:
         local: number of unknowns that this rank owns, clamped ones included.
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
-        thickness: thickness in m; 1 in 3D.
+        thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
         quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
-        first_lame: λ, or λ* in plane stress, Pa.
-        shear_modulus: μ, Pa.
-        density: mass per volume, or per area in 2D, as a constant of the forms.
+        materials: the materials of the cells.
+        density: mass per volume, or per area in 2D, as a coefficient of the forms.
         mass_form: the form of M.
         rotation: the rotating frame, or None without rotation.
+        springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
+        point_masses: (local,) concentrated mass at each unknown, kg.
         warnings: sentences for the user.
     """
 
@@ -81,18 +84,19 @@ class ElasticBody:
         mesh: Mesh,
         geometry: Geometry,
         material: Material,
-        supports: Sequence[Region],
+        supports: Sequence[Support],
         rotation: Rotation | None,
         source: str,
+        materials: Sequence[GroupMaterial] = (),
     ):
         """Clamp the supports and compile the forms.
 
         Raises:
-            SceneError: a support is missing, or the supports do not hold the body.
+            SceneError: a support or a group of cells is missing, or the supports do not hold the
+                body.
         """
         self.mesh, self.geometry, self.material, self.source = mesh, geometry, material, source
         self.comm = mesh.domain.comm
-        self.thickness = geometry.thickness or 1.0
         self.warnings = list(mesh.warnings)
         if geometry.degree == 1:
             self.warnings.append(
@@ -107,13 +111,13 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        dofs = clamped_nodes(mesh, self.space, supports, source)
+        unknowns = clamped_unknowns(mesh, self.space, supports, source)
         self._zero = fem.Function(self.space)
-        self._conditions = [fem.dirichletbc(self._zero, dofs)]
-        unrolled = (dofs[:, None] * bs + np.arange(bs)).reshape(-1)
-        self.clamped = unrolled[unrolled < self.local]
+        self._conditions = conditions(self.space, self._zero, unknowns)
+        self.clamped = unknowns[unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
-        self.first_lame, self.shear_modulus = lame_parameters(material, geometry.plane)
+        self.materials = Materials(mesh, geometry, material, materials, source)
+        self.springs, self.point_masses = np.zeros((2, self.local))
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 
@@ -136,13 +140,8 @@ class ElasticBody:
         self._change = fem.Function(self.space)
         self._out = fem.Function(self.space)
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
-        lame = self.constant(self.first_lame * self.thickness)
-        mu = self.constant(self.shear_modulus * self.thickness)
-        self.density = self.constant(self.material.density * self.thickness)
-
-        def stress(strain: ufl.core.expr.Expr) -> ufl.core.expr.Expr:
-            return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
-
+        stress, self.density = self.materials.stress(), self.materials.density_field()
+        self.thickness = self.materials.thickness_field()
         gradient, identity = ufl.grad(self._u), ufl.Identity(d)
         f = identity + gradient
         strain = ufl.sym(gradient) + 0.5 * gradient.T * gradient
@@ -222,10 +221,18 @@ class ElasticBody:
         """(local, d) unit translations along the axes."""
         return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
 
+    def mass_matrix(self, diagonal: float) -> PETSc.Mat:
+        """Assemble M, with `diagonal` on the diagonal of the clamped rows."""
+        matrix = self.matrix(self.mass_form, diagonal)
+        add_to_diagonal(matrix, self.point_masses)
+        return matrix
+
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
         self._set(self._u, u)
         force = self._vector(self._force_form)
+        if self.springs.any():
+            force += self.springs * u
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
     def tangent(
@@ -248,6 +255,7 @@ class ElasticBody:
             fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
             matrix.assemble()
         self._change.x.array[:] = 0.0
+        add_to_diagonal(matrix, self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         return matrix
@@ -261,6 +269,7 @@ class ElasticBody:
         # inserted
         matrix.assemble()
         self._weight.value = 1.0
+        add_to_diagonal(matrix, weight * self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, weight)
 
@@ -270,7 +279,8 @@ class ElasticBody:
         The centrifugal potential of the undeformed body is zero.
         """
         self._set(self._u, u)
-        energy = float(self.comm.allreduce(fem.assemble_scalar(self._energy_form)))
+        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.springs * u))
+        energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 
     def derivative_at(self, u: Array, x: Array, y: Array) -> Array:
@@ -334,17 +344,4 @@ class ElasticBody:
                     gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             if part.size:
                 detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
-                yield (self.thickness * detj * weights).reshape(-1), gradients
-
-
-def lame_parameters(material: Material, plane: str | None) -> tuple[float, float]:
-    """The Lamé parameters λ (λ* in plane stress) and μ of a material, Pa."""
-    mu = material.young / (2.0 * (1.0 + material.poisson))
-    lame = (
-        material.young
-        * material.poisson
-        / ((1.0 + material.poisson) * (1.0 - 2.0 * material.poisson))
-    )
-    if plane == "stress":
-        lame = 2.0 * lame * mu / (lame + 2.0 * mu)
-    return lame, mu
+                yield (self.materials.thickness_of(part) * detj * weights).reshape(-1), gradients

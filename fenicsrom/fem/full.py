@@ -165,7 +165,7 @@ class FullModel:
         self._energy = 0.0 if self.linear else solid.energy(solid.equilibrium)
         self._start = solid.rest_force if self.linear else np.zeros(0)
         # M with ones on the clamped rows, where every vector is zero, so that it can be factorised
-        self._mass = solid.matrix(solid.mass_form, 1.0)
+        self._mass = solid.mass_matrix(1.0)
         self._effective = solid.stiffness.copy()
         self._factor: Factorisation | None = None
         self._made: _Effective | None = None  # what the factor was made for

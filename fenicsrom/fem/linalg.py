@@ -272,3 +272,13 @@ def eigenmodes(
             f"{EIGEN_CHECK:.0e}"
         )
     return squares, modes
+
+
+def add_to_diagonal(matrix: PETSc.Mat, values: Array) -> None:
+    """Add values (local,) to the diagonal of a matrix. Collective."""
+    if not matrix.comm.tompi4py().allreduce(bool(values.any())):
+        return
+    vector = matrix.createVecLeft()
+    vector.array[:] = values
+    matrix.setDiagonal(vector, PETSc.InsertMode.ADD_VALUES)
+    vector.destroy()

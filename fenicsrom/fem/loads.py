@@ -47,9 +47,10 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     test = ufl.TestFunction(body.space)
     if load.kind == "acceleration":
         direction = body.constant(load.direction)
-        return body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
+        spread = body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
+        return spread + body.point_masses * np.tile(load.direction, body.local // body.dimension)
     surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
-    thickness = body.constant(body.thickness)
+    thickness = body.thickness
     if load.kind == "traction":
         direction = body.constant(load.direction)
         return body.assembled(fem.form(thickness * ufl.dot(direction, test) * surface))

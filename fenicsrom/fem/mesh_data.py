@@ -21,6 +21,9 @@ Floats = npt.NDArray[np.float64]
 ON_PLANE = 1e-6
 """Default tolerance of a picking plane, relative to the extent of the mesh."""
 
+NEAR = 1e-3
+"""Accepted distance of a node from the coordinates of a place, relative to the extent."""
+
 ROUNDING = 1e-9
 """Smaller distances, relative to the extent of the mesh, count as zero."""
 

@@ -15,10 +15,8 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.mesh_data import NEAR
 from fenicsrom.scene import Place, Region
-
-NEAR = 1e-3
-"""Accepted distance of a node from the coordinates of a place, relative to the extent."""
 
 NO_SHARE = 1e-9
 """Smaller weights of a node, relative to the largest weight, count as zero."""
@@ -53,6 +51,18 @@ class Places:
             self._found[place] = self._mean(place, key) if mean else self._node(place, key)
         return self._found[place]
 
+    def shares(self, place: Place, key: str) -> tuple[Array, float]:
+        """Give the share (local / d,) of each node in a place, with the sum 1, and its area in m².
+
+        The area of a node is 1. Arguments and errors as `find`.
+        """
+        d = self._body.dimension
+        if place.node is None and place.nearest is None and place.at == "mean":
+            weights, _, measure = self._weights(place, key)
+            return weights, measure
+        rows = self._node(place, key)[0]
+        return rows.max(axis=0).reshape(-1, d).max(axis=1), 1.0
+
     def contact_points(self, place: Place, key: str) -> list[tuple[csr_array, Array, float]]:
         """Give the contact points of a place.
 
@@ -68,15 +78,19 @@ class Places:
             point) of each point.
 
         Raises:
-            SceneError: as `find`; or every node of the region is clamped.
+            SceneError: as `find`; every node of the region is clamped, or a component of the
+                displacement of a single point.
         """
         if place.at != "nodes":
             rows, position = self.find(place, key)
+            if not np.all(self._body.comm.allreduce(np.abs(rows).sum(axis=1)) > 0.0):
+                reason = "a support clamps a component of this point; choose a free node"
+                raise self._error(key, reason)
             return [(csr_array(rows), position, 1.0)]
         body, d = self._body, self._body.dimension
         weights, _, measure = self._weights(place, key)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
-        weights[body.clamped[::d] // d] = 0.0
+        weights[body.clamped // d] = 0.0  # also of a node that moves in a plane only
         largest = body.comm.allreduce(float(np.max(weights, initial=0.0)), op=MPI.MAX)
         mine = [  # the corners of quadratic triangles have no weight
             (*x[node].round(12), float(weights[node]), body.comm.rank, int(node))
@@ -152,7 +166,7 @@ class Places:
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):
                 rows[k, best * d + k] = 1.0
-            clamped = bool(np.isin(best * d, body.clamped))
+            clamped = bool(np.isin(best * d + np.arange(d), body.clamped).all())
             rows[:, body.clamped] = 0.0
         if body.comm.allreduce(clamped, op=MPI.LOR):
             at = list(chosen[1 : 1 + d])
@@ -177,19 +191,23 @@ class Places:
         ds = body.mesh.surface(region)
         scalar = fem.functionspace(domain, ("Lagrange", body.geometry.degree))
         weights = fem.Function(scalar)
-        fem.assemble_vector(weights.x.array, fem.form(ufl.TestFunction(scalar) * ds))
+        per, whole = fem.Constant(domain, 1.0), float(body.materials.thickness[0])
+        if (
+            not body.materials.has_one_thickness
+        ):  # by volume: the thickness changes along the region
+            per, whole = body.thickness, 1.0
+        fem.assemble_vector(weights.x.array, fem.form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         x = ufl.SpatialCoordinate(domain)
-        one = fem.Constant(domain, 1.0)
-        area = body.comm.allreduce(fem.assemble_scalar(fem.form(one * ds)))
+        area = body.comm.allreduce(fem.assemble_scalar(fem.form(per * ds)))
         if not area > 0.0:
             name = region.group
             raise self._error(f"{key}.group", f"group {name!r} has no area; name a group of facets")
         position = np.zeros(3)
         for k in range(body.dimension):
-            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(x[k] * ds))) / area
+            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(per * x[k] * ds))) / area
         local = scalar.dofmap.index_map.size_local
-        return weights.x.array[:local] / area, position, float(area * body.thickness)
+        return weights.x.array[:local] / area, position, float(area * whole)
 
     def _edge_or_node_weights(self, region: Region) -> tuple[Array, Array, float]:
         """Weights by edge length for a node group with edges, else equal ones; as `_weights`."""

@@ -9,6 +9,7 @@ from dolfinx import fem
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.solid import Solid
+from fenicsrom.fem.supports import support_unknowns
 from fenicsrom.online.reactions import ReactionTable
 from fenicsrom.scene import Scene
 
@@ -24,61 +25,67 @@ def reaction_table(solid: Solid, scene: Scene, vectors: Array) -> ReactionTable:
     Returns:
         The table, the same on every rank.
     """
-    nodes = _support_nodes(solid, scene)
-    centres = np.array([_centroid(solid, mine) for mine in nodes])
-    tests = [_test_functions(solid, mine, x) for mine, x in zip(nodes, centres, strict=True)]
+    unknowns = _support_unknowns(solid, scene)
+    centres = np.array([_centroid(solid, mine) for mine in unknowns])
+    tests = [_test_functions(solid, mine, x) for mine, x in zip(unknowns, centres, strict=True)]
     whole = np.zeros_like(tests[0])
     whole[:, : solid.dimension] = solid.translations()
     parts = [
-        _gradients_at(solid, mine, test, vectors) for mine, test in zip(nodes, tests, strict=True)
+        _gradients_at(solid, np.unique(mine // solid.dimension), test, vectors)
+        for mine, test in zip(unknowns, tests, strict=True)
     ]
     rows = [_rows(solid, test, vectors) for test in (*tests, whole)]
     sizes = [part[0].shape[1] for part in parts]
     return ReactionTable(
         centres,
-        np.repeat(np.arange(len(nodes)), sizes),
+        np.repeat(np.arange(len(unknowns)), sizes),
         np.concatenate([part[0] for part in parts], axis=1),
         np.concatenate([part[1] for part in parts], axis=1),
         *(np.array(term) for term in zip(*rows, strict=True)),
+        np.concatenate([part[2] for part in parts]) if scene.materials else None,
     )
 
 
-def _support_nodes(solid: Solid, scene: Scene) -> list[npt.NDArray[np.int32]]:
-    """Nodes of each support on this rank, ghosts included; a shared node belongs to the first."""
+def _support_unknowns(solid: Solid, scene: Scene) -> list[npt.NDArray[np.int32]]:
+    """Unknowns of each support on this rank, ghosts included; a shared one is of the first."""
     found: list[npt.NDArray[np.int32]] = []
     for support in scene.supports:
-        nodes = solid.mesh.nodes(support, solid.space)
-        found.append(np.setdiff1d(nodes, np.concatenate([*found, nodes[:0]])).astype(np.int32))
+        mine = support_unknowns(solid.mesh, solid.space, support, solid.source)
+        found.append(np.setdiff1d(mine, np.concatenate([*found, mine[:0]])).astype(np.int32))
     return found
 
 
-def _centroid(solid: Solid, nodes: npt.NDArray[np.int32]) -> Array:
-    """Mean place (d,) of nodes over all ranks, m."""
-    owned = nodes[nodes < solid.local // solid.dimension]
+def _centroid(solid: Solid, unknowns: npt.NDArray[np.int32]) -> Array:
+    """Mean place (d,) of the nodes of unknowns over all ranks, m."""
+    owned = np.unique(unknowns[unknowns < solid.local] // solid.dimension)
     x = solid.space.tabulate_dof_coordinates()[owned, : solid.dimension]
     count = solid.comm.allreduce(owned.size)
     return np.asarray(solid.comm.allreduce(x.sum(axis=0)) / max(count, 1))
 
 
-def _test_functions(solid: Solid, nodes: npt.NDArray[np.int32], centre: Array) -> Array:
-    """Translations and rotations (local, m) of nodes about a centre, zero on all other nodes."""
+def _test_functions(solid: Solid, unknowns: npt.NDArray[np.int32], centre: Array) -> Array:
+    """Translations and rotations (local, m) about a centre; zero but for some unknowns."""
     d = solid.dimension
-    owned = nodes[nodes < solid.local // d]
-    arm = solid.space.tabulate_dof_coordinates()[owned, :d] - centre
-    fields = np.zeros((solid.local // d, d, 3 * (d - 1)))
-    fields[owned, :, :d] = np.eye(d)
+    owned = unknowns[unknowns < solid.local]
+    arm = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d] - centre
+    motions = np.zeros((solid.local // d, d, 3 * (d - 1)))
+    motions[:, :, :d] = np.eye(d)
     if d == 2:
-        fields[owned, 0, 2], fields[owned, 1, 2] = -arm[:, 1], arm[:, 0]
+        motions[:, 0, 2], motions[:, 1, 2] = -arm[:, 1], arm[:, 0]
     else:
         for axis in range(3):
-            fields[owned, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    return fields.reshape(solid.local, -1)
+            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
+    fields = np.zeros((solid.local, motions.shape[2]))
+    fields[owned] = motions.reshape(solid.local, -1)[owned]
+    return fields
 
 
 def _gradients_at(
     solid: Solid, nodes: npt.NDArray[np.int32], tests: Array, vectors: Array
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Displacement gradients, and weighted gradients of the tests, in the cells at some nodes.
+
+    The numbers of the materials of the points follow.
 
     The points are those of the quadrature rule of the internal force, on all ranks.
     """
@@ -93,7 +100,8 @@ def _gradients_at(
     values = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
     values[-m:] *= weights[:, None, None]
     every = np.concatenate(solid.comm.allgather(values), axis=1)
-    return every[:-m], every[-m:]
+    numbers = solid.materials.of_points(weights.size // max(1, cells.size), cells)
+    return every[:-m], every[-m:], np.concatenate(solid.comm.allgather(numbers))
 
 
 def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Array, Array]:
@@ -104,7 +112,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     Returns:
         Mass (m, n), gyroscopic (m, n), centrifugal (m, 1 + n) and loads (m, loads).
     """
-    density = solid.material.density * solid.thickness
+    density = solid.density
     test, w = ufl.TestFunction(solid.space), fem.Function(solid.space)
     fields = np.concatenate([solid.equilibrium[:, None], vectors], axis=1)
 

@@ -22,7 +22,13 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
-from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply, without_zeros
+from fenicsrom.fem.linalg import (
+    Factorisation,
+    add_to_diagonal,
+    eigenmodes,
+    multiply,
+    without_zeros,
+)
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.mesh_data import Mesh
@@ -34,17 +40,19 @@ from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
-from fenicsrom.reduction.strain_products import strain_products
+from fenicsrom.reduction.strain_products import strain_products, tensor_products
 from fenicsrom.scene import (
+    Attachment,
     Contact,
     Damping,
     Geometry,
+    GroupMaterial,
     Load,
     Material,
     Place,
-    Region,
     Rotation,
     Scene,
+    Support,
 )
 from fenicsrom.scene.excitation import highest_frequency
 
@@ -91,7 +99,7 @@ class Solid(ElasticBody):
         *,
         geometry: Geometry,
         material: Material,
-        supports: Sequence[Region],
+        supports: Sequence[Support],
         loads: Sequence[Load] = (),
         contacts: Sequence[Contact] = (),
         rotation: Rotation | None = None,
@@ -100,14 +108,16 @@ class Solid(ElasticBody):
         geometrically_nonlinear: bool = True,
         source: str = "",
         excitation: float = 0.0,
+        materials: Sequence[GroupMaterial] = (),
+        attachments: Sequence[Attachment] = (),
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
 
         Args:
             mesh: the mesh.
             geometry: dimension, degree, thickness and plane state; its file is not read.
-            material: the material.
-            supports: the clamped regions, at least one.
+            material: the material of the cells without a material of their group.
+            supports: the supports, at least one.
             loads: the loads.
             contacts: the contacts.
             rotation: rotation of the frame of the scene, or None.
@@ -117,13 +127,15 @@ class Solid(ElasticBody):
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
+            materials: materials of groups of cells.
+            attachments: masses and springs.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
                 or not found.
             ConvergenceError: no equilibrium was found under the static loads.
         """
-        super().__init__(mesh, geometry, material, supports, rotation, source)
+        super().__init__(mesh, geometry, material, supports, rotation, source, materials)
         self.geometrically_nonlinear = geometrically_nonlinear
         self.mass_damping = material.mass_damping
         self._damping = damping
@@ -132,6 +144,7 @@ class Solid(ElasticBody):
         self.loads = tuple(loads)
         self._tangent_workspace: PETSc.Mat | None = None
         self._places = Places(self)
+        self._set_attachments(attachments)
         self._set_contacts(contacts)
         self._set_loads()
         observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
@@ -141,8 +154,9 @@ class Solid(ElasticBody):
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
 
         self.equilibrium = np.zeros(self.local)
-        self.mass = without_zeros(self.matrix(self.mass_form, 0.0))
+        self.mass = without_zeros(self.mass_matrix(0.0))
         self.stiffness = self.matrix(self._tangent_form, 1.0)
+        add_to_diagonal(self.stiffness, self.springs)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
         self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
         spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
@@ -158,6 +172,17 @@ class Solid(ElasticBody):
                     check_snap(self, linear)
             else:
                 self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
+
+    def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
+        """Set the springs and the concentrated masses."""
+        for k, found in enumerate(attachments):
+            shares, area = self._places.shares(found.place, f"attachments[{k}]")
+            each = np.repeat(shares, self.dimension)
+            each[self.clamped] = 0.0
+            if not self.comm.allreduce(bool(each.any())):
+                raise self._places.clamped(f"attachments[{k}]")
+            self.point_masses += found.mass * each
+            self.springs += (found.stiffness + found.stiffness_per_area * area) * each
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -256,9 +281,13 @@ class Solid(ElasticBody):
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
         n = vectors.shape[1]
-        chunks = self.tabulate(vectors, self.equilibrium)
-        products = strain_products(chunks, self.first_lame, self.shear_modulus, n)
-        elastic = elastic_polynomial(self.comm.allreduce(products), n)
+        elastic = elastic_polynomial(self.comm.allreduce(self._strain_products(vectors)), n)
+        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
+        if self.comm.allreduce(bool(self.springs.any())):
+            found = self.inner(vectors, held)
+            elastic = elastic._replace(
+                force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
+            )
         if self.rotation is None:
             return elastic
         force = self.rotation.centrifugal_force(self.equilibrium)
@@ -269,6 +298,17 @@ class Solid(ElasticBody):
         return elastic._replace(
             force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
         )
+
+    def _strain_products(self, vectors: Array) -> Array:
+        """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
+        n, materials = vectors.shape[1], self.materials
+        if materials.single:
+            return strain_products(self.tabulate(vectors, self.equilibrium), *materials.lame(), n)
+        total = np.zeros(())
+        for k, cells in materials.cells():
+            chunks = self.tabulate(vectors, self.equilibrium, cells=cells)
+            total = total + tensor_products(chunks, materials.tensor(k), n)
+        return total
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
@@ -390,6 +430,8 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         geometrically_nonlinear=scene.geometrically_nonlinear,
         source=scene.source,
         excitation=highest_frequency(scene),
+        materials=scene.materials,
+        attachments=scene.attachments,
     )
 
 

@@ -60,6 +60,7 @@ def stress_table(
         joined(places)[first],
         joined(moved, 1)[:, first],
         _extrapolation(cell, degree, points),
+        joined(solid.materials.of_points(len(points))) if scene.materials else None,
     )
 
 

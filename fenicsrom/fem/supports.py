@@ -1,4 +1,12 @@
-"""Clamped supports, and the check that they hold the body."""
+"""Clamped supports, and the check that they hold the body.
+
+A support clamps components of the displacement at its nodes. The linear rigid-body motions
+
+    u(x) = t + w × (x − c)    (3 in the plane, 6 in space)    (1)
+
+must all move a clamped component: the matrix of the motions, restricted to the clamped components
+of a connected piece of the mesh, must have full rank.
+"""
 
 from __future__ import annotations
 
@@ -10,87 +18,181 @@ from dolfinx import fem
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh_data import Ints, Mesh
-from fenicsrom.scene import Region
+from fenicsrom.fem.mesh_data import NEAR, ROUNDING, Ints, Mesh
+from fenicsrom.scene import Region, Support
+from fenicsrom.scene.places import AXES
 
 COINCIDENT = 1e-12
-"""Smaller variances of the clamped nodes, relative to the squared extent, count as zero."""
+"""Smaller mean squares of the clamped components of a rigid motion count as zero.
+
+The lengths of the motion are relative to the extent of the mesh.
+"""
 
 
-def clamped_nodes(
-    mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Region], source: str
+def clamped_unknowns(
+    mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Support], source: str
 ) -> npt.NDArray[np.int32]:
-    """Give the nodes that the supports clamp. Collective.
+    """Give the unknowns that the supports clamp. Collective.
 
     Args:
         mesh: the mesh.
         space: the displacement space, Lagrange.
-        supports: the regions that are clamped.
+        supports: the supports.
         source: name of the scene file, for messages.
 
     Returns:
-        Sorted local node numbers of this rank, ghosts included.
+        Sorted local numbers of this rank, ghosts included.
 
     Raises:
         SceneError: a region is missing, or the supports do not hold the body.
     """
-    nodes = np.unique(np.concatenate([mesh.nodes(support, space) for support in supports]))
-    pieces = unclamped_pieces(mesh, supports)
-    if pieces:
-        named = ", ".join(support.group or "picked by coordinates" for support in supports)
-        some = (
-            "1 connected piece of the mesh touches"
-            if pieces == 1
-            else f"{pieces} connected pieces of the mesh touch"
-        )
+    found = [support_unknowns(mesh, space, support, source) for support in supports]
+    unknowns = np.unique(np.concatenate(found))
+    check_rigid_motions(mesh, space, unknowns, supports, source)
+    return unknowns
+
+
+def support_unknowns(
+    mesh: Mesh, space: fem.FunctionSpace, support: Support, source: str
+) -> npt.NDArray[np.int32]:
+    """Give the unknowns that one support clamps; arguments and errors as `clamped_unknowns`."""
+    d = mesh.domain.geometry.dim
+    if support.node is None:
+        nodes = mesh.nodes(support, space)
+    else:
+        nodes = _node_at(mesh, space, support.node, source)
+    components = [AXES.index(axis) for axis in support.components or AXES[:d]]
+    return np.sort((nodes[:, None] * d + np.array(components, dtype=np.int32)).reshape(-1))
+
+
+def _node_at(
+    mesh: Mesh, space: fem.FunctionSpace, point: Sequence[float], source: str
+) -> npt.NDArray[np.int32]:
+    """The node at a point, on each rank that has it. Collective."""
+    d, comm, extent = mesh.domain.geometry.dim, mesh.domain.comm, mesh.extent()
+    distance = np.linalg.norm(space.tabulate_dof_coordinates()[:, :d] - point, axis=1)
+    nearest = min(comm.allgather(float(np.min(distance, initial=np.inf))))
+    if nearest > NEAR * extent:
         raise SceneError(
-            f"{mesh.source}: {some} no support ({named}), so the stiffness is singular; clamp "
-            "every piece, or join the parts of the mesh (coincident nodes do not join them)",
-            kind=ErrorKind.SUPPORT,
+            f"{source}: supports: no node has the coordinates {list(point)}; the nearest node is "
+            f"{nearest:.3g} m away",
+            kind=ErrorKind.PLACE,
             key="supports",
-            source=mesh.source,
+            source=source,
         )
-    check_no_hinge(mesh, space, nodes, source)
-    return nodes
+    return np.flatnonzero(distance <= nearest + ROUNDING * extent).astype(np.int32)
 
 
-def check_no_hinge(
-    mesh: Mesh, space: fem.FunctionSpace, nodes: npt.NDArray[np.int32], source: str
+def conditions(
+    space: fem.FunctionSpace, zero: fem.Function, unknowns: npt.NDArray[np.int32]
+) -> list[fem.DirichletBC]:
+    """Give the boundary conditions of clamped unknowns: of whole nodes, then by component."""
+    d = space.dofmap.index_map_bs
+    nodes, held = np.unique(unknowns // d, return_counts=True)
+    found = [fem.dirichletbc(zero, nodes[held == d].astype(np.int32))]
+    rest = unknowns[np.isin(unknowns // d, nodes[held < d])]
+    for component in range(d):
+        part = space.sub(component)
+        some = rest[rest % d == component].astype(np.int32)
+        found.append(fem.dirichletbc(np.float64(0.0), some, part))
+    return found if space.mesh.comm.allreduce(rest.size) else found[:1]
+
+
+def check_rigid_motions(
+    mesh: Mesh,
+    space: fem.FunctionSpace,
+    unknowns: npt.NDArray[np.int32],
+    supports: Sequence[Support],
+    source: str,
 ) -> None:
-    """Check that the body cannot rotate about its clamped nodes. Collective.
+    """Check that no piece of the mesh can move as a rigid body. Collective.
 
     Args:
         mesh: the mesh.
         space: the displacement space.
-        nodes: local numbers of the clamped nodes, ghosts included.
+        unknowns: local numbers of the clamped unknowns, ghosts included.
+        supports: the supports, for messages.
         source: name of the scene file, for messages.
 
     Raises:
-        SceneError: the supports clamp a single node or, in 3D, nodes on one line.
+        SceneError: no support touches a piece, or a piece can move as a rigid body.
     """
-    d, owned = mesh.domain.geometry.dim, nodes[nodes < space.dofmap.index_map.size_local]
-    x = space.tabulate_dof_coordinates()[owned, :d]
-    y = np.column_stack([np.ones(len(x)), (x - mesh.bounds()[0][:d]) / mesh.extent()])
-    moments = mesh.domain.comm.allreduce(y.T @ y)
-    mean = moments[0, 1:] / moments[0, 0]
-    spread = np.linalg.eigvalsh(moments[1:, 1:] / moments[0, 0] - np.outer(mean, mean))
-    if spread[1] < COINCIDENT:
-        what = "a single node" if spread[-1] < COINCIDENT else "nodes on one line"
-        raise SceneError(
-            f"{source}: supports: they clamp {what}, so the body can rotate; clamp more nodes",
-            kind=ErrorKind.SUPPORT,
-            key="supports",
-            source=source,
-        )
+    d, comm, topology = mesh.domain.geometry.dim, mesh.domain.comm, mesh.domain.topology
+    pieces, count = connected_pieces(mesh)
+    corners = topology.connectivity(topology.dim, 0)
+    piece = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    cells = space.dofmap.list
+    piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
+
+    owned = unknowns[unknowns < space.dofmap.index_map.size_local * d]
+    rows = _rigid_motions(mesh, space)[owned]
+    of = piece[owned // d]
+    moments = np.zeros((count, rows.shape[1], rows.shape[1]))
+    np.add.at(moments, of, rows[:, :, None] * rows[:, None, :])
+    held = comm.allreduce(np.bincount(of, minlength=count))
+    moments = comm.allreduce(moments) / np.maximum(held, 1)[:, None, None]
+    if not held.all():
+        raise _untouched(mesh, supports, int((held == 0).sum()))
+    for k in range(count):
+        if free := _free_motions(moments[k], d):
+            where = "" if count == 1 else f" of one of the {count} connected pieces of the mesh"
+            raise SceneError(
+                f"{source}: supports: they leave {free}{where} free, so the stiffness is singular; "
+                "clamp more nodes or components",
+                kind=ErrorKind.SUPPORT,
+                key="supports",
+                source=source,
+            )
+
+
+def _rigid_motions(mesh: Mesh, space: fem.FunctionSpace) -> Array:
+    """The motions (1) of the local unknowns, ghosts included (unknowns, 3 or 6), without unit."""
+    d = mesh.domain.geometry.dim
+    low, high = mesh.bounds()
+    arm = (space.tabulate_dof_coordinates() - 0.5 * (low + high)) / mesh.extent()
+    motions = np.zeros((len(arm), d, 3 * (d - 1)))
+    motions[:, :, :d] = np.eye(d)
+    for k, axis in enumerate(np.eye(3)[2:] if d == 2 else np.eye(3)):
+        motions[:, :, d + k] = np.cross(axis, arm)[:, :d]
+    return motions.reshape(-1, motions.shape[2])
+
+
+def _free_motions(moments: Array, d: int) -> str:
+    """Name the rigid motions whose clamped components all vanish; empty without one.
+
+    Args:
+        moments: (3 or 6, 3 or 6) mean products of the clamped components of the motions.
+        d: dimension of space; the first d motions are the translations.
+    """
+    values, vectors = np.linalg.eigh(moments)
+    free = vectors[:, values < COINCIDENT]
+    turning = int(np.linalg.matrix_rank(free[d:], tol=np.sqrt(COINCIDENT)))
+    counts = {"translation": free.shape[1] - turning, "rotation": turning}
+    named = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
+    return " and ".join(named)
+
+
+def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneError:
+    """The error of pieces of the mesh that no support touches."""
+    named = ", ".join(support.group or "picked by coordinates" for support in supports)
+    some = (
+        "1 connected piece of the mesh touches"
+        if pieces == 1
+        else f"{pieces} connected pieces of the mesh touch"
+    )
+    return SceneError(
+        f"{mesh.source}: {some} no support ({named}), so the stiffness is singular; clamp "
+        "every piece, or join the parts of the mesh (coincident nodes do not join them)",
+        kind=ErrorKind.SUPPORT,
+        key="supports",
+        source=mesh.source,
+    )
 
 
 def unclamped_pieces(mesh: Mesh, regions: Sequence[str | Region]) -> int:
-    """Count the connected pieces of the mesh that no support touches. Collective.
-
-    Cells that share a vertex are connected. Each rank finds the connected pieces of its own cells.
-    The pieces are then joined through the vertices that ranks share, so only these vertices are
-    gathered.
+    """Count the connected pieces of the mesh that no region touches. Collective.
 
     Args:
         mesh: the mesh.
@@ -102,32 +204,47 @@ def unclamped_pieces(mesh: Mesh, regions: Sequence[str | Region]) -> int:
     Raises:
         SceneError: the mesh has no such group, or a region is empty.
     """
-    comm, topology = mesh.domain.comm, mesh.domain.topology
-    clamped: list[Ints] = []
+    topology = mesh.domain.topology
+    pieces, count = connected_pieces(mesh)
+    touched = [np.empty(0, dtype=pieces.dtype)]
     for dimension, entities in (item for where in regions for item in mesh.entities(where).items()):
         topology.create_connectivity(dimension, 0)
-        clamped += [topology.connectivity(dimension, 0).links(entity) for entity in entities]
+        vertices = topology.connectivity(dimension, 0)
+        touched += [pieces[vertices.links(entity)] for entity in entities]
+    return count - len(np.unique(np.concatenate(mesh.domain.comm.allgather(np.hstack(touched)))))
 
+
+def connected_pieces(mesh: Mesh) -> tuple[Ints, int]:
+    """Number the connected pieces of the mesh. Collective.
+
+    Cells that share a vertex are connected. Each rank finds the connected pieces of its own cells.
+    The pieces are then joined through the vertices that ranks share, so only these vertices are
+    gathered.
+
+    Returns:
+        The piece of each local vertex, ghosts included, and the number of pieces; the numbers are
+        the same on every rank.
+    """
+    comm, topology = mesh.domain.comm, mesh.domain.topology
     vertices, corners = topology.index_map(0), topology.connectivity(topology.dim, 0)
     cells = topology.index_map(topology.dim).size_local
     points = vertices.size_local + vertices.num_ghosts
     cell = np.repeat(np.arange(cells), np.diff(corners.offsets[: cells + 1]))
     piece = _components(cell, cells + corners.array[: len(cell)], cells + points)[cells:]
-    held = np.zeros(cells + points, dtype=bool)
-    held[piece[np.unique(np.concatenate([*clamped, np.empty(0, dtype=np.int32)]))]] = True
 
     # join the pieces of all ranks through the shared vertices
     border = np.unique(np.concatenate(comm.allgather(vertices.ghosts)))
     names = vertices.local_to_global(np.arange(points, dtype=np.int32))
     shared = np.isin(names, border)
     parts = comm.allgather(
-        (held[: piece.max(initial=-1) + 1], piece[shared], np.searchsorted(border, names[shared]))
+        (int(piece.max(initial=-1)) + 1, piece[shared], np.searchsorted(border, names[shared]))
     )
-    first = np.cumsum([0] + [len(part[0]) for part in parts])
+    first = np.cumsum([0] + [part[0] for part in parts])
     rows = np.concatenate([part[1] + start for part, start in zip(parts, first[:-1], strict=True)])
     columns = first[-1] + np.concatenate([part[2] for part in parts])
-    pieces = _components(rows, columns, first[-1] + len(border))[: first[-1]]
-    return len(np.setdiff1d(pieces, pieces[np.concatenate([part[0] for part in parts])]))
+    joined = _components(rows, columns, first[-1] + len(border))[: first[-1]]
+    found, numbers = np.unique(joined, return_inverse=True)
+    return numbers[first[comm.rank] + piece], len(found)
 
 
 def _components(rows: Ints, columns: Ints, size: int) -> Ints:

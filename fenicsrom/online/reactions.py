@@ -47,6 +47,7 @@ class ReactionTable:
         gyroscopic: (S + 1, m, n) W · Γ φ, kg/s.
         centrifugal: (S + 1, m, 1 + n) Ω² W · (c + Q u₀) in N, then Ω² W · Q φ.
         loads: (S + 1, m, loads) W · p of the unit loads.
+        material: (R,) number of the material of each Gauss point; None with one material.
     """
 
     centre: Array
@@ -57,6 +58,7 @@ class ReactionTable:
     gyroscopic: Array
     centrifugal: Array
     loads: Array
+    material: NDArray[np.int64] | None = None
 
     def evaluate(
         self, law: StressLaw, q: Array, velocity: Array, inertia: Array, factor: Array
@@ -80,7 +82,7 @@ class ReactionTable:
             - factor @ self.loads.transpose(0, 2, 1)
         ).transpose(1, 0, 2)
         change = np.asarray(np.tensordot(q, self.gradients[1:], axes=1), np.float64)
-        stress = law.first_piola(self.gradients[0], change)
+        stress = law.at(self.material).first_piola(self.gradients[0], change)
         count, d = self.centre.shape
         found = smooth[:, :count].copy()
         for support in range(count):

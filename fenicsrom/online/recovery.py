@@ -23,6 +23,9 @@ besides those of `fenicsrom.online.archive`, in SI units:
     reaction_centrifugal        (S + 1, m, 1 + n)   N, N/m  and with the centrifugal force
     reaction_loads              (S + 1, m, loads)   1       and with the unit loads
     =========================== =================== ======= =====================================
+
+A scene with [[materials]] adds the numbers of the materials of the Gauss points, stress_material
+(P,) and reaction_material (R,), int64; 0 is [material].
 """
 
 from __future__ import annotations
@@ -37,8 +40,10 @@ from fenicsrom.online.reactions import ReactionTable
 from fenicsrom.online.stress import StressLaw, StressTable
 from fenicsrom.scene import Scene
 
-STRESS_ARRAYS = tuple(field.name for field in fields(StressTable) if field.name != "law")
-REACTION_ARRAYS = tuple(field.name for field in fields(ReactionTable))
+OTHER = ("law", "material")
+STRESS_ARRAYS = tuple(field.name for field in fields(StressTable) if field.name not in OTHER)
+REACTION_ARRAYS = tuple(field.name for field in fields(ReactionTable) if field.name not in OTHER)
+INTEGERS = ("stress_cells", "reaction_support", "stress_material", "reaction_material")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +59,15 @@ def recovery_arrays(recovery: Recovery | None) -> dict[str, Any]:
     if recovery is None:
         return {}
     stress = {f"stress_{name}": getattr(recovery.stress, name) for name in STRESS_ARRAYS}
-    return stress | {
-        f"reaction_{name}": getattr(recovery.reactions, name) for name in REACTION_ARRAYS
+    numbers = {
+        "stress_material": recovery.stress.material,
+        "reaction_material": recovery.reactions.material,
     }
+    return (
+        stress
+        | {f"reaction_{name}": getattr(recovery.reactions, name) for name in REACTION_ARRAYS}
+        | {name: values for name, values in numbers.items() if values is not None}
+    )
 
 
 def read_recovery(data: Mapping[str, Any], scene: Scene, n: int) -> Recovery | None:
@@ -74,13 +85,21 @@ def read_recovery(data: Mapping[str, Any], scene: Scene, n: int) -> Recovery | N
         return None
     stress = {name: _array(data, f"stress_{name}") for name in STRESS_ARRAYS}
     found = {name: _array(data, f"reaction_{name}") for name in REACTION_ARRAYS}
-    for name, shape in _shapes(data, scene, n).items():
+    if scene.materials:
+        stress["material"] = _array(data, "stress_material")
+        found["material"] = _array(data, "reaction_material")
+    shapes = _shapes(data, scene, n)
+    for name, shape in shapes.items():
         if data[name].shape != shape:
             raise ValueError(f"{name} has shape {data[name].shape}: must be {shape}")
     for name, below in (
         ("stress_cells", stress["vertex_position"].shape[0]),
         ("reaction_support", len(scene.supports)),
+        ("stress_material", 1 + len(scene.materials)),
+        ("reaction_material", 1 + len(scene.materials)),
     ):
+        if name not in shapes:
+            continue
         if data[name].min(initial=0) < 0 or data[name].max(initial=0) >= below:
             raise ValueError(f"{name} has entries out of range")
     return Recovery(StressTable(StressLaw.of(scene), **stress), ReactionTable(**found))
@@ -88,7 +107,7 @@ def read_recovery(data: Mapping[str, Any], scene: Scene, n: int) -> Recovery | N
 
 def _array(data: Mapping[str, Any], name: str) -> Any:
     """An array of the archive, of its type and with finite numbers."""
-    wanted = np.int64 if name in ("stress_cells", "reaction_support") else np.float64
+    wanted = np.int64 if name in INTEGERS else np.float64
     if name not in data:
         raise ValueError(f"{name} is missing")
     if data[name].dtype != wanted or not np.all(np.isfinite(data[name])):
@@ -102,7 +121,11 @@ def _shapes(data: Mapping[str, Any], scene: Scene, n: int) -> dict[str, tuple[in
     m, r = 3 * (d - 1), data["reaction_support"].size
     v, g = (*data["stress_extrapolation"].shape, 0, 0)[:2]
     count, vertices = data["stress_cells"].shape[0], data["stress_vertex_position"].shape[0]
-    return {
+    numbers: dict[str, tuple[int, ...]] = {
+        "stress_material": (count * g,),
+        "reaction_material": (r,),
+    }
+    return (numbers if scene.materials else {}) | {
         "stress_extrapolation": (v, g),
         "stress_cells": (count, v),
         "stress_position": (count * g, d),

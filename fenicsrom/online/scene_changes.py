@@ -28,7 +28,16 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
         wanted = replace(wanted, basis=replace(wanted.basis, modes=made.basis.modes))
     if _without_folder(made.geometry) != _without_folder(wanted.geometry):
         return "geometry"
-    names = ("geometrically_nonlinear", "supports", "rotation", "damping", "probe", "basis")
+    names = (
+        "geometrically_nonlinear",
+        "materials",
+        "supports",
+        "attachments",
+        "rotation",
+        "damping",
+        "probe",
+        "basis",
+    )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):

@@ -6,13 +6,13 @@ stress at every q without a mesh:
 
     F = I + H,    E = sym H + ½ Hᵀ H,    S = λ tr(E) I + 2 μ E,    σ = F S Fᵀ / det F,    (1)
 
-with the second Piola-Kirchhoff stress S and the Cauchy stress σ. S is a quadratic polynomial in q,
-and its coefficients could be tabulated instead. With n coordinates they take ½ (n + 1) (n + 2)
-columns of 6 components in place of n + 1 columns of 9, give the same numbers to round-off, and do
-not give F, which the Cauchy stress needs.
+with the second Piola-Kirchhoff stress S (S = C E of a material with axes) and the Cauchy stress σ.
+S is a quadratic polynomial in q, and its coefficients could be tabulated instead. With n
+coordinates they take ½ (n + 1) (n + 2) columns of 6 components in place of n + 1 columns of 9, give
+the same numbers to round-off, and do not give F, which the Cauchy stress needs.
 
 A geometrically linear model has the stress that is linear about its equilibrium. Plane strain adds
-S_zz = λ tr(E), and plane stress F_zz = √(1 + 2 E_zz), which follows from S_zz = 0.
+S_zz = λ tr(E) (or C_zz : E), and plane stress F_zz = √(1 + 2 E_zz), which follows from S_zz = 0.
 
 The Gauss points are those of the rule with k points in every direction for cells of degree k (k
 points to a side of a simplex), at which the stresses of a finite-element solution are most
@@ -27,7 +27,7 @@ Symmetric tensors have six components in the order of VTK: xx, yy, zz, xy, yz, x
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.scene import Scene
+from fenicsrom.online.elasticity_tensor import across, mandel_basis, stiffness
+from fenicsrom.scene import Elasticity, Scene
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
@@ -50,12 +51,14 @@ class StressLaw:
     """How stresses follow from displacement gradients.
 
     Attributes:
-        first_lame: λ, Pa.
-        shear_modulus: μ, Pa.
+        first_lame: λ of a single isotropic material, Pa; else 0.
+        shear_modulus: its μ, Pa; else 0.
         plane: "stress" or "strain" in 2D, else None.
         linear: whether the vibrations are small, so that the stress is linear about the
             equilibrium.
         deformed: whether the equilibrium is geometrically nonlinear.
+        materials: all materials, unless there is a single isotropic one.
+        number: (P,) number of the material of each point; None if all points have the first one.
     """
 
     first_lame: float
@@ -63,20 +66,34 @@ class StressLaw:
     plane: str | None
     linear: bool
     deformed: bool
+    materials: tuple[Elasticity, ...] = ()
+    number: NDArray[np.int64] | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, scene: Scene) -> StressLaw:
         """The law of a scene."""
-        young, poisson = scene.material.young, scene.material.poisson
         spinning = scene.rotation is not None and scene.rotation.speed_rpm != 0.0
         nonlinear = scene.geometrically_nonlinear
+        plane = scene.geometry.plane if scene.geometry.dimension == 2 else None
+        if scene.materials or not scene.material.is_isotropic:
+            every = (scene.material, *scene.materials)
+            return cls(0.0, 0.0, plane, not nonlinear, nonlinear or spinning, every)
+        young, poisson = scene.material.isotropic_constants
         return cls(
             young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson)),
             young / (2.0 * (1.0 + poisson)),
-            scene.geometry.plane if scene.geometry.dimension == 2 else None,
+            plane,
             not nonlinear,
             nonlinear or spinning,
         )
+
+    def at(self, number: NDArray[np.int64] | None) -> StressLaw:
+        """The law at points (P,) of which the numbers of the materials are given."""
+        return self if number is None else replace(self, number=number)
+
+    def _of_points(self, values: list[Array]) -> Array:
+        """The value of each material (..., one or P, ..) at the points."""
+        return np.array(values)[0 if self.number is None else self.number]
 
     @property
     def effective_lame(self) -> float:
@@ -87,6 +104,10 @@ class StressLaw:
     def of_strain(self, strain: Array) -> Array:
         """Stress (..., d, d) in the plane or in space of a strain (..., d, d), Pa."""
         d = strain.shape[-1]
+        if self.materials:
+            tensor = self._of_points([stiffness(each, d, self.plane) for each in self.materials])
+            found = np.einsum("...ab,...b->...a", tensor, _vector(strain))
+            return np.asarray(np.einsum("...a,aij->...ij", found, mandel_basis(d)))
         trace = np.trace(strain, axis1=-2, axis2=-1)[..., None, None]
         return np.asarray(
             self.effective_lame * trace * np.eye(d) + 2.0 * self.shear_modulus * strain
@@ -125,9 +146,7 @@ class StressLaw:
         f = self.deformation_gradient(start, change)
         volume = np.linalg.det(f)
         if self.plane == "stress" and (self.deformed or not self.linear):
-            lame, mu = self.first_lame, self.shear_modulus
-            across = -lame / (lame + 2.0 * mu) * np.trace(strain, axis1=-2, axis2=-1)
-            volume = volume * np.sqrt(1.0 + 2.0 * across)
+            volume = volume * np.sqrt(1.0 + 2.0 * self._across(strain))
         pushed = f @ self.of_strain(strain) @ np.swapaxes(f, -1, -2)
         return components(pushed / volume[..., None, None], self._out_of_plane(strain) / volume)
 
@@ -152,8 +171,18 @@ class StressLaw:
 
     def _out_of_plane(self, strain: Array) -> Array:
         """S_zz (...) of a plane body, Pa; zero in plane stress."""
+        if self.materials and self.plane == "strain":
+            return self._across(strain)
         trace = np.trace(strain, axis1=-2, axis2=-1)
         return np.asarray(self.first_lame * trace if self.plane == "strain" else 0.0 * trace)
+
+    def _across(self, strain: Array) -> Array:
+        """E_zz (...) in plane stress; with `materials` also S_zz in plane strain, Pa."""
+        if self.materials:
+            rows = self._of_points([across(each, self.plane) for each in self.materials])
+            return np.asarray(np.einsum("...a,...a->...", rows, _vector(strain)))
+        lame, mu = self.first_lame, self.shear_modulus
+        return np.asarray(-lame / (lame + 2.0 * mu) * np.trace(strain, axis1=-2, axis2=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +200,7 @@ class StressTable:
         vertex_position: (N, d) places of the vertices in the undeformed body, m.
         vertex_displacement: (1 + n, N, d) displacements of u₀ (m) and of every φ at the vertices.
         extrapolation: (v, g) from the Gauss points of a cell to its vertices.
+        material: (P,) number of the material of each point; None with one material.
     """
 
     law: StressLaw
@@ -181,6 +211,7 @@ class StressTable:
     vertex_position: Array
     vertex_displacement: Array
     extrapolation: Array
+    material: NDArray[np.int64] | None = None
 
     @property
     def size(self) -> int:
@@ -208,9 +239,10 @@ class StressTable:
             measure: one of `MEASURES`.
         """
         change = np.asarray(np.tensordot(q, self.gradients[1:], axes=1), np.float64)
+        law = self.law.at(self.material)
         if measure == CAUCHY:
-            return self.law.cauchy(self.gradients[0], change)
-        return self.law.second_piola(self.gradients[0], change)
+            return law.cauchy(self.gradients[0], change)
+        return law.second_piola(self.gradients[0], change)
 
     def modal_stress(self, direction: Array) -> Array:
         """Derivative (..., P, 6) of the second Piola-Kirchhoff stress at q = 0, Pa.
@@ -219,7 +251,7 @@ class StressTable:
             direction: (..., n) directions in the coordinates.
         """
         change = np.asarray(np.tensordot(direction, self.gradients[1:], axes=1), np.float64)
-        return self.law.modal(self.gradients[0], change)
+        return self.law.at(self.material).modal(self.gradients[0], change)
 
     def at_vertices(self, values: Array) -> Array:
         """Recover values (..., P, m) at the Gauss points to the vertices, (..., N, m)."""
@@ -272,6 +304,11 @@ def von_mises(stress: Array) -> Array:
 def principal(stress: Array) -> Array:
     """Principal stresses (..., 3) of components (..., 6), the largest first."""
     return np.asarray(np.linalg.eigvalsh(tensors(stress))[..., ::-1], np.float64)
+
+
+def _vector(strain: Array) -> Array:
+    """The vectors (..., m) of symmetric tensors (..., d, d) in Mandel's notation."""
+    return np.asarray(np.einsum("aij,...ij->...a", mandel_basis(strain.shape[-1]), strain))
 
 
 def _symmetric(gradient: Array) -> Array:

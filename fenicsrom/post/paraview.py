@@ -19,6 +19,7 @@ from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online.stress import principal, von_mises
 from fenicsrom.post.vtk import Attached
 from fenicsrom.post.vtk_files import linear_grid, write_blocks, write_series, write_vtu
+from fenicsrom.scene import Elasticity, GroupMaterial
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
@@ -65,14 +66,25 @@ def array_name(study: Study, kind: str, label: str) -> str:
     return "displacement_m" if kind == "equilibrium" else label
 
 
+def _constants(material: Elasticity) -> str:
+    """The constants of a material in words."""
+    young, poisson = (
+        ", ".join(f"{value:g}" for value in (given if isinstance(given, tuple) else (given,)))
+        for given in (material.young, material.poisson)
+    )
+    of = f"group {material.group}: " if isinstance(material, GroupMaterial) else ""
+    return (
+        f"{of}Young's modulus {young} Pa, Poisson's ratio {poisson}, "
+        f"density {material.density:g} kg/m^3"
+    )
+
+
 def notes(study: Study, kind: str) -> dict[str, str]:
     """The texts of a file: normalisation and material."""
     scene = study.scene
-    material = scene.material
     found = {
         "title": scene.title or scene.source,
-        "material": f"Young's modulus {material.young:g} Pa, Poisson's ratio {material.poisson:g}, "
-        f"density {material.density:g} kg/m^3",
+        "material": "; ".join(map(_constants, (scene.material, *scene.materials))),
     }
     if kind in NORMALISATION:
         found["normalisation"] = NORMALISATION[kind]

@@ -19,20 +19,20 @@ BLAS multiplies the columns of many points at once.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.polynomial import pairs
 
+Chunks = Iterable[tuple[Array, Array]]
+
 BLOCK_BYTES = 4e6
 """Memory of the strains of one block of points; it fits into the cache of a processor."""
 
 
-def strain_products(
-    chunks: Iterable[tuple[Array, Array]], first_lame: float, shear_modulus: float, count: int
-) -> Array:
+def strain_products(chunks: Chunks, first_lame: float, shear_modulus: float, count: int) -> Array:
     """Integrate the products (2) of E₀, ε_i and h_ij.
 
     Args:
@@ -46,6 +46,40 @@ def strain_products(
         (s, s) symmetric products in J, s = 1 + n + n (n + 1) / 2, in the order E₀, ε_i, h_ij; the
         h_ij come in the order of `pairs`.
     """
+
+    def columns_of(weights: Array, gradients: Array) -> Array:
+        """The columns (3)."""
+        d = gradients.shape[-1]
+        columns = _strain_columns(np.sqrt(2.0 * shear_modulus * weights), gradients)
+        ratio = np.sqrt(1.0 + 0.5 * d * first_lame / shear_modulus)
+        columns[:, :d] += ((ratio - 1.0) / d) * columns[:, :d].sum(axis=1, keepdims=True)
+        return columns
+
+    return _summed(chunks, count, columns_of)
+
+
+def tensor_products(chunks: Chunks, stiffness: Array, count: int) -> Array:
+    """Integrate the products x : C y of E₀, ε_i and h_ij for any constant elasticity tensor.
+
+    Args:
+        chunks: as in `strain_products`.
+        stiffness: (m, m) C in Mandel's notation, positive definite, Pa.
+        count: n.
+
+    Returns:
+        As `strain_products`.
+    """
+    root = np.linalg.cholesky(stiffness).T  # rootᵀ root = C
+
+    def columns_of(weights: Array, gradients: Array) -> Array:
+        """The columns √w root x."""
+        return np.asarray(root @ _strain_columns(np.sqrt(weights), gradients))
+
+    return _summed(chunks, count, columns_of)
+
+
+def _summed(chunks: Chunks, count: int, columns_of: Callable[[Array, Array], Array]) -> Array:
+    """The sum over all points of the products of the columns (s, m, k) of the strains."""
     size = 1 + count + pairs(count)[0].size
     total = np.zeros((size, size))
     for weights, gradients in chunks:
@@ -53,21 +87,20 @@ def strain_products(
         block = max(1, int(BLOCK_BYTES / (8 * size * d * (d + 1) / 2)))
         for start in range(0, weights.size, block):
             part = slice(start, start + block)
-            columns = _strain_columns(weights[part], gradients[part], first_lame, shear_modulus)
+            columns = columns_of(weights[part], gradients[part])
+            columns = columns.reshape(size, -1)
             total += columns @ columns.T
     return total
 
 
-def _strain_columns(
-    weights: Array, gradients: Array, first_lame: float, shear_modulus: float
-) -> Array:
-    """The columns (3) of all strains: (s, d (d + 1) / 2 times k), each contiguous."""
+def _strain_columns(scale: Array, gradients: Array) -> Array:
+    """The strains in Mandel's notation (s, d (d + 1) / 2, k), times a factor (k,) of each point."""
     k, fields, d, _ = gradients.shape
     n = fields - 1
     shears = [(b, c) for b in range(d) for c in range(b + 1, d)]
     columns = np.empty((1 + n + n * (n + 1) // 2, d + len(shears), k))
     g = np.ascontiguousarray(np.moveaxis(gradients, 0, -1).transpose(1, 2, 0, 3))  # (d, d, 1+n, k)
-    scaled = g * np.sqrt(2.0 * shear_modulus * weights)
+    scaled = g * scale
     products = np.empty((d, d, fields, k))
     term = np.empty_like(products)
 
@@ -95,6 +128,4 @@ def _strain_columns(
         write(row, g[:, :, i], scaled[:, :, i:])
         row += fields - i
     columns[:, d:] *= np.sqrt(0.5)
-    ratio = np.sqrt(1.0 + 0.5 * d * first_lame / shear_modulus)
-    columns[:, :d] += ((ratio - 1.0) / d) * columns[:, :d].sum(axis=1, keepdims=True)
-    return columns.reshape(columns.shape[0], -1)
+    return columns

@@ -204,10 +204,11 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
     """
     area = section.width * section.height
     inertia = section.width * section.height**3 / 12.0
-    axial = material.young * area
-    bending = material.young * inertia
+    young, poisson = material.isotropic_constants
+    axial = young * area
+    bending = young * inertia
     n, length = section.elements, section.length / section.elements
-    section_shear = SHEAR_CORRECTION * axial / (2.0 * (1.0 + material.poisson))
+    section_shear = SHEAR_CORRECTION * axial / (2.0 * (1.0 + poisson))
     shear = 1.0 / (1.0 / section_shear + length**2 / (12.0 * bending))
     mass = _consistent_mass(n, material.density * length * np.array([area, area, inertia]))
     stiffness = _assemble(np.zeros(UNKNOWNS * (n + 1)), length, axial, shear, bending)[2][

@@ -1,7 +1,9 @@
 """What to compute: scenes read from TOML or made in Python, checked and completed."""
 
+from fenicsrom.scene.attachments import Attachment
 from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.checks import FEW_CONTACTS, INTERFACE_MODES
+from fenicsrom.scene.damping import Damping
 from fenicsrom.scene.headings import scene_heading, titled
 from fenicsrom.scene.json_schema import json_schema
 from fenicsrom.scene.loads import (
@@ -21,6 +23,7 @@ from fenicsrom.scene.loads import (
     Table,
     Traction,
 )
+from fenicsrom.scene.materials import Elasticity, GroupMaterial, Material
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.places import Place, Plane, Region, Support
 from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
@@ -31,9 +34,7 @@ from fenicsrom.scene.schema import (
     Campbell,
     Compare,
     Contact,
-    Damping,
     Geometry,
-    Material,
     Output,
     Reference,
     Rotation,
@@ -57,6 +58,7 @@ __all__ = [
     "INTERFACE_MODES",
     "Acceleration",
     "Action",
+    "Attachment",
     "Backbone",
     "Basis",
     "BeamSection",
@@ -65,10 +67,12 @@ __all__ = [
     "Contact",
     "Damping",
     "Duration",
+    "Elasticity",
     "EquilibriumOnly",
     "Families",
     "FixedStep",
     "Geometry",
+    "GroupMaterial",
     "Harmonic",
     "Harmonics",
     "History",

@@ -7,11 +7,17 @@ import re
 from collections.abc import Iterator
 from dataclasses import MISSING
 from itertools import pairwise
-from typing import NamedTuple
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.body_checks import (
+    attachment_problems,
+    damping_problems,
+    material_problems,
+    support_problems,
+)
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.places import Place, Region
+from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.response import parameter_of
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
@@ -33,34 +39,19 @@ MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a 
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
-class Problem(NamedTuple):
-    """A key that does not agree with the others.
-
-    Attributes:
-        key: the dotted key.
-        value: its value, or `MISSING`.
-        allowed: what is allowed, in words.
-        kind: the kind of the error; a missing value has its own kind.
-    """
-
-    key: str
-    value: object
-    allowed: str
-    kind: ErrorKind = ErrorKind.CONFLICT
-
-
-Problems = Iterator[Problem]
-
-
 def problems(scene: Scene, unloaded: bool = False) -> Problems:
     """Yield the keys of a scene that do not agree with each other, in the order of the checks.
 
     A scene that is `unloaded` may be without loads, contacts and probe.
     """
     yield from _geometry_problems(scene.geometry)
+    yield from material_problems(scene)
     yield from _rotation_problems(scene)
     yield from _vector_problems(scene)
     yield from _place_problems(scene)
+    yield from support_problems(scene)
+    yield from attachment_problems(scene)
+    yield from damping_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
@@ -84,6 +75,7 @@ def _places(scene: Scene) -> list[tuple[str, Place]]:
     loads = [(f"loads[{k}]", load) for k, load in enumerate(scene.loads)]
     places = [(key, load.place) for key, load in loads if _acts_at_a_place(load)]
     places += [(f"contacts[{k}]", contact.place) for k, contact in enumerate(scene.contacts)]
+    places += [(f"attachments[{k}]", found.place) for k, found in enumerate(scene.attachments)]
     return places + ([("probe", scene.probe)] if scene.probe else [])
 
 
@@ -127,7 +119,7 @@ def _place_problems(scene: Scene) -> Problems:
     for key, region in _regions(scene):
         given = {name: value for name in REGION_KEYS if (value := getattr(region, name, None))}
         if not given:
-            names = REGION_KEYS if isinstance(region, Place) else ("group", "box", "plane")
+            names = [name for name in REGION_KEYS if hasattr(region, name)]
             allowed = f"one of {', '.join(names[:-1])} and {names[-1]} must be given"
             yield Problem(f"{key}.group", MISSING, allowed)
         if len(given) > 1:

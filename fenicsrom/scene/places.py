@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from fenicsrom.scene import rules
-from fenicsrom.scene.rules import choice, number
+from fenicsrom.scene.rules import choice, list_of, number
 from fenicsrom.scene.tables import table_of
+
+AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,4 +61,13 @@ class Place(Region):
 
 @dataclass(frozen=True, kw_only=True)
 class Support(Region):
-    """A region on which every displacement is clamped."""
+    """A region or a node on which the displacement, or components of it, are clamped.
+
+    Attributes:
+        node: coordinates of a node, which must exist there.
+        components: components that are clamped: ["y"] for a roller on a plane y = constant or for
+            a plane of symmetry; by default all.
+    """
+
+    node: Annotated[tuple[float, ...] | None, rules.point] = None
+    components: Annotated[tuple[str, ...] | None, list_of(choice(*AXES))] = None

@@ -17,8 +17,11 @@ from typing import Annotated, Any
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene import rules
+from fenicsrom.scene.attachments import Attachment
 from fenicsrom.scene.backbone import Backbone
+from fenicsrom.scene.damping import Damping
 from fenicsrom.scene.loads import Load
+from fenicsrom.scene.materials import GroupMaterial, Material
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
@@ -55,48 +58,6 @@ class Geometry:
     parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Material:
-    """A St Venant–Kirchhoff material with mass-proportional damping C = α M.
-
-    Attributes:
-        young: Young's modulus.
-        poisson: Poisson's ratio.
-        density: density.
-        mass_damping: factor α of the damping matrix C = α M.
-    """
-
-    young: Annotated[float, number(above=0.0, unit="Pa")]
-    poisson: Annotated[float, number(least=0.0, below=0.5)]
-    density: Annotated[float, number(above=0.0, unit="kg/m³")]
-    mass_damping: Annotated[float, number(least=0.0, unit="1/s")] = 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Damping:
-    """Viscous damping besides the mass-proportional damping of [material].
-
-    The damping matrix is C = α M + β K + Σ 2 ζ_k ω_k M φ_k φ_kᵀ M, where K is the stiffness at the
-    equilibrium and ω_k, φ_k are the normal modes there without contact, mass-normalised.
-
-    Attributes:
-        stiffness: factor β.
-        ratios: damping ratios ζ_k of the first normal modes, or one ratio for all of them.
-        modes: number of modes, if there is one ratio for all.
-    """
-
-    stiffness: Annotated[float, number(least=0.0, unit="s")] = 0.0
-    ratios: Annotated[float | tuple[float, ...], rules.ratios] = ()
-    modes: Annotated[int, rules.integer(1, rules.MOST_RATIOS)] = 10
-
-    @property
-    def modal(self) -> tuple[float, ...]:
-        """The damping ratio of each damped mode."""
-        if isinstance(self.ratios, tuple):
-            return self.ratios
-        return (self.ratios,) * self.modes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -413,8 +374,10 @@ class Scene:
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
-        material: the material.
-        supports: the clamped regions, at least one.
+        material: the material of all cells that are in no group of `materials`.
+        materials: materials of groups of cells.
+        supports: the supports, at least one.
+        attachments: concentrated masses and springs.
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
@@ -436,11 +399,13 @@ class Scene:
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]
     material: Annotated[Material, table_of(Material)]
+    materials: Annotated[tuple[GroupMaterial, ...], tables_of(GroupMaterial)] = ()
     supports: Annotated[tuple[Support, ...], tables_of(Support, least=1)]
+    attachments: Annotated[tuple[Attachment, ...], tables_of(Attachment)] = ()
     loads: Annotated[tuple[Load, ...], tables_of(Load)] = ()
     contacts: Annotated[tuple[Contact, ...], tables_of(Contact)] = ()
     rotation: Annotated[Rotation | None, table_of(Rotation)] = None
-    damping: Annotated[Damping, table_of(Damping)] = Damping()
+    damping: Annotated[Damping, table_of(Damping)] = field(default_factory=Damping)
     probe: Annotated[Place | None, table_of(Place)] = None
     basis: Annotated[Basis, table_of(Basis)] = Basis()
     time: Annotated[Time, table_of(Time)] = field(default_factory=Time)

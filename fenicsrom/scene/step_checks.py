@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from fenicsrom.scene.checks import Problem, Problems
 from fenicsrom.scene.excitation import excitations
+from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.times import FixedStep, StepsPerPeriod
 

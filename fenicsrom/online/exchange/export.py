@@ -28,8 +28,8 @@ from fenicsrom.online.exchange.nastran import write_dmig
 from fenicsrom.online.exchange.op4 import write_op4
 from fenicsrom.online.exchange.source import write_source
 from fenicsrom.online.matrices import ModelArrays, model_arrays
-from fenicsrom.online.surfaces import spin_of
 from fenicsrom.scene import scene_heading, scene_table, toml_text
+from fenicsrom.scene.excitation import surface_spin
 from fenicsrom.scene.superelement import EXCLUDED
 
 SUFFIXES: Mapping[str, str] = {"mat": ".mat", "jax": ".py", "dmig": ".bdf", "op4": ".op4"}
@@ -161,7 +161,10 @@ def import_scene(stored: StoredModel, nodes: list[dict[str, Any]], name: str) ->
     for k, (contact, given) in enumerate(zip(scene.contacts, table["contacts"], strict=True)):
         kept = {key: value for key, value in given.items() if key not in PLACE_KEYS}
         if contact.surface is not None and contact.surface.kind == "cylinder":
-            kept["surface"] = {**given["surface"], "spin": spin_of(scene, contact.surface)}
+            kept["surface"] = {
+                **given["surface"],
+                "spin": surface_spin(contact.surface, scene.rotation),
+            }
         at = {"at": "nodes"} if contact.place.at == "nodes" else {}
         contacts.append({"group": f"contact {k + 1}", **at, **kept})
     found |= {"loads": loads} if loads else {}

@@ -1,0 +1,30 @@
+"""Concentrated masses and springs to the ground at places of the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fenicsrom.scene.places import Place
+from fenicsrom.scene.rules import number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attachment:
+    """A mass, a spring to the ground, or both, at a node or spread over a region.
+
+    Over a region, each node has a part that is in proportion to its share of the area. A spring
+    acts in all directions, with the force −k u.
+
+    Attributes:
+        place: where it is.
+        mass: mass.
+        stiffness: stiffness k of the spring.
+        stiffness_per_area: stiffness of the spring per area of a region of facets, per length of
+            edges, or per node of a group of nodes.
+    """
+
+    place: Annotated[Place, Place]
+    mass: Annotated[float, number(least=0.0, unit="kg")] = 0.0
+    stiffness: Annotated[float, number(least=0.0, unit="N/m")] = 0.0
+    stiffness_per_area: Annotated[float, number(least=0.0, unit="N/m³")] = 0.0

@@ -1,0 +1,64 @@
+"""Checks between keys of the body: its materials, supports and attachments."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING
+
+from fenicsrom.scene.materials import constant_problems
+from fenicsrom.scene.places import AXES
+from fenicsrom.scene.problem import Problem, Problems
+from fenicsrom.scene.schema import Scene
+
+
+def material_problems(scene: Scene) -> Problems:
+    """Yield the problems of the materials."""
+    dimension = scene.geometry.dimension
+    for found in constant_problems(scene.material, scene.materials, dimension):
+        yield Problem(*found)
+    if not scene.materials and scene.material.is_isotropic:
+        return
+    why = "with [[materials]]" if scene.materials else "with a material that is not isotropic"
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, f"must be false {why}")
+
+
+def support_problems(scene: Scene) -> Problems:
+    """Yield the problems of the components that the supports clamp."""
+    known = AXES[: scene.geometry.dimension]
+    for index, support in enumerate(scene.supports):
+        for k, axis in enumerate(support.components or ()):
+            if axis not in known:
+                allowed = f"must be {' or '.join(known)} in {len(known)}D"
+                yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
+        if support.components is not None and scene.reference.beam is not None:
+            allowed = "not allowed with reference.beam, whose end is clamped"
+            yield Problem(f"supports[{index}].components", list(support.components), allowed)
+
+
+def attachment_problems(scene: Scene) -> Problems:
+    """Yield the problems of the masses and springs."""
+    for index, found in enumerate(scene.attachments):
+        key = f"attachments[{index}]"
+        if not (found.mass or found.stiffness or found.stiffness_per_area):
+            yield Problem(f"{key}.mass", MISSING, "a mass or a stiffness above 0 must be given")
+        if found.mass and scene.rotation is not None:
+            allowed = "not allowed with [rotation]; model the mass by cells with a density"
+            yield Problem(f"{key}.mass", found.mass, allowed)
+        point = found.place.node or found.place.nearest or found.place.at != "mean"
+        if found.stiffness_per_area and point:
+            allowed = "only allowed on a whole region; use stiffness"
+            yield Problem(f"{key}.stiffness_per_area", found.stiffness_per_area, allowed)
+    if not scene.attachments:
+        return
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, "must be false with [[attachments]]")
+    if scene.output.stresses != "none":
+        allowed = 'must be "none" with [[attachments]], whose forces the reactions lack'
+        yield Problem("output.stresses", scene.output.stresses, allowed)
+
+
+def damping_problems(scene: Scene) -> Problems:
+    """Yield the problems of the viscous damping."""
+    if scene.viscous and scene.output.stresses != "none":
+        allowed = 'must be "none" with [damping], whose forces the reactions lack'
+        yield Problem("output.stresses", scene.output.stresses, allowed)

@@ -1,0 +1,132 @@
+"""Concentrated masses and springs: beams against closed forms, exact reduction."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from support import (
+    STOCKY,
+    assert_force_of_energy,
+    assert_polynomial_is_exact,
+    assert_tangent_of_force,
+    beam_scene,
+    make_solid,
+    refusal,
+)
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.scene import Basis
+
+SLENDER = tuple(
+    f"geometry.parameters.{size}"
+    for size in ("length=1.0", "height=0.01", "elements_along=30", "load_at=0.5")
+)
+
+
+def cantilever(attachments: list[dict[str, Any]], *overrides: str, **tables: Any) -> Any:
+    """A cantilever of 1 m x 10 mm x 10 mm with attachments."""
+    return make_solid(
+        beam_scene(
+            2,
+            (*SLENDER, "geometry.thickness=0.01", "material.poisson=0.0", *overrides),
+            contacts=None,
+            attachments=attachments,
+            **tables,
+        )
+    )
+
+
+def bending(solid: Any) -> tuple[float, float]:
+    """E I in N m² and the mass in kg of the beam."""
+    return solid.material.young * 0.01**4 / 12.0, solid.material.density * 1e-4
+
+
+def test_tip_mass_lowers_the_frequencies_as_in_the_closed_form() -> None:
+    """1 + cosh λ cos λ + (m / ρAL) λ (cos λ sinh λ − sin λ cosh λ) = 0, ω = λ² √(EI / ρAL⁴)."""
+    solid = cantilever([{"group": "tip", "mass": 0.5}])
+    stiffness, mass = bending(solid)
+
+    def residual(x: float) -> float:
+        mixed = np.cos(x) * np.sinh(x) - np.sin(x) * np.cosh(x)
+        return float(1.0 + np.cosh(x) * np.cos(x) + 0.5 / mass * x * mixed)
+
+    exact = [brentq(residual, *bracket) ** 2 for bracket in ((0.5, 1.8), (3.0, 4.6))]
+    found = component_modes(solid, Basis(modes=2)).omega[:2]
+    np.testing.assert_allclose(found, np.array(exact) * np.sqrt(stiffness / mass), rtol=1e-3)
+
+
+def test_tip_spring_carries_its_part_of_the_load() -> None:
+    """The deflection under a tip force is F / (3 E I / L³ + k)."""
+    push = {"group": "tip", "direction": [0.0, 1.0], "force": 1.0}
+    spring = {"node": [1.0, 0.0], "stiffness": 300.0}
+    solid = cantilever([spring], "geometrically_nonlinear=false", loads=[push])
+    stiffness, _ = bending(solid)
+    tip = solid.place(solid.loads[0].place, "")[0] @ solid.equilibrium
+    assert tip[1] == pytest.approx(1.0 / (3.0 * stiffness + 300.0), rel=1e-3)
+
+
+def test_elastic_support_has_its_stiffness_per_area() -> None:
+    solid = cantilever([{"group": "tip", "stiffness_per_area": 2e9}])
+    np.testing.assert_allclose(solid.springs.reshape(-1, 2).sum(axis=0), 2e9 * 0.01 * 0.01)
+
+
+def test_weight_of_a_mass_is_part_of_an_acceleration() -> None:
+    weight = {"direction": [0.0, -1.0], "acceleration": 9.81, "frequency": 1.0}
+    loads = [weight | {"frequency": 1.0}, {"group": "load", "direction": [0, 1], "force": 1.0}]
+    bare, heavy = (
+        cantilever(found, loads=loads).load_vectors[:, 0].sum()
+        for found in ([], [{"group": "tip", "mass": 0.5}])
+    )
+    assert heavy - bare == pytest.approx(-0.5, rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def sprung() -> Any:
+    """A stocky beam on springs, bent by a static load."""
+    push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e7}
+    stocky = (*STOCKY, "geometry.parameters.elements_along=2")
+    found = [{"group": "tip", "stiffness": 3e8, "mass": 1.0}, {"group": "load", "stiffness": 1e7}]
+    return make_solid(beam_scene(2, stocky, loads=[push], contacts=None, attachments=found))
+
+
+def test_force_with_springs_is_the_derivative_of_the_energy(sprung: Any) -> None:
+    assert_force_of_energy(sprung)
+
+
+def test_tangent_with_springs_is_the_derivative_of_the_force(sprung: Any) -> None:
+    assert_tangent_of_force(sprung)
+
+
+def test_polynomial_with_springs_is_exact(sprung: Any) -> None:
+    assert np.abs(sprung.equilibrium).max() > 0.005
+    assert_polynomial_is_exact(sprung)
+
+
+@pytest.mark.parametrize(
+    ("attachment", "kind", "key"),
+    [
+        ({"group": "tip"}, ErrorKind.MISSING, "attachments[0].mass"),
+        ({"group": "root", "mass": 1.0}, ErrorKind.PLACE, "attachments[0]"),
+        (
+            {"node": [1.0, 0.0], "stiffness_per_area": 1.0},
+            ErrorKind.CONFLICT,
+            "attachments[0].stiffness_per_area",
+        ),
+        (
+            {"group": "tip", "at": "centre", "stiffness_per_area": 1.0},
+            ErrorKind.CONFLICT,
+            "attachments[0].stiffness_per_area",
+        ),
+        ({"mass": 1.0}, ErrorKind.MISSING, "attachments[0].group"),
+    ],
+    ids=["nothing", "clamped", "area of a node", "area of a centre", "no place"],
+)
+def test_bad_attachments_are_refused(attachment: dict[str, Any], kind: ErrorKind, key: str) -> None:
+    with refusal(kind, key):
+        cantilever([attachment])
