@@ -1,6 +1,7 @@
 """Measure how many times faster the reduced model is than the full one, on this machine.
 
     python3 demos/benchmark.py
+    python3 demos/benchmark.py --offline 32 24 1     # CPU times of the offline stages instead
 
 Both models take the same steps: one period from rest, 200 steps (300 for the blade). The ratio is
 that of the median run times of 25 runs of the reduced model and five runs of the full model (three
@@ -11,6 +12,7 @@ distance of the quartiles. "apart" is the largest difference of the tip displace
 
 from __future__ import annotations
 
+import argparse
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,8 @@ from mpi4py import MPI
 
 from fenicsrom.assess.full_cache import machine
 from fenicsrom.fem.full import FullModel
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.fem.solid import Solid, build_solid
+from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.modes import component_modes
@@ -63,6 +66,10 @@ def compare(name: str, fast: tuple[Motion, list[float]], slow: tuple[Motion, lis
 def main() -> None:
     """Measure and print."""
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
+
+    def full(solid: Solid, scene: Scene) -> FullModel:
+        return FullModel(solid, contacts_of(scene, solid.points))
+
     for dimension in (2, 3):
         scene = read_scene(HERE / f"slip_liftoff_{dimension}d.toml")
         scene = replace(scene, time=scene.time.changed(periods=1, steady_tolerance=0.0))
@@ -77,7 +84,7 @@ def main() -> None:
         reduced = run(model, scene, 25)
         unknowns = solid.free
         name = f"{dimension}D, {basis.size} coordinates"
-        compare(f"{name}, against {unknowns} unknowns", reduced, run(FullModel(solid), scene))
+        compare(f"{name}, against {unknowns} unknowns", reduced, run(full(solid, scene), scene))
         compare(
             f"{name}, polynomial against projection",
             reduced,
@@ -93,9 +100,23 @@ def main() -> None:
     compare(
         f"{name}, against {solid.free} unknowns",
         run(model, scene, 25),
-        run(FullModel(solid), scene, 3),
+        run(full(solid, scene), scene, 3),
     )
 
 
 if __name__ == "__main__":
-    main()
+    parser = argparse.ArgumentParser()
+    parser.add_argument(
+        "--offline",
+        nargs=3,
+        type=int,
+        metavar=("ALONG", "ACROSS", "THROUGH"),
+        help="time the offline stages of blade_rub, with this number of elements",
+    )
+    offline = parser.parse_args().offline
+    if offline:
+        from benchmark_offline import measure
+
+        measure(*offline)
+    else:
+        main()

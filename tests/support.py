@@ -24,9 +24,10 @@ from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories, harmonic
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
+from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.online.surfaces import Contacts, planes
+from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
 Array = NDArray[np.float64]

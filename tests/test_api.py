@@ -18,7 +18,8 @@ import fenicsrom
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.history import HISTORY_ARRAYS
 from fenicsrom.online.matrices import UNITS, full_tensors
-from fenicsrom.online.polynomial import elastic_force, elastic_polynomial, strain_products
+from fenicsrom.online.polynomial import elastic_force, elastic_polynomial
+from fenicsrom.reduction.strain_products import strain_products
 
 PACKAGE = Path(fenicsrom.__file__).parent
 ROOT = PACKAGE.parent

@@ -34,6 +34,7 @@ class Case:
         richer: overrides of a richer basis to compare with; empty for no comparison.
         scale: length in m of the unit of the scene. If it is not 1, the run must agree with the run
             in metres.
+        full: compare with the full model at the same time steps.
     """
 
     axis: str
@@ -42,6 +43,7 @@ class Case:
     model: str = "reduced"
     richer: Overrides = ()
     scale: float = 1.0
+    full: bool = False
 
 
 class LeftOut(Exception):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.assess.enrichment import enriched
+from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.march import end_of
 from fenicsrom.online.measures import (
     amplitude,
@@ -19,74 +21,79 @@ from fenicsrom.online.measures import (
     rms,
     times_before_end,
 )
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
-from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.derivatives import all_pairs
-from fenicsrom.reduction.modes import ComponentModes, component_modes
-from fenicsrom.reduction.selection import Selection
-from fenicsrom.reduction.stages import Derivatives, differentiate, enrich
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import coarser
 from fenicsrom.scene.times import Periodic
 
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
-
 PHASES = 200  # instants at which two periods are compared
 CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
-MORE_MODES = 2  # normal modes added to a basis that has all derivatives of its modes
-MORE_DERIVATIVES = 15  # largest number of derivatives added to a basis
+# the distance from an enriched motion is the true error in the median of random scenes, and less
+# than half of it in a few percent of them (`demos/evidence/basis_estimate.py`)
+BASIS_SAFETY = 1.5
+PARTS = 4  # of a run without a period, whose root mean squares are compared
+SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
 
 
-class StepErrors(NamedTuple):
-    """Estimates of relative errors due to the time step.
+class MotionErrors(NamedTuple):
+    """Estimates of the relative errors of a motion, due to its time step or to its basis.
 
     Attributes:
-        amplitude: error of the amplitudes if the motion has settled, otherwise of the root mean
-            squares; infinite if the run with twice the step failed.
+        amplitude: error of the amplitudes of all directions together if the motion has settled,
+            otherwise of the root mean squares (and of a motion without a period also of the
+            amplitudes); infinite if there is no estimate.
         peak_force: error of the largest normal force; also infinite where the step does not resolve
             the contact.
+        directions: errors (d,) by direction, each relative to this direction: [normal, tangents],
+            or the global axes without contact. A direction with less than `SMALL_DIRECTION` of the
+            whole motion is compared with this part.
     """
 
     amplitude: float
     peak_force: float
+    directions: tuple[float, ...]
+
+    @property
+    def largest(self) -> float:
+        """The largest error of the displacements: of all directions together and of each."""
+        return max(self.amplitude, *self.directions)
 
 
-def step_errors(model: Any, scene: Scene, motion: Motion) -> StepErrors:
+def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     """Estimate the errors of a motion due to its time step, from a run with twice the step.
 
-    The estimate is twice the difference of the amplitudes if both motions settle, and otherwise
-    twice the difference of the root mean squares. The estimate is six times the error of a scheme
-    of second order. It is twice the error of a scheme of first order; contacts that switch may
-    reduce the order to one. Impacts may make the difference of the amplitudes small by chance. The
-    estimate is therefore at least a third of the distance between the last periods of both runs. If
-    a stiff contact lasts only a few steps, its peak force is not resolved. The error of this force
-    counts as unknown if a contact has a blending weight of a half or more
-    (`fenicsrom.online.contact_step`).
+    The estimate is twice the distance of the two motions. That is six times the error of a scheme
+    of second order, and twice the error of a scheme of first order; contacts that switch may reduce
+    the order to one. Impacts may make the difference of the amplitudes small by chance. The
+    estimate of a motion that has settled is therefore at least a third of the distance between the
+    last periods of both runs. If a stiff contact lasts only a few steps, its peak force is not
+    resolved. The error of this force counts as unknown if a contact has a blending weight of a half
+    or more (`fenicsrom.online.contact_step`).
 
     Args:
         model: the model that was integrated.
         scene: the scene of the motion.
         motion: the motion.
     """
+    dimension = motion.displacement.shape[2]
+    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * dimension)
     coarse = coarser(scene)
     if coarse.time == scene.time and not at_rest(motion):
-        return StepErrors(np.inf, np.inf)  # a single step cannot be made longer
+        return unknown  # a single step cannot be made longer
     try:
         other = check_motion(model, coarse, motion)
     except (ConvergenceError, AccuracyError):
-        return StepErrors(np.inf, np.inf)
+        return unknown
     if at_rest(motion) and at_rest(other):
-        return StepErrors(0.0, 0.0)
+        return MotionErrors(0.0, 0.0, (0.0,) * dimension)
     force = _force_error(motion, other)
-    if not has_settled(motion):
-        ours, theirs = rms(motion), rms(other, _start(motion))
-        size, apart = float(np.linalg.norm(ours)), float(np.linalg.norm(ours - theirs))
-        return StepErrors(2.0 * apart / size if size > 0.0 else 0.0, force)
-    if not has_settled(other):
-        return StepErrors(np.inf, force)
-    return StepErrors(_amplitude_error(motion, other), force)
+    if has_settled(motion) and not has_settled(other):
+        return unknown._replace(peak_force=force)
+    found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
+    least = _shape_distance(motion, other) / 3.0 if has_settled(motion) else 0.0
+    return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
 
 
 def check_motion(
@@ -138,16 +145,11 @@ def _force_error(motion: Motion, other: Motion) -> float:
     return apart / peak if resolved and peak > 0.0 else np.inf
 
 
-def _amplitude_error(motion: Motion, other: Motion) -> float:
-    """Estimated relative error of the amplitudes, if both motions have settled."""
-    size = float(np.linalg.norm(amplitude(motion)))
-    if not size > 0.0:
-        return 0.0
-    apart = 2.0 * float(np.linalg.norm(amplitude(motion) - amplitude(other)))
+def _shape_distance(motion: Motion, other: Motion) -> float:
+    """Relative distance of the last periods of two motions that have settled."""
     shape, other_shape = _last_period(motion), _last_period(other)
-    distance = float(np.linalg.norm(shape - other_shape))
-    shape_size = float(np.linalg.norm(shape - shape.mean(axis=0)))
-    return max(apart / size, distance / (3.0 * shape_size))
+    size = float(np.linalg.norm(shape - shape.mean(axis=0)))
+    return _relative(float(np.linalg.norm(shape - other_shape)), size)
 
 
 def _last_period(motion: Motion) -> Array:
@@ -156,114 +158,119 @@ def _last_period(motion: Motion) -> Array:
     return interpolated(motion, motion.displacement, times)
 
 
-def richer_basis(
-    body: Structure,
-    scene: Scene,
-    modes: ComponentModes,
-    selection: Selection,
-    derivatives: Derivatives,
-    buckled: bool = False,
-) -> ReducedBasis | None:
-    """A richer basis to compare with, or None if there is none.
+def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
+    """Estimate the errors of a motion due to its basis, from a run of an enriched model.
 
-    The richer basis adds the derivatives that were left out, the largest weights first. In two
-    cases it has `MORE_MODES` more normal modes and all derivatives instead: no derivative was left
-    out, or the preload has buckled the model and moved it far from the state of its basis.
+    The model is enriched by the candidates that the residual of the full equations at the motion
+    excites (`fenicsrom.assess.enrichment`). The estimate is `BASIS_SAFETY` times the distance of
+    the two motions, because the enriched model has an error too.
 
     Args:
-        body: the structure.
-        scene: its scene.
-        modes: the component modes of the basis.
-        selection: the modes and derivatives that were selected.
-        derivatives: the derivatives of the basis.
-        buckled: whether the preload has buckled the model.
-    """
-    if not scene.geometrically_nonlinear:
-        return None
-    kept = derivatives.labels
-    weights = selection.weights
-    missing = sorted(
-        set(all_pairs(modes.labels)) - set(kept),
-        key=lambda label: (-weights.get(label, 0.0), label),
-    )
-    if buckled or not missing:
-        return _with_more_modes(body, scene, modes.omega.size + MORE_MODES)
-    more = differentiate(body, scene.basis, modes, tuple(missing[:MORE_DERIVATIVES]))
-    vectors = np.concatenate([derivatives.vectors, more.vectors], axis=1)
-    try:
-        return enrich(body, modes, selection, Derivatives((*kept, *more.labels), vectors))
-    except AccuracyError:  # the new vectors depend on those of the basis
-        return None
-
-
-def _with_more_modes(body: Structure, scene: Scene, count: int) -> ReducedBasis | None:
-    """The basis of so many normal modes with all derivatives; None if there are none."""
-    wanted = scene.basis
-    try:
-        modes = component_modes(body, replace(wanted, modes=count))
-        selection = Selection(modes.labels, tuple(all_pairs(modes.labels)), {}, {})
-        derivatives = differentiate(body, wanted, modes, selection.derivatives)
-        return enrich(body, modes, selection, derivatives)
-    except (AccuracyError, SceneError):
-        return None
-
-
-def start_in(
-    body: Structure, basis: ReducedBasis, richer: ReducedBasis, motion: Motion
-) -> tuple[Array, ...] | None:
-    """The end of a motion in the coordinates of a richer basis, by projection in the mass norm.
-
-    Args:
-        body: the structure.
-        basis: the basis of the motion.
-        richer: the richer basis.
-        motion: the motion.
-
-    Returns:
-        Displacement and velocity (n,) and sliders (P, d); None for a motion that was marched or
-        has buckled, because its check starts from rest.
-    """
-    if motion.newton_from is None or motion.buckled:
-        return None
-    gram = body.mass_inner(richer.vectors, richer.vectors)
-    across = np.linalg.solve(gram, body.mass_inner(richer.vectors, basis.vectors))
-    q, v, sliders = end_of(motion)
-    return across @ q, across @ v, sliders
-
-
-def basis_error(
-    richer: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None = None
-) -> float:
-    """Estimate the relative error of a settled motion due to its basis.
-
-    The estimate is the relative distance of the amplitudes from those of a richer model. If the
-    preload has buckled the model, the distance of the initial displacements counts too.
-
-    Args:
-        richer: a model with a richer basis.
+        candidates: the larger model, under the loads and the damping of the scene.
+        size: number of coordinates of the model that was integrated.
         scene: the scene of the motion.
-        motion: the motion.
-        start: the end of the motion in the coordinates of the richer model (`start_in`), from which
-            the check starts; from rest if None.
+        motion: the motion, with its coordinates.
 
     Returns:
-        The relative error, infinite if the richer model does not settle.
-
-    Raises:
-        ConvergenceError: the richer model fails.
+        The estimates; infinite if the enriched model fails, or does not settle although the motion
+        did.
     """
-    if start is None:
-        other = simulate(richer, scene)
-    else:
-        other = check_motion(richer, scene, motion, start)
-    if not has_settled(other):
-        return float("inf")
-    apart = 0.0
-    if not (at_rest(motion) and at_rest(other)):
-        size = float(np.linalg.norm(amplitude(other)))
-        difference = float(np.linalg.norm(amplitude(motion) - amplitude(other)))
-        apart = difference / size if size > 0.0 else float("inf")
+    model = enriched(candidates, size, motion)
+    start = None
+    if motion.newton_from is not None and not motion.buckled:
+        q, v, sliders = end_of(motion)
+        more = np.zeros(model.size - size)
+        start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
+    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
+    try:
+        other = check_motion(model, scene, motion, start)
+    except (ConvergenceError, AccuracyError):
+        return unknown
+    if has_settled(motion) and not has_settled(other):
+        return unknown
+    found = distances(motion, other)
+    return MotionErrors(
+        BASIS_SAFETY * found.amplitude,
+        BASIS_SAFETY * found.peak_force,
+        tuple(BASIS_SAFETY * value for value in found.directions),
+    )
+
+
+def distances(motion: Motion, other: Motion) -> MotionErrors:
+    """Relative distances of a motion from one of a better model.
+
+    A preload that has buckled one of the models moves its start; the distance of the starts then
+    counts too.
+
+    Args:
+        motion: the motion.
+        other: the motion of the better model, to whose sizes the distances are relative.
+    """
+    compared = _compared(motion, other)
     if motion.buckled or other.buckled:
-        start, other_start = motion.displacement[0], other.displacement[0]
-        apart = max(apart, float(np.linalg.norm(start - other_start) / np.linalg.norm(other_start)))
-    return apart
+        compared.append((motion.displacement[:1], other.displacement[:1]))
+    found = _errors(compared, motion.displacement.shape[2], 1.0, relative_to=1)
+    peak, other_peak = peak_normal_force(motion), peak_normal_force(other, _start(motion))
+    return found._replace(peak_force=_relative(abs(peak - other_peak), other_peak))
+
+
+def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
+    """The displacements by which two motions are compared: pairs of arrays (k, P, d), m.
+
+    These are the amplitudes if both motions have settled. Otherwise they are the root mean squares.
+    A motion without a period is compared by its amplitudes and by the root mean squares of the
+    parts of the run, which see a change that the whole may hide.
+    """
+    points = motion.displacement.shape[1:]
+    if has_settled(motion) and has_settled(other):
+        still = at_rest(motion) and at_rest(other)
+        return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
+    if motion.period is not None:
+        return [_shaped(points, rms(motion), rms(other, _start(motion)))]
+    late = other.time >= _start(motion)
+    span = tuple(np.ptp(x, axis=0) / 2.0 for x in (motion.displacement, other.displacement[late]))
+    return [
+        _shaped(points, *span),
+        _shaped(points, *(_parts_rms(m, _start(motion)) for m in (motion, other))),
+    ]
+
+
+def _shaped(points: tuple[int, ...], ours: Array, theirs: Array) -> tuple[Array, Array]:
+    """Two arrays of displacements as (k, P, d)."""
+    return ours.reshape(-1, *points), theirs.reshape(-1, *points)
+
+
+def _parts_rms(motion: Motion, since: float) -> Array:
+    """Root mean squares (`PARTS`, P d) of equal parts of a run about their means, m."""
+    times = np.linspace(since, motion.time[-1], PARTS * PHASES + 1)
+    parts = interpolated(motion, motion.displacement, times)[1:].reshape(PARTS, PHASES, -1)
+    return np.asarray(np.std(parts, axis=1))
+
+
+def _errors(
+    compared: Sequence[tuple[Array, Array]], dimension: int, factor: float, relative_to: int
+) -> MotionErrors:
+    """Largest relative distances of pairs of displacements (k, P, d), without a peak force.
+
+    Args:
+        compared: the pairs; with none the errors are zero.
+        dimension: d.
+        factor: of the distances.
+        relative_to: the one of a pair, 0 or 1, whose size counts.
+    """
+    together = 0.0
+    apart: Array = np.zeros(dimension)
+    for pair in compared:
+        difference = factor * np.linalg.norm(pair[0] - pair[1], axis=(0, 1))
+        sizes = np.linalg.norm(pair[relative_to], axis=(0, 1))
+        whole = float(np.linalg.norm(sizes))
+        together = max(together, _relative(float(np.linalg.norm(difference)), whole))
+        least = np.maximum(sizes, SMALL_DIRECTION * whole)
+        ratios = [_relative(float(d), float(s)) for d, s in zip(difference, least, strict=True)]
+        apart = np.maximum(apart, ratios)
+    return MotionErrors(together, 0.0, tuple(float(value) for value in apart))
+
+
+def _relative(difference: float, size: float) -> float:
+    """A difference relative to a size; infinite where only the size is zero."""
+    return difference / size if size > 0.0 else (np.inf if difference > 0.0 else 0.0)

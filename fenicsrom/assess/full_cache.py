@@ -23,6 +23,7 @@ from fenicsrom.errors import SceneError
 from fenicsrom.fem.full import full_model
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.archive import provenance
+from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, scene_table
@@ -63,7 +64,8 @@ def full_motion(
             limit = f"at most {scene.time.periods} periods"
             say(f"  full model: {fraction:.0%} of {limit}, change {change:.1e}")
 
-    motion = simulate(full_model(body), scene, progress=progress)
+    model = full_model(body, contacts_of(scene, body.points))
+    motion = simulate(model, scene, progress=progress)
     note = {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": machine(),

@@ -174,7 +174,7 @@ class _Problem:
     def __init__(self, solid: Solid, basis: Array, shooting: Shooting):
         """Begin with the span of the basis."""
         self.solid = solid
-        model = FullModel(solid)
+        model = FullModel(solid, shooting.contacts)
         model.load_histories = shooting.model.load_histories
         model.damping = float(shooting.model.damping)
         plan = shooting.map.plan._replace(damping=model.damping)

@@ -10,8 +10,9 @@ the tolerance) and, where the basis is in question, with a richer basis. Its ver
     silently wrong  the error exceeds its own estimate, the motion creates energy or is unbounded,
                     or any other exception is raised
 
-The estimates of a run are `fenicsrom.assess.estimates.step_errors` and `basis_error`, which
-`fenicsrom run` checks and prints too.
+The estimates of a run are `fenicsrom.assess.estimates.step_errors` and `basis_errors`, which
+`fenicsrom run` checks and prints too. Random variants (`fenicsrom.assess.random_cases`) are also
+compared with the full model at the same time steps.
 """
 
 from __future__ import annotations
@@ -29,19 +30,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.estimates import basis_error, richer_basis, start_in, step_errors
+from fenicsrom.assess.estimates import MotionErrors
+from fenicsrom.assess.random_cases import random_cases
 from fenicsrom.assess.scales import scales_of
+from fenicsrom.assess.true_errors import candidates_of, estimates_found, full_distances, missed
 from fenicsrom.assess.unsteady import why_unsteady
-from fenicsrom.assess.verdicts import BASIS_ERROR, check_basis_error, check_time_error
+from fenicsrom.assess.verdicts import BASIS_ERROR, estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.energy import check_energy, friction_gains_energy
-from fenicsrom.online.measures import (
-    amplitude,
-    difference,
-    has_settled,
-    is_unsteady,
-    peak_normal_force,
-)
+from fenicsrom.online.measures import amplitude, difference, has_settled, peak_normal_force
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.progress import time_left
@@ -207,7 +204,7 @@ def _examine(
     """The verdict on a case and its reason; the measured values are written into `numbers`."""
     scene = scene_of(table, source, folder, case.overrides)
     model, reduction, solid = build(scene, case.model)
-    motion = simulate(model, scene)
+    motion = simulate(model, scene, keep_coordinates=True)
     numbers |= {
         "amplitude": float(np.linalg.norm(amplitude(motion))) * case.scale,
         "imbalance": motion.relative_imbalance,
@@ -218,10 +215,12 @@ def _examine(
     check_energy(motion)
     if wrong := unphysical(motion, scene.time.scheme):
         return Verdict.WRONG, wrong
-    numbers["estimate"], numbers["force_estimate"] = step_errors(model, scene, motion)
-    check_time_error(scene, numbers["estimate"], is_unsteady(motion))
-    if has_settled(motion) and reduction is not None:
-        numbers["basis_estimate"] = _own_basis_error(reduction, solid, scene, motion)
+    candidates = candidates_of(reduction, solid, scene)
+    own: dict[str, MotionErrors] = {}
+    try:
+        estimate_errors(model, candidates, scene, motion, own)
+    finally:
+        numbers |= estimates_found(own)
     fine = simulate(model, refined(scene))
     numbers["error"] = difference(motion, fine)
     peak = peak_normal_force(fine)
@@ -232,6 +231,12 @@ def _examine(
         apart = abs(numbers["amplitude"] / other - 1.0)
         if apart > UNITS_ERROR:
             return Verdict.WRONG, f"in SI units the amplitude differs by {apart:.1e}"
+    if case.full:
+        assert reduction is not None
+        error = full_distances(reduction, solid, scene, motion)
+        numbers["basis_error"] = error.amplitude
+        if reason := missed(error.amplitude, own["basis"].amplitude):
+            return Verdict.WRONG, reason
     if case.richer:
         rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
@@ -239,28 +244,6 @@ def _examine(
     if verdict is Verdict.UNSTEADY and not has_settled(motion):
         why = why_unsteady(model, scene, motion)
     return verdict, why
-
-
-def _own_basis_error(
-    reduction: Reduction, solid: Any, scene: Scene, motion: Motion
-) -> float | None:
-    """The program's own estimate of the error due to the basis; None if there is no richer basis.
-
-    Raises:
-        AccuracyError: the estimate is too large.
-    """
-    from fenicsrom.reduction.stages import reduce
-
-    found = reduction
-    richer = richer_basis(
-        solid, scene, found.modes, found.selection, found.derivatives, motion.buckled > 0
-    )
-    if richer is None:
-        return None
-    start = start_in(solid, found.basis, richer, motion)
-    estimate = basis_error(reduce(solid, scene.basis, richer), scene, motion, start)
-    check_basis_error(scene, estimate)
-    return estimate
 
 
 def unphysical(motion: Motion, scheme: str) -> str:
@@ -320,6 +303,8 @@ def stability(
     say: Callable[[str], None],
     axes: Sequence[str] = (),
     workers: int = WORKERS,
+    variants: int = 0,
+    seed: int = 0,
 ) -> Matrix:
     """Drive a scene to its extremes, and judge every run.
 
@@ -329,6 +314,8 @@ def stability(
         say: called with one line of progress at a time.
         axes: names of the axes to run (`fenicsrom.assess.axes.AXES`); by default all axes.
         workers: number of processes that share the runs.
+        variants: number of random variants to run instead of the axes; 0 runs the axes.
+        seed: seed of the random variants.
 
     Raises:
         SceneError: the scene itself is wrong, nothing moves in it, or there is no such axis.
@@ -360,6 +347,8 @@ def stability(
     scales = scales_of(model, polynomial)
     scene = with_mode_count(scene, built.modes)
     wanted, left_out = cases_of(scene, scales, axes)
+    if variants:
+        wanted, left_out = random_cases(scene, scales, variants, seed), []
     for sentence in left_out:
         say(sentence)
     findings = run_all(wanted, table, scene.source, path.parent, say, workers)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.estimates import step_errors
-from fenicsrom.assess.verdicts import check_time_error
+from fenicsrom.assess.estimates import MotionErrors
+from fenicsrom.assess.verdicts import estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel, load_model
@@ -24,7 +24,6 @@ from fenicsrom.online.measures import (
     dissipated_per_period,
     has_contact,
     has_settled,
-    is_unsteady,
     peak_normal_force,
     search_verdict,
 )
@@ -173,15 +172,18 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
         report(0.0, "")
 
     scene = stored.scene
-    motion = simulate(stored.model, scene, progress=asked)
+    motion = simulate(stored.model, scene, keep_coordinates=True, progress=asked)
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
+    errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)
-        estimate = step_errors(stored.model, scene, motion).amplitude
-        found["error_by_step"] = float(estimate) if np.isfinite(estimate) else None
-        check_time_error(scene, estimate, is_unsteady(motion))
+        estimate_errors(stored.model, stored.candidates, scene, motion, errors)
     except AccuracyError as error:
         found |= {"outcome": DOUBTFUL, "sentence": str(error)}
+    for column, cause in (("error_by_step", "time step"), ("error_by_basis", "basis")):
+        if cause in errors:
+            estimate = errors[cause].amplitude
+            found[column] = float(estimate) if np.isfinite(estimate) else None
     return found
 
 

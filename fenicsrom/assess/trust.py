@@ -8,29 +8,20 @@ compared.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.estimates import richer_basis
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.families import Family
-from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import FALLBACK_STEPS, Shooting, periodic_motion
-from fenicsrom.reduction.basis import ReducedBasis
-from fenicsrom.reduction.modes import ComponentModes
-from fenicsrom.reduction.selection import Selection
-from fenicsrom.reduction.stages import Derivatives, reduce
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.protocols import Structure
 
 LARGEST = "largest amplitude"
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
@@ -174,41 +165,15 @@ def _basis_error(point: CurvePoint, richer: Richer, settings: Any) -> float | No
     return _change(point.amplitude, motion.amplitude)
 
 
-def richer_model(
-    body: Structure,
-    stored: StoredModel,
-    basis: ReducedBasis,
-    modes: ComponentModes,
-    selection: Selection,
-    derivatives: Derivatives,
-) -> RicherModel | None:
-    """The model with a richer basis (`fenicsrom.assess.estimates.richer_basis`), or None.
+def richer_model(stored: StoredModel) -> RicherModel | None:
+    """The model with all candidates (`fenicsrom.reduction.candidates`); None if it was not made.
 
     Args:
-        body: the structure.
-        stored: its reduced model.
-        basis: the basis of this model.
-        modes: its component modes.
-        selection: the modes and derivatives that were selected.
-        derivatives: the derivatives of the basis.
+        stored: the reduced model.
     """
-    scene = stored.scene
-    richer = richer_basis(body, scene, modes, selection, derivatives)
-    if richer is None:
+    candidates = stored.candidates
+    if candidates is None:
         return None
-    model = reduce(body, scene.basis, richer)
-    if not isinstance(model, ReducedModel):
-        return None
-    other = replace(stored, model=model, labels=richer.labels)
-    return RicherModel(other, transfer(body.mass_inner, basis.vectors, richer.vectors))
-
-
-def transfer(inner: Callable[[Array, Array], Array], vectors: Array, richer: Array) -> Array:
-    """Coordinates (n', n) of a basis by those of another, nearest in the mass inner product.
-
-    Args:
-        inner: the mass inner products of the columns of two arrays.
-        vectors: (local, n) the basis.
-        richer: (local, n') the other basis.
-    """
-    return np.asarray(np.linalg.solve(inner(richer, richer), inner(richer, vectors)))
+    more = tuple(f"{k + 1}W" for k in range(candidates.size - stored.size))
+    other = replace(stored, model=candidates, labels=(*stored.labels, *more), candidates=None)
+    return RicherModel(other, np.eye(candidates.size, stored.size))

@@ -50,15 +50,12 @@ def _rerun(options: argparse.Namespace) -> int:
     if resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
     current = _changed_model(options, stored)
-    model, scene = current.model, current.scene
-    with opened(options, scene) as folder:
-        found = study.rerun(
-            stored, model, scene, folder, resume=resume, say=progress, stop=is_terminated
-        )
+    with opened(options, current.scene) as folder:
+        found = study.rerun(current, folder, resume=resume, say=progress, stop=is_terminated)
         sizes = {"reduced": stored.size}
-        table = sentences.response_table({"reduced": found.motion}, sizes, scene)
-        lines = sentences.rerun_sentences(found, model.points)
-        print_results(scene, table, found.warnings, lines, found.files)
+        table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
+        lines = sentences.rerun_sentences(found)
+        print_results(current.scene, table, found.warnings, lines, found.files)
         return _end(None, found.unfinished)
 
 
@@ -235,12 +232,29 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def stability(options: argparse.Namespace) -> int:
-    """Run extreme variants of a scene."""
+    """Run extreme or random variants of a scene.
+
+    Raises:
+        SceneError: axes and random variants are asked for together.
+    """
     from fenicsrom.assess import stability
     from fenicsrom.post import stability_report
 
+    if options.random and options.axis:
+        raise SceneError(
+            "--random and --axis: give one of them, because random variants are not on an axis",
+            kind=ErrorKind.CONFLICT,
+            key="--random",
+        )
     with opened(options, read_scene(options.scene, options.overrides)) as folder:
-        matrix = stability.stability(Path(options.scene), options.overrides, progress, options.axis)
+        matrix = stability.stability(
+            Path(options.scene),
+            options.overrides,
+            progress,
+            options.axis,
+            variants=options.random,
+            seed=options.seed,
+        )
         files = stability_report.write(matrix, folder)
         lines = [*stability_report.sentences(matrix), *matrix.left_out]
         print_results(None, "", [], lines, files)

@@ -14,6 +14,18 @@ from fenicsrom import __version__
 from fenicsrom.cli import commands, mesh_commands
 
 
+def natural(text: str) -> int:
+    """Read a whole number of at least 0.
+
+    Raises:
+        ValueError: the text is not such a number.
+    """
+    number = int(text)
+    if number < 0:
+        raise ValueError(text)
+    return number
+
+
 class Argument:
     """An argument of a command, as `ArgumentParser.add_argument` takes it."""
 
@@ -78,6 +90,16 @@ AXIS = Argument(
     default=[],
     metavar="NAME",
     help="run this axis only, such as friction; may be repeated",
+)
+RANDOM = Argument(
+    "--random",
+    type=natural,
+    default=0,
+    metavar="N",
+    help="run N random variants instead of the axes, and compare them with the full model",
+)
+SEED = Argument(
+    "--seed", type=natural, default=0, metavar="S", help="seed of the random variants (default: 0)"
 )
 OVER = Argument(
     "--over",
@@ -188,9 +210,9 @@ COMMANDS = (
     ),
     Command(
         "stability",
-        "run extreme variants of a scene, with a verdict on each",
+        "run extreme or random variants of a scene, with a verdict on each",
         commands.stability,
-        (SCENE, AXIS, SET, OUTPUT, FORCE),
+        (SCENE, AXIS, RANDOM, SEED, SET, OUTPUT, FORCE),
     ),
 )
 

@@ -195,7 +195,7 @@ def _step(
     def correct(u: Array) -> Correction | None:
         residual = body.internal_force(u) - load + c * multiply(body.mass, u - start)
         body.tangent(u, matrix)
-        matrix.axpy(c, body.mass, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        matrix.axpy(c, body.mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         try:
             factor.update()
         except ConvergenceError:

@@ -11,8 +11,16 @@ the internal force f, its tangent K and the derivative of the tangent along x ar
     v · K w       = ∫ (∇w S + F S_w) : ∇v,                    S_w = S(sym Fᵀ ∇w),    (3)
     v · K′[x] y   = ∫ (∇x S_y + ∇y S_x + F S_xy) : ∇v,        S_xy = S(sym ∇xᵀ ∇y),    (4)
 
-where S(E) is the stress of the strain E. Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which
-is exact for this material.
+where S(E) is the stress of the strain E. The mixed tangent at u after a change c of u has
+
+    S(E − ½ ∇cᵀ ∇c)    (5)
+
+in place of S in (3): the stress of the strain that was predicted before the change. Newton's method
+for independent stresses at the integration points has this tangent. It converges from states far
+away, because the stretching by too large a rotation does not enter. Source: Magisano, Leonetti and
+Garcea, Int. J. Numer. Methods Eng., 2017.
+
+Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which is exact for this material.
 
 Vectors are numpy arrays of the unknowns that this rank owns, zero on the clamped ones. The clamped
 rows of K are those of the identity; the clamped rows of M are zero.
@@ -125,6 +133,7 @@ class ElasticBody:
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": self.quadrature_degree})
         self._u = fem.Function(self.space)
         self._x, self._y = fem.Function(self.space), fem.Function(self.space)
+        self._change = fem.Function(self.space)
         self._out = fem.Function(self.space)
         trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
         lame = self.constant(self.first_lame * self.thickness)
@@ -142,11 +151,13 @@ class ElasticBody:
         gx, gy = ufl.grad(self._x), ufl.grad(self._y)
         sx, sy = stress(ufl.sym(f.T * gx)), stress(ufl.sym(f.T * gy))
         sxy = stress(ufl.sym(gx.T * gy))
+        gc = ufl.grad(self._change)
+        predicted = stress(strain - 0.5 * gc.T * gc)
         self.mass_form = fem.form(self.density * ufl.inner(trial, test) * self.dx)
         self._force_form = fem.form(ufl.inner(f * s, dv) * self.dx)
         self._weight = self.constant(1.0)
         self._tangent_form = fem.form(
-            self._weight * ufl.inner(dg * s + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
+            self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
         )
         self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self.dx)
         self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
@@ -217,15 +228,26 @@ class ElasticBody:
         force = self._vector(self._force_form)
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
-    def tangent(self, u: Array, matrix: PETSc.Mat | None = None) -> PETSc.Mat:
-        """Tangent stiffness (3) at a displacement u (local,), N/m; into `matrix` if it is given."""
+    def tangent(
+        self, u: Array, matrix: PETSc.Mat | None = None, change: Array | None = None
+    ) -> PETSc.Mat:
+        """Tangent stiffness (3) at a displacement u (local,), N/m.
+
+        Args:
+            u: (local,).
+            matrix: a matrix that is overwritten; a new one by default.
+            change: (local,) the last change of u gives the mixed tangent (5).
+        """
         self._set(self._u, u)
+        if change is not None:
+            self._set(self._change, change)
         if matrix is None:
             matrix = self.matrix(self._tangent_form, 1.0)
         else:
             matrix.zeroEntries()
             fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
             matrix.assemble()
+        self._change.x.array[:] = 0.0
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
         return matrix

@@ -2,32 +2,130 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
+from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
+from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.load_histories import factors
 from fenicsrom.online.scheme import Scheme
+from fenicsrom.online.surfaces import Contacts
 from fenicsrom.reduction.beam import BeamStructure
 from fenicsrom.reduction.protocols import Structure
 
 
-def full_model(body: Structure) -> Any:
-    """The full model of a structure, for the time integration."""
+def full_model(body: Structure, contacts: Contacts | None = None) -> Any:
+    """The full model of a structure, for the time integration; arguments as `FullModel`."""
     if isinstance(body, BeamStructure):
         return body.full_model()
 
-    return FullModel(body)
+    return FullModel(body, contacts)
 
 
 Slope = list[tuple[float, Array]]
 
 _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+
+
+CONTRACTION = 0.25
+"""Largest ratio of two changes in a time step with one factor.
+
+A factorisation with its tangent takes as long as about ten iterations. The decrement then falls by
+more than the factor of ten by which `fenicsrom.online.step` recognises rounding.
+"""
+
+PATIENCE = 10
+"""Iterations of a step, of at most fifteen, before each one makes its own factor."""
+
+SOFT_CONTACT = 1e-2
+"""Stiffness times flexibility r of a contact that is soft for a step.
+
+The weight of its force is then below r squared, and an old flexibility changes it by 1 % of this.
+"""
+
+SAME_COEFFICIENT = 1e-10
+"""Relative difference of coefficients that is rounding: steps of equal size differ by 1e-12."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Effective:
+    """The matrix S = mass M + gyroscopic G + the sum of weights times tangents.
+
+    Attributes:
+        mass: coefficient of M.
+        gyroscopic: coefficient of G.
+        states: weights and states (local,) of the tangents.
+    """
+
+    mass: float
+    gyroscopic: float
+    states: Slope
+
+    @property
+    def lever(self) -> float:
+        """The sum of the weights of the tangents."""
+        return sum(weight for weight, _ in self.states)
+
+    def mean_state(self) -> tuple[float, Array]:
+        """The sum of the weights, and the mean state (local,)."""
+        mean = sum(weight * q for weight, q in self.states)
+        return self.lever, np.asarray(mean) / (self.lever or 1.0)
+
+    def has_coefficients_of(self, other: _Effective) -> bool:
+        """Whether the coefficients of another matrix are the same, up to rounding."""
+        return bool(
+            np.allclose(
+                (self.mass, self.gyroscopic, self.lever),
+                (other.mass, other.gyroscopic, other.lever),
+                rtol=SAME_COEFFICIENT,
+                atol=0.0,
+            )
+        )
+
+
+class _Progress:
+    """The iteration of a time step: how fast its changes become smaller.
+
+    Attributes:
+        is_slow: whether the last change is too large after the one before.
+        renewals: number of factorisations in this step.
+    """
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this is the first iteration of the step."""
+        return self._iteration == 1
+
+    def __init__(self, solid: Solid):
+        self._comm, self._dot = solid.comm, solid.dot
+        self._start, self._dq = np.zeros(0), np.zeros(0)
+        self._change, self._iteration = np.inf, 0
+        self.is_slow, self.renewals = False, 0
+
+    def iterate(self) -> Array:
+        """The state (local,) at the end of the step in this iteration."""
+        return self._start + self._dq
+
+    def note(self, q0: Array, dq: Array) -> None:
+        """Note the iterate dq (local,) of a step that starts at q0 (local,)."""
+        if not self._comm.allreduce(np.array_equal(q0, self._start), op=MPI.LAND):
+            self._start, self._change, self._iteration, self.renewals = q0.copy(), np.inf, 0, 0
+        change = np.inf
+        if self._iteration:
+            change = np.sqrt(self._dot(dq - self._dq, dq - self._dq))
+        self.is_slow = self._iteration >= PATIENCE or (
+            self._iteration > 1 and not change <= CONTRACTION * self._change
+        )
+        self._dq, self._change = dq.copy(), change
+        self._iteration += 1
 
 
 class FullModel:
@@ -36,8 +134,20 @@ class FullModel:
     Vectors hold the unknowns that this rank owns.
     """
 
-    def __init__(self, solid: Solid):
-        """Take the forms and matrices of the solid; geometrically linear if its scene is."""
+    def __init__(self, solid: Solid, contacts: Contacts | None = None):
+        """Take the forms and matrices of the solid; geometrically linear if its scene is.
+
+        Args:
+            solid: the solid.
+            contacts: the contact points that the motion will meet, if they are known: a step then
+                needs no factorisation for its flexibility if it is far from contact.
+        """
+        count, d = len(solid.points.contact), solid.dimension
+        self._contacts, self._points_count, self._time = contacts, count, 0.0
+        self._here, self._scratch = zero_contact_state(count, d), contact_scratch(count, d)
+        self._normal_force = np.full(
+            count, np.nan
+        )  # trial normal forces at the end of the step before
         self._solid = solid
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
@@ -50,7 +160,6 @@ class FullModel:
         self.gyroscopic = solid.gyroscopic is not None
         self._rows = solid.contact_rows
         self._offset = solid.comm.allreduce(self._rows @ solid.equilibrium)
-        self._columns = self._rows.T.copy()
         self._probe_offset = solid.comm.allreduce(solid.probe_rows @ solid.equilibrium)
         self._energy = 0.0 if self.linear else solid.energy(solid.equilibrium)
         self._start = solid.rest_force if self.linear else np.zeros(0)
@@ -58,7 +167,12 @@ class FullModel:
         self._mass = solid.matrix(solid.mass_form, 1.0)
         self._effective = solid.stiffness.copy()
         self._factor: Factorisation | None = None
-        self._key: tuple[float, float, float] | None = None
+        self._made: _Effective | None = None  # what the factor was made for
+        self._wanted: _Effective | None = None  # the last S that was asked for
+        self._is_exact = False
+        self._unit = np.zeros((solid.local, 0))
+        self._delassus = np.zeros((self._rows.shape[0],) * 2)
+        self._progress = _Progress(solid)
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -67,6 +181,7 @@ class FullModel:
 
         The tangent itself is assembled when it is needed.
         """
+        self._progress.note(q0, dq)
         mean = start_weight * start
         slope: Slope = []
         for point, weight in zip(points, weights, strict=True):
@@ -95,26 +210,71 @@ class FullModel:
         tangent: Slope,
         residual: Array,
     ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`."""
-        key = (mass_coefficient, gyroscopic_coefficient, sum(weight for weight, _ in tangent))
-        if not (self.linear and key == self._key):
-            self._assemble(mass_coefficient, gyroscopic_coefficient, tangent)
-            try:
-                if self._factor is None:
-                    self._factor = Factorisation(
-                        self._effective, "fenicsrom_step", symmetric=not self.gyroscopic
-                    )
-                else:
-                    self._factor.update()
-            except ConvergenceError:  # the step is refused, as for the compiled model
-                self._key = None
+        """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`.
+
+        In a time step, S of an earlier state serves as long as the iteration contracts with it.
+        """
+        wanted = _Effective(mass_coefficient, gyroscopic_coefficient, tangent)
+        first = self._progress.is_first
+        keeps = self.linear or (
+            mass_coefficient > 0.0
+            and not self._progress.is_slow
+            and not (first and len(tangent) > 1 and self._needs_flexibility())
+        )
+        if not (keeps and self._made is not None and wanted.has_coefficients_of(self._made)):
+            exact = self.linear or first or mass_coefficient <= 0.0 or self._progress.renewals > 0
+            if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
                 bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
                 return bad[:, 0], bad[:, 1:], np.full((self._rows.shape[0],) * 2, np.nan)
-            self._key = key
+            self._progress.renewals += 1
         assert self._factor is not None
-        block = self._factor.solve(np.concatenate([-residual[:, None], self._columns], axis=1))
-        y, unit = block[:, 0].copy(), block[:, 1:].copy()
-        return y, unit, np.asarray(self._solid.comm.allreduce(self._rows @ unit))
+        self._wanted = wanted
+        y = self._factor.solve(-residual[:, None])[:, 0]
+        return y, self._unit, self._delassus
+
+    def _needs_flexibility(self) -> bool:
+        """Whether the step may weight a contact force by its own flexibility.
+
+        `fenicsrom.online.contact_step.implicit_blending` does so with the first S of a step. It
+        matters where a point may touch that is not soft for the step. The points that may touch are
+        those that would if the normal force, extrapolated over the step, changed twice as much.
+        """
+        count = self._points_count
+        if not count or self._contacts is None:
+            return count > 0
+        d = self._rows.shape[0] // count
+        blocks = self._delassus.reshape(count, d, count, d)[np.arange(count), :, np.arange(count)]
+        flexibility = np.linalg.norm(blocks, axis=(1, 2))
+        stiff = self._contacts.normal_stiffness * flexibility > SOFT_CONTACT
+        x = self.contact_displacement(self._progress.iterate()).reshape(count, d)
+        at_rest(self._contacts, x, x.copy(), self._time, self._here, self._scratch)
+        force, before = self._here.trial_normal_force.copy(), self._normal_force
+        self._normal_force = force
+        change = np.abs(force - before)
+        return bool(np.any(stiff & ~(np.maximum(force, before) + change < 0.0)))
+
+    def _factorise(self, wanted: _Effective, exact: bool) -> bool:
+        """Factorise S, and solve for the contact directions; False if S is singular.
+
+        Args:
+            wanted: the coefficients and states of S.
+            exact: take the tangents at all states; otherwise the one at their mean.
+        """
+        self._made = None
+        self._assemble(wanted, exact)
+        try:
+            if self._factor is None:
+                self._factor = Factorisation(
+                    self._effective, "fenicsrom_step", symmetric=not self.gyroscopic
+                )
+            else:
+                self._factor.update()
+        except ConvergenceError:
+            return False
+        self._made, self._is_exact = wanted, exact
+        self._unit = self._factor.solve(self._rows.T.toarray())
+        self._delassus = np.asarray(self._solid.comm.allreduce(self._rows @ self._unit))
+        return True
 
     @property
     def local(self) -> int:
@@ -151,34 +311,36 @@ class FullModel:
             force: (m, k) changes of the contact forces.
             by_end: (m, m) F', derivative of the contact forces by the end of the step, N/m.
         """
-        assert self._factor is not None
-        m, k = force.shape
-        right = np.concatenate([-(block + self._columns @ force), self._columns], axis=1)
-        found = self._factor.solve(right)
-        free, unit = found[:, :k], found[:, k:]
-        seen = self.contact_change(found)
-        small = np.eye(m) + by_end @ seen[:, k:]
-        return np.asarray(free - unit @ np.linalg.solve(small, by_end @ seen[:, :k]))
+        assert self._factor is not None and self._wanted is not None
+        if not (self._is_exact and self._made is self._wanted):
+            self._factorise(self._wanted, True)
+        free = self._factor.solve(-(block + self._rows.T @ force))
+        small = np.eye(force.shape[0]) + by_end @ self._delassus
+        jump = np.linalg.solve(small, by_end @ self.contact_change(free))
+        return np.asarray(free - self._unit @ jump)
 
     def negative_directions(self, slope: Slope) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        self._assemble(0.0, 0.0, slope)
-        self._key = None
+        self._assemble(_Effective(0.0, 0.0, slope), True)
+        self._made = None
         return negative_eigenvalues(self._effective)
 
-    def _assemble(self, inertia: float, drag: float, slope: Slope) -> None:
+    def _assemble(self, wanted: _Effective, exact: bool) -> None:
+        """Assemble S; with the tangent at the mean state only if not `exact`."""
         self._effective.zeroEntries()
-        for weight, q in slope:
-            if weight == 0.0:
-                continue
-            if self.linear:
-                self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
-            else:
-                self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
-        self._effective.axpy(inertia, self._mass, structure=_SAME)
-        if self.gyroscopic and drag != 0.0:
+        if self.linear:
+            self._effective.axpy(wanted.lever, self._solid.stiffness, structure=_SAME)
+        else:
+            states = wanted.states if exact else [wanted.mean_state()]
+            for weight, q in states:
+                if weight != 0.0:
+                    self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
+        self._effective.axpy(wanted.mass, self._mass, structure=_SAME)
+        if self.gyroscopic and wanted.gyroscopic != 0.0:
             self._effective.axpy(
-                drag, self._solid.gyroscopic, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+                wanted.gyroscopic,
+                self._solid.gyroscopic,
+                structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN,
             )
 
     def contact_displacement(self, q: Array) -> Array:
@@ -204,5 +366,6 @@ class FullModel:
         return self._solid.dot(a, b)
 
     def load(self, time: float) -> Array:
-        """Load vector at a time."""
+        """Load vector at a time, the end of the step that follows."""
+        self._time = time
         return self.loads @ factors(self.load_histories, time)

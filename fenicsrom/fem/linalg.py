@@ -53,6 +53,7 @@ class Factorisation:
             self._ksp.setOperators(matrix)
             pc.setFactorSetUpSolverType()
             pc.getFactorMatrix().setMumpsIcntl(24, 1)
+        self._vectors = matrix.createVecs()
         self.update()
 
     def update(self) -> None:
@@ -67,7 +68,11 @@ class Factorisation:
             raise ConvergenceError(
                 "the stiffness matrix is singular: its factorisation met a zero pivot"
             )
-        self._vectors = self.matrix.createVecs()
+
+    def destroy(self, matrix: bool = False) -> None:
+        """Free the factors, and the matrix too if asked; PETSc frees nothing itself in parallel."""
+        for part in (self._ksp, *self._vectors, *([self.matrix] if matrix else [])):
+            part.destroy()
 
     @property
     def negative_pivots(self) -> int:
@@ -83,7 +88,7 @@ class Factorisation:
         Returns:
             (local rows, k) solutions.
         """
-        if self._small:
+        if self._small or block.shape[1] == 1:
             x, b = self._vectors
             out = np.empty_like(block)
             for k in range(block.shape[1]):
@@ -91,13 +96,9 @@ class Factorisation:
                 self._ksp.solve(b, x)
                 out[:, k] = x.array
             return out
-        b = _dense(self.matrix, block)
-        x = _dense(self.matrix, np.zeros_like(block))
+        b, x = _dense(self.matrix, block), _dense(self.matrix, np.zeros(block.shape, order="F"))
         self._ksp.matSolve(b, x)
-        out = _values(x)
-        b.destroy()
-        x.destroy()
-        return out
+        return _values(x, b)
 
 
 def negative_eigenvalues(matrix: PETSc.Mat) -> int:
@@ -106,7 +107,10 @@ def negative_eigenvalues(matrix: PETSc.Mat) -> int:
     Raises:
         ConvergenceError: the matrix is singular.
     """
-    return Factorisation(matrix, "fenicsrom_inertia", counting=True).negative_pivots
+    factor = Factorisation(matrix, "fenicsrom_inertia", counting=True)
+    count = factor.negative_pivots
+    factor.destroy()
+    return count
 
 
 def multiply(matrix: PETSc.Mat, block: Array) -> Array:
@@ -121,11 +125,25 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
         found = y.array.copy()
     else:
         x = _dense(matrix, block)
-        y = matrix.matMult(x)
-        found = _values(y)
+        return _values(matrix.matMult(x), x)
     x.destroy()
     y.destroy()
     return np.asarray(found)
+
+
+def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
+    """A matrix without the zeros that are stored in it; the given matrix is destroyed.
+
+    The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
+    """
+    rows, columns, values = matrix.getValuesCSR()
+    kept = values != 0.0
+    starts = np.concatenate([[0], np.cumsum(kept)])[rows].astype(rows.dtype)
+    found = PETSc.Mat().createAIJ(
+        matrix.getSizes(), csr=(starts, columns[kept], values[kept]), comm=matrix.comm
+    )
+    matrix.destroy()
+    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
@@ -137,12 +155,18 @@ def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
     return dense
 
 
-def _values(dense: PETSc.Mat) -> Array:
-    """The rows (local, k) of a dense matrix on this rank, which may have none."""
-    rows, columns = dense.getLocalSize()[0], dense.getSize()[1]
-    if rows == 0:
-        return np.zeros((0, columns))
-    return np.array(dense.getDenseArray(), order="C", copy=True)
+def _values(result: PETSc.Mat, *others: PETSc.Mat) -> Array:
+    """The block (local, k) in a dense matrix, which is destroyed, as are the others.
+
+    The block may have no rows on this rank.
+    """
+    rows, columns = result.getLocalSize()[0], result.getSize()[1]
+    values = np.zeros((rows, columns), order="F")
+    if rows:
+        values[:] = result.getDenseArray()
+    for matrix in (result, *others):
+        matrix.destroy()
+    return values
 
 
 class _Preconditioner:
@@ -175,12 +199,18 @@ def _eigensolver(
     pc = ksp.getPC()
     pc.setType(PETSc.PC.Type.PYTHON)
     pc.setPythonContext(_Preconditioner(inverse))
-    start, _ = stiffness.createVecs()  # the same start on any number of ranks: no random numbers
+    # The same start on any number of ranks: no random numbers. It has no part in the null space of
+    # M, and then no vector has one, so that SLEPc need not remove it by a solve for each mode.
+    start, image = stiffness.createVecs()
     first, last = start.getOwnershipRange()
     start.array[:] = 1.0 + 0.5 * np.sin(1.0 + np.arange(first, last, dtype=np.float64))
+    mass.mult(start, image)
+    start.array[:] = inverse.solve(image.array[:, None])[:, 0]
     eps.setInitialSpace(start)
+    eps.setPurify(False)
     eps.setFromOptions()
     start.destroy()
+    image.destroy()
     return eps
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 from mpi4py import MPI
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
@@ -52,7 +53,7 @@ class Places:
             self._found[place] = self._mean(place, key) if mean else self._node(place, key)
         return self._found[place]
 
-    def contact_points(self, place: Place, key: str) -> list[tuple[Array, Array, float]]:
+    def contact_points(self, place: Place, key: str) -> list[tuple[csr_array, Array, float]]:
         """Give the contact points of a place.
 
         The points are sorted by the coordinate in which they extend farthest, then by the next one.
@@ -63,14 +64,15 @@ class Places:
             key: key of the scene, for messages.
 
         Returns:
-            Rows (d, local), position (3,) in m and tributary area in m² (1 of a single point) of
-            each point.
+            Sparse rows (d, local), position (3,) in m and tributary area in m² (1 of a single
+            point) of each point.
 
         Raises:
             SceneError: as `find`; or every node of the region is clamped.
         """
         if place.at != "nodes":
-            return [(*self.find(place, key), 1.0)]
+            rows, position = self.find(place, key)
+            return [(csr_array(rows), position, 1.0)]
         body, d = self._body, self._body.dimension
         weights, _, measure = self._weights(place, key)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
@@ -88,9 +90,9 @@ class Places:
         chosen.sort(key=lambda point: (*(point[k] for k in along), point))
         found = []
         for *position, weight, rank, node in chosen:
-            rows = np.zeros((d, body.local))
-            if rank == body.comm.rank:
-                rows[np.arange(d), int(node) * d + np.arange(d)] = 1.0
+            own = np.arange(d if rank == body.comm.rank else 0)
+            entries = np.ones(own.size), (own, int(node) * d + own)
+            rows = csr_array(entries, shape=(d, body.local))
             found.append((rows, np.array(position), float(weight * measure)))
         return found
 

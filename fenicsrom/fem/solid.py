@@ -9,42 +9,36 @@ only the vibrations about this equilibrium are linear.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy.sparse
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
-from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply
+from fenicsrom.fem.linalg import Factorisation, eigenmodes, multiply, without_zeros
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
+from fenicsrom.fem.statics import Statics
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.load_histories import of_loads
-from fenicsrom.online.newton import Correction, in_load_steps, newton, small_against_load
-from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, strain_products
+from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.protocols import Inverse, Structure
+from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Contact, Geometry, Load, Material, Place, Region, Rotation, Scene
 from fenicsrom.scene.excitation import highest_frequency
 
-STATIC_ITERATIONS = 25
-"""Largest number of Newton iterations of a load step."""
-
-STATIC_GROWTH = 1e6
-"""Newton's decrement may grow by this factor; if it grows more, the load step is halved."""
-
-STATIC_LAST_RESORT = 1e-15
-"""Decrement in J that is accepted after `STATIC_ITERATIONS`."""
-
-SMALLEST_LOAD_STEP = 2e-4
-"""Load steps are halved down to this fraction of the load; then the iteration fails."""
+EXTRAPOLATED = 4
+"""Number of equilibria from which the next one of a load path is extrapolated."""
 
 DIFFERENCE_STEP = 0.1
 """Largest displacement of the central difference of the tangent, relative to the extent."""
@@ -66,8 +60,8 @@ class Solid(ElasticBody):
         unstable: number of directions in which the equilibrium that the loads reach from the
             undeformed body is unstable; without contacts the body then is in a stable one nearby.
         equilibrium: (local,) displacement under the static loads, at speed, m.
-        contact_rows: Bᵀ (m, local): contact displacements in the local frames [normal, tangents],
-            point by point.
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents], point by point.
         points: the contact points.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without one.
         probe_position: (3,) position of the probe, m.
@@ -132,7 +126,7 @@ class Solid(ElasticBody):
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
 
         self.equilibrium = np.zeros(self.local)
-        self.mass = self.matrix(self.mass_form, 0.0)
+        self.mass = without_zeros(self.matrix(self.mass_form, 0.0))
         self.stiffness = self.matrix(self._tangent_form, 1.0)
         self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
         self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
@@ -143,7 +137,7 @@ class Solid(ElasticBody):
         if self.loaded:
             if geometrically_nonlinear or spinning:
                 linear = self.factor.solve(self.static_load[:, None])[:, 0]
-                self._set_equilibrium(self.static(self.static_load))
+                self._move(np.zeros(self.local), np.zeros(self.local), 0.0)
                 self.unstable = check_stability(self)
                 if not (spinning or self.unstable):
                     check_snap(self, linear)
@@ -158,9 +152,11 @@ class Solid(ElasticBody):
             key = f"contacts[{k}]"
             for at, position, area in self._places.contact_points(contact.place, key):
                 axes = frame(surface_normal(contact, position[:d], f"{self.source}: {key}"))
-                rows.append(axes @ at)
+                rows.append(csr_array(axes) @ at)
                 found.append((k, area, position[:d], axes))
-        self.contact_rows = np.concatenate(rows) if rows else np.zeros((0, self.local))
+        self.contact_rows = csr_array((0, self.local))
+        if rows:
+            self.contact_rows = scipy.sparse.vstack(rows, format="csr")
         self.points = no_points(d)
         if found:
             self.points = ContactPoints(*map(np.array, zip(*found, strict=True)))
@@ -273,12 +269,43 @@ class Solid(ElasticBody):
             (local,) displacement, m.
 
         Raises:
-            ConvergenceError: a load step below `SMALLEST_LOAD_STEP` failed.
+            ConvergenceError: a load step below the smallest one failed.
         """
-        if guess is None:
-            return self._follow(np.zeros(self.local), np.zeros(self.local), load, 0.0)
+        rest = np.zeros(self.local)
         square = self.rotation.omega_squared if self.rotation else 0.0
-        return self._follow(guess, self.internal_force(guess), load, square)
+        statics = Statics(self, self.factor, overwrite=False)
+        try:
+            if guess is None:
+                return statics.follow(rest, rest, load, 0.0)
+            return statics.follow(guess, self.internal_force(guess), load, square)
+        finally:
+            statics.close()
+
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
+
+        Args:
+            force: (local,) N.
+            parts: (k,) parts of the force, all above zero.
+            tolerance: error in the energy norm, relative to the deflection.
+
+        Raises:
+            ConvergenceError: a load step below the smallest one failed.
+        """
+        rest, found, at = self.rest_force, [self.equilibrium], [0.0]
+        square = self.rotation.omega_squared if self.rotation else 0.0
+        statics = Statics(self, self.factor, overwrite=False, tolerance=tolerance)
+        try:
+            for part in parts:
+                begin = rest + at[-1] * force
+                known = at[-EXTRAPOLATED:]
+                ahead = np.array(found[-EXTRAPOLATED:]).T @ _extrapolation(known, part)
+                u = statics.follow(found[-1], begin, rest + part * force, square, ahead)
+                found.append(u)
+                at.append(part)
+        finally:
+            statics.close()
+        return np.array(found[1:]).T
 
     def spin(self, omega: float) -> None:
         """Set another angular velocity (rad/s); equilibrium, K, its factor and G follow.
@@ -289,72 +316,27 @@ class Solid(ElasticBody):
         assert self.rotation is not None
         square = self.rotation.omega_squared
         self.rotation.set_speed(omega)
-        self._set_equilibrium(
-            self._follow(self.equilibrium, self.static_load, self.static_load, square)
-        )
+        self._move(self.equilibrium, self.static_load, square)
+        if self.gyroscopic is not None:
+            self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
-    def _set_equilibrium(self, equilibrium: Array) -> None:
-        """Set the equilibrium (local,); K and its factor follow."""
-        self.equilibrium = equilibrium
-        self.tangent(equilibrium, self.stiffness)
-        self.factor.update()
+    def _move(self, u: Array, start: Array, square: float) -> None:
+        """Follow the equilibrium u (local,) from a load (local,) and Ω²; K and its factor follow.
 
-    def _follow(self, u: Array, start: Array, load: Array, square: float) -> Array:
-        """Follow the equilibrium as load and Ω² change together.
-
-        Args:
-            u: (local,) equilibrium under the load `start` at Ω² = `square`.
-            start: (local,) N.
-            load: (local,) final load, N; the final Ω² is that of the rotating frame.
-            square: rad²/s².
+        Raises:
+            ConvergenceError: no equilibrium was found.
         """
-        rotation = self.rotation
-        goal = rotation.omega_squared if rotation else 0.0
-        matrix = self.tangent(u)
-        factor = Factorisation(matrix, "fenicsrom_static")
+        statics = Statics(self, self.factor, overwrite=True)
+        self.equilibrium = statics.follow(u, start, self.static_load, square)
+        statics.finish(self.equilibrium, self.static_load)
 
-        def solve(u: Array, part: float) -> Array | None:
-            if rotation:
-                rotation.omega_squared = square + part * (goal - square)
-            return self._newton(u, start + part * (load - start), matrix, factor)
 
-        u, reached = in_load_steps(u, solve, SMALLEST_LOAD_STEP)
-        if reached < 1.0:
-            what = "of the load"
-            if rotation:
-                rotation.omega_squared = goal
-                what += " and of the centrifugal force"
-            raise ConvergenceError(
-                f"static equilibrium: Newton's method converged up to {100.0 * reached:.4g} % "
-                f"{what}, and then failed even with a load step below "
-                f"{100.0 * SMALLEST_LOAD_STEP:g} %",
-                u,
-            )
-        return u
-
-    def _newton(
-        self, u: Array, load: Array, matrix: PETSc.Mat, factor: Factorisation
-    ) -> Array | None:
-        """The equilibrium (local,) under a load (local,) near u, or None without convergence."""
-
-        def correct(u: Array) -> Correction | None:
-            residual = self.internal_force(u) - load
-            self.tangent(u, matrix)
-            try:
-                factor.update()
-            except ConvergenceError:
-                return None
-            change = -factor.solve(residual[:, None])[:, 0]
-            return change, abs(self.dot(residual, change))
-
-        def converged(u: Array, decrement: float, first: float, last: float) -> bool:
-            acting = load
-            if self.rotation is not None:
-                acting = load + self.rotation.centrifugal_force(u)
-            return small_against_load(decrement, first, self.dot(acting, u))
-
-        return newton(u, correct, converged, STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT)
+def _extrapolation(known: Sequence[float], to: float) -> Array:
+    """Weights (k,) that extrapolate values at k points to another point (Lagrange)."""
+    return np.array(
+        [np.prod([(to - b) / (a - b) for b in known if b != a], initial=1.0) for a in known]
+    )
 
 
 def solid_of(scene: Scene, mesh: Mesh) -> Solid:

@@ -27,6 +27,11 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
+A file may hold a larger model beside this one, which judges it
+(`fenicsrom.assess.enrichment`): its mass, force, stiffness, quadratic, cubic, gyroscopic_matrix,
+loads, contact_rows and probe, under these names with the prefix `candidates_`. Its first n
+coordinates are those of the model.
+
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
 
@@ -56,6 +61,7 @@ from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
 FORMAT = "fenicsrom reduced model 3"
+CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
     "mass": "kg",
@@ -80,6 +86,8 @@ class StoredModel:
         frequencies_hz: (v,) natural frequencies of the normal modes.
         provenance: versions of the programs that made it, by name.
         recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
+        candidates: the larger model that judges the basis, whose first n coordinates are those of
+            the model; None if it was not made.
     """
 
     model: ReducedModel
@@ -90,6 +98,7 @@ class StoredModel:
     frequencies_hz: Array
     provenance: dict[str, str]
     recovery: Recovery | None = None
+    candidates: ReducedModel | None = None
 
     @property
     def size(self) -> int:
@@ -113,9 +122,17 @@ class StoredModel:
                 key=key,
                 source=scene.source,
             )
-        damping = float(scene.material.mass_damping)
-        model = self.model._replace(load_histories=load_histories(scene), damping=damping)
-        return replace(self, model=model, scene=scene)
+        changes: dict[str, Any] = {
+            "load_histories": load_histories(scene),
+            "damping": float(scene.material.mass_damping),
+        }
+        candidates = self.candidates
+        return replace(
+            self,
+            model=self.model._replace(**changes),
+            scene=scene,
+            candidates=None if candidates is None else candidates._replace(**changes),
+        )
 
     def with_overrides(self, overrides: str | Sequence[str]) -> StoredModel:
         """The same model under its scene with other values.
@@ -187,19 +204,29 @@ def save_model(path: Path, stored: StoredModel) -> None:
     model = stored.model
     arrays = {
         "frequencies_hz": stored.frequencies_hz,
-        "mass": model.mass,
         "damping": np.array(model.damping),
-        **model.elastic._asdict(),
-        "loads": model.loads,
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
-        "contact_rows": model.contact_rows,
         "contact_offset": model.contact_offset,
-        "probe": model.probe,
         "probe_offset": model.probe_offset,
-        "gyroscopic_matrix": model.gyroscopic_matrix,
+        **_matrices(model),
         **recovery_arrays(stored.recovery),
     }
+    if stored.candidates is not None:
+        more = _matrices(stored.candidates)
+        arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
     write_archive(path, header, arrays)
+
+
+def _matrices(model: ReducedModel) -> dict[str, Array]:
+    """The arrays that depend on the basis, by their names in the file."""
+    return {
+        "mass": model.mass,
+        **model.elastic._asdict(),
+        "loads": model.loads,
+        "contact_rows": model.contact_rows,
+        "probe": model.probe,
+        "gyroscopic_matrix": model.gyroscopic_matrix,
+    }
 
 
 def load_model(path: Path) -> StoredModel:
@@ -226,10 +253,41 @@ def _assemble(
         or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
     ):
         raise _damaged(path, "point_contact does not name the contacts of the scene")
-    for name, shape in _shapes(data, scene, len(labels)).items():
+    model = _checked_model(path, data, scene, len(labels))
+    try:
+        recovery = read_recovery(data, scene, len(labels))
+    except ValueError as error:
+        raise _damaged(path, str(error)) from None
+    candidates = None
+    if f"{CANDIDATES}mass" in data:
+        prefix = len(CANDIDATES)
+        more = {k[prefix:]: v for k, v in data.items() if k.startswith(CANDIDATES)}
+        mass = more["mass"]
+        size = mass.shape[0] if mass.ndim == 2 else 0
+        if size < len(labels):
+            raise _damaged(path, f"{CANDIDATES}mass is smaller than mass")
+        candidates = _checked_model(path, data | more, scene, size, CANDIDATES)
+    return StoredModel(
+        model,
+        scene,
+        str(header["method"]),
+        labels,
+        int(header["dofs"]),
+        data["frequencies_hz"],
+        {str(name): str(number) for name, number in header["provenance"].items()},
+        recovery,
+        candidates,
+    )
+
+
+def _checked_model(
+    path: Path, data: dict[str, Any], scene: Scene, size: int, prefix: str = ""
+) -> ReducedModel:
+    """The model of so many coordinates in arrays that are checked; `prefix` names them."""
+    for name, shape in _shapes(data, scene, size).items():
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
-            found = f"{name} has shape {array.shape} and type {array.dtype}"
+            found = f"{prefix}{name} has shape {array.shape} and type {array.dtype}"
             raise _damaged(path, f"{found}: must be {shape} of finite float64")
     for name, sign, word in (
         ("mass", 1.0, "symmetric"),
@@ -238,14 +296,10 @@ def _assemble(
     ):
         off = np.max(np.abs(data[name] - sign * data[name].T), initial=0.0)
         if off > 1e-9 * np.max(np.abs(data[name]), initial=0.0):
-            raise _damaged(path, f"{name} is not {word}")
+            raise _damaged(path, f"{prefix}{name} is not {word}")
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
-        raise _damaged(path, "mass or damping is not positive")
-    try:
-        recovery = read_recovery(data, scene, len(labels))
-    except ValueError as error:
-        raise _damaged(path, str(error)) from None
-    model = reduced_model(
+        raise _damaged(path, f"{prefix}mass or damping is not positive")
+    return reduced_model(
         data["mass"],
         float(data["damping"]),
         ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
@@ -257,16 +311,6 @@ def _assemble(
         data["probe"],
         data["probe_offset"],
         data["gyroscopic_matrix"],
-    )
-    return StoredModel(
-        model,
-        scene,
-        str(header["method"]),
-        labels,
-        int(header["dofs"]),
-        data["frequencies_hz"],
-        {str(name): str(number) for name, number in header["provenance"].items()},
-        recovery,
     )
 
 

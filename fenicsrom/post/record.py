@@ -1,4 +1,4 @@
-"""The record of a run: what its stages found, and the files that they wrote."""
+"""The records of a run of a scene and of a stored model: results and files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from fenicsrom.reduction.selection import Selection
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
+    from fenicsrom.assess.estimates import MotionErrors
     from fenicsrom.errors import AccuracyError, ConvergenceError
+    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.online.model import ReducedModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.recovery import Recovery
     from fenicsrom.online.stress_peaks import Stresses
@@ -19,6 +22,30 @@ if TYPE_CHECKING:
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
     from fenicsrom.scene import Scene
+
+
+@dataclass(eq=False)
+class Rerun:
+    """The record of a run of a stored model.
+
+    Attributes:
+        stored: the stored model, under the scene of the run.
+        motion: the motion; up to the failure if there was one.
+        errors: estimated relative errors of the motion by their causes, as `Study.errors`.
+        unfinished: the error of the integration or of a check, or None.
+        warnings: warnings for the user.
+        stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
+            or the model does not have them.
+        files: the written files, the report first.
+    """
+
+    stored: StoredModel
+    motion: Motion
+    errors: dict[str, MotionErrors]
+    unfinished: ConvergenceError | AccuracyError | None
+    warnings: list[str]
+    stresses: Stresses | None = None
+    files: list[Path] = field(default_factory=list)
 
 
 @dataclass(eq=False)
@@ -33,11 +60,12 @@ class Study:
         derivatives: the modal derivatives.
         basis: the reduced basis.
         model: the reduced model.
+        candidates: the larger model that judges the basis (`fenicsrom.reduction.candidates`).
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
         left_out: sentences "NAME: REASON" on what was not computed.
-        errors: estimated relative errors of the reduced model: of its amplitudes by the "time step"
-            and the "basis", and of the "peak force by the time step".
+        errors: estimated relative errors of the reduced model by their causes, "time step" and
+            "basis".
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
         recovery: tables of the stresses and reactions, if the scene asks for them.
@@ -54,10 +82,11 @@ class Study:
     derivatives: Derivatives | None = None
     basis: ReducedBasis | None = None
     model: Any = None
+    candidates: ReducedModel | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
-    errors: dict[str, float] = field(default_factory=dict)
+    errors: dict[str, MotionErrors] = field(default_factory=dict)
     deflection: Array | None = None
     recovery: Recovery | None = None
     stresses: Stresses | None = None
@@ -88,25 +117,3 @@ class Study:
             "full": self.solid.free,
             "beam": 3 * beam.elements if beam is not None else 0,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Rerun:
-    """The record of a run of a stored model.
-
-    Attributes:
-        motion: the motion; up to the failure if there was one.
-        unfinished: the error of the integration or of a check, or None.
-        errors: estimated relative errors by their names, as `Study.errors`.
-        warnings: warnings for the user.
-        files: the written files.
-        stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
-            or the model does not have them.
-    """
-
-    motion: Motion
-    unfinished: ConvergenceError | AccuracyError | None
-    errors: dict[str, float]
-    warnings: list[str]
-    files: list[Path]
-    stresses: Stresses | None = None

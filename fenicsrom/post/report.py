@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
@@ -30,7 +29,7 @@ from fenicsrom.post.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.scene import scene_heading
 
 REPORT = "report.html"
 
@@ -55,25 +54,22 @@ def write_study_report(study: Study, folder: Path) -> Path:
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
 
 
-def write_rerun_report(
-    stored: StoredModel,
-    scene: Scene,
-    found: Rerun,
-    pictures: Sequence[tuple[str, Path]],
-    folder: Path,
-) -> Path:
+def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folder: Path) -> Path:
     """Write the report of a run of a stored model.
 
     Raises:
         OSError: the file cannot be written.
     """
-    motion, error = found.motion, found.unfinished
-    rows = response_rows({"reduced": motion}, {"reduced": stored.size}, scene)
-    results = [rows, RESPONSE_NOTE, *_periodic(motion)]
+    scene, motion = found.stored.scene, found.motion
+    results: list[Any] = [
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
+        RESPONSE_NOTE,
+        *_periodic(motion),
+    ]
     if found.errors:
         results.append(estimate_sentence(found.errors, motion))
-    if error:
-        results.append(unreliable_sentence("reduced", error))
+    if found.unfinished:
+        results.append(unreliable_sentence("reduced", found.unfinished))
     sections: list[Section] = [
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import (
+    has_contact,
     has_settled,
     out_of_reach,
     response_summary,
@@ -23,6 +23,7 @@ from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.estimates import MotionErrors
     from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
@@ -47,6 +48,10 @@ ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
     "dissipated_per_period": "dissipation",
 }
+UNJUDGED = (
+    "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
+    "basis is not estimated; run the scene again to store them"
+)
 
 
 def response_rows(
@@ -107,30 +112,40 @@ def equilibrium_sentence(deflection: Array) -> str:
     return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
-def estimate_sentence(errors: Mapping[str, float], motion: Motion) -> str:
+def estimate_sentence(errors: Mapping[str, MotionErrors], motion: Motion) -> str:
     """State the estimated errors of the reduced model.
 
     Args:
         errors: as `Study.errors`.
         motion: the motion of the reduced model.
     """
-    sizes = {
-        name: f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
-        for name, value in errors.items()
-    }
-    parts = [
-        f"{size} due to the {name}" for name, size in sizes.items() if not name.startswith("peak")
-    ]
-    peak = [
-        f"; of the {name.replace(' by', f' {size} due to')}"
-        for name, size in sizes.items()
-        if name.startswith("peak")
-    ]
+    contact = has_contact(motion)
     what = "amplitude" if has_settled(motion) else "root mean square displacement"
-    return (
-        f"Estimated error of the reduced model's {what} (all directions together): "
-        f"{', '.join(parts)}{''.join(peak)}."
+    together = [f"{_percent(e.amplitude)} due to the {name}" for name, e in errors.items()]
+    names = (
+        ["normal", *(f"tangential {k}" for k in range(1, motion.displacement.shape[2]))]
+        if contact
+        else list("xyz"[: motion.displacement.shape[2]])
     )
+    if contact and len(names) == 2:
+        names[1] = "tangential"
+    by_direction = [
+        f"{direction} {' and '.join(_percent(e.directions[k]) for e in errors.values())}"
+        for k, direction in enumerate(names)
+    ]
+    sentence = (
+        f"Estimated error of the reduced model's {what}: {' and '.join(together)}, all directions "
+        f"together; by direction {', '.join(by_direction)}"
+    )
+    if contact:
+        peak = " and ".join(_percent(e.peak_force) for e in errors.values())
+        sentence += f"; of the peak force {peak}"
+    return f"{sentence}."
+
+
+def _percent(value: float) -> str:
+    """A relative error in percent, or "unknown"."""
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
 
 
 def unreliable_sentence(name: str, error: Exception) -> str:
@@ -138,13 +153,15 @@ def unreliable_sentence(name: str, error: Exception) -> str:
     return f"The {name} model has no reliable result: {error}."
 
 
-def rerun_sentences(run: Rerun, points: ContactPoints) -> list[str]:
+def rerun_sentences(found: Rerun) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
-    motion = run.motion
-    found = [resumed_sentence(motion), periodic_sentence(motion)]
-    sentences = [*(sentence for sentence in found if sentence), *out_of_reach(motion, points)]
-    sentences += [estimate_sentence(run.errors, motion)] if run.errors else []
-    return sentences + ([] if run.stresses is None else stress_sentences(run.stresses))
+    motion = found.motion
+    told = [resumed_sentence(motion), periodic_sentence(motion)]
+    if found.errors:
+        told.append(estimate_sentence(found.errors, motion))
+    told += out_of_reach(motion, found.stored.model.points)
+    told += [] if found.stresses is None else stress_sentences(found.stresses)
+    return [sentence for sentence in told if sentence]
 
 
 def resumed_sentence(motion: Motion) -> str | None:

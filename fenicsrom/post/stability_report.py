@@ -43,8 +43,9 @@ HOW = (
     "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
     "error is the difference from the run with half the step; the estimate comes from the run with "
     f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. The columns are relative to "
-    "the amplitude. Basis: difference from a basis with more modes and all derivatives. Peak N: "
-    "difference of the largest normal force from the run with half the step. Ledger: imbalance of "
+    "the amplitude. Basis: difference from a basis with more modes and all derivatives, or, of "
+    "random variants, from the full model. Peak N: difference of the largest normal force from the "
+    "run with half the step. Ledger: imbalance of "
     "the energies."
 )
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom.assess.estimates import MotionErrors
 from fenicsrom.online.archive import StoredModel, provenance
 from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
@@ -58,33 +59,40 @@ def summary(study: Study) -> dict[str, Any]:
             "unstable_directions": study.solid.unstable,
         }
     found |= motions_summary(study.motions, study.solid.points)
-    found |= _reliability(study.errors, study.unfinished)
+    found["estimated_error_percent"] = estimates_summary(study.errors)
     if study.stresses is not None:
         found |= stress_summary(study.stresses)
+    if study.unfinished:
+        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
     found["warnings"] = study.warnings
     found["provenance"] = provenance()
     return found
 
 
-def _reliability(
-    errors: Mapping[str, float], unfinished: tuple[str, Exception] | None
-) -> dict[str, Any]:
-    """Collect the estimated errors, and the reason why a model has no reliable result."""
-    found: dict[str, Any] = {
-        "estimated_error_percent": {
-            name: 100.0 * value if np.isfinite(value) else None for name, value in errors.items()
-        }
-    }
-    if unfinished:
-        found["unfinished"] = {"model": unfinished[0], "reason": str(unfinished[1])}
+def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
+    """The estimated errors in percent; None where there is no estimate.
+
+    Returns:
+        By the causes "time step" and "basis": the error of the amplitudes (root mean squares of a
+        motion that does not settle). "peak force by the CAUSE" is that of the largest normal force,
+        and "directions by the CAUSE" lists the errors of the amplitudes by direction.
+    """
+
+    def percent(value: float) -> float | None:
+        return 100.0 * value if np.isfinite(value) else None
+
+    found: dict[str, Any] = {name: percent(error.amplitude) for name, error in errors.items()}
+    for name, error in errors.items():
+        found[f"peak force by the {name}"] = percent(error.peak_force)
+        found[f"directions by the {name}"] = [percent(value) for value in error.directions]
     return found
 
 
-def rerun_summary(stored: StoredModel, scene: Scene, found: Rerun) -> dict[str, Any]:
-    """Collect the contents of `summary.json` for a run of a stored model."""
-    motion, error = found.motion, found.unfinished
-    return {
-        "scene": scene.source,
+def rerun_summary(found: Rerun) -> dict[str, Any]:
+    """Collect the contents of `summary.json` for a motion of a stored model."""
+    stored, motion = found.stored, found.motion
+    contents = {
+        "scene": stored.scene.source,
         "dofs": stored.dofs,
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
@@ -95,11 +103,14 @@ def rerun_summary(stored: StoredModel, scene: Scene, found: Rerun) -> dict[str, 
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
-        **_reliability(found.errors, ("reduced", error) if error else None),
+        "estimated_error_percent": estimates_summary(found.errors),
         **({} if found.stresses is None else stress_summary(found.stresses)),
-        "warnings": found.warnings,
-        "provenance": stored.provenance,
     }
+    if found.unfinished:
+        contents["unfinished"] = {"model": "reduced", "reason": str(found.unfinished)}
+    contents["warnings"] = found.warnings
+    contents["provenance"] = stored.provenance
+    return contents
 
 
 def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
@@ -165,6 +176,7 @@ def stored_model(study: Study) -> StoredModel:
         study.modes.frequencies_hz,
         provenance(),
         study.recovery,
+        study.candidates,
     )
 
 
@@ -185,17 +197,16 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
     return files
 
 
-def write_rerun_numbers(
-    stored: StoredModel, scene: Scene, found: Rerun, folder: Path
-) -> list[Path]:
+def write_rerun_numbers(found: Rerun, folder: Path) -> list[Path]:
     """Write the summary, the history, the checkpoint and the stresses of a stored model.
 
     Raises:
         OSError: a file cannot be written.
     """
+    stored, motion = found.stored, found.motion
     return [
-        write_summary(folder / SUMMARY, rerun_summary(stored, scene, found)),
-        write_history(folder / HISTORY, {"reduced": found.motion}),
-        *write_checkpoint(folder, stored.model, scene, found.motion),
+        write_summary(folder / SUMMARY, rerun_summary(found)),
+        write_history(folder / HISTORY, {"reduced": motion}),
+        *write_checkpoint(folder, stored.model, stored.scene, motion),
         *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

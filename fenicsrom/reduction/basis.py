@@ -20,12 +20,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
+
+WELL_DEFINED = 1e-3
+"""Smallest independent part of a vector, relative to its norm, that a Cholesky factor gives.
+
+The factor is accurate to 1e-16 of the square of the norm, so the part has six digits.
+"""
 
 ORTHOGONALITY = 1e-10
 """Largest error of the properties (1), relative to the largest sum of terms |b r| in Bᵀ R."""
@@ -83,18 +90,8 @@ def build_basis(
     Raises:
         AccuracyError: Bᵀ R differs from [I, 0], or R_s is not orthonormal (`ORTHOGONALITY`).
     """
-    kept: list[Array] = []
-    names: list[str] = []
-    dropped: dict[str, float] = {}
-    for k, label in enumerate(labels):
-        v, remainder = _orthonormalised(vectors[:, k : k + 1], masters, rows, kept, inner, total)
-        if remainder <= DEPENDENCE:
-            dropped[label] = remainder
-        else:
-            kept.append(v)
-            names.append(label)
+    enrichment, names, dropped = _orthonormalised(vectors, labels, masters, rows, inner, total)
     m = masters.shape[1]
-    enrichment = np.array(kept).T if kept else np.zeros((masters.shape[0], 0))
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
     gram = inner(r, r)
     _check(method, m, rows, r, gram, total)
@@ -105,37 +102,73 @@ def build_basis(
 
 
 def _orthonormalised(
-    vector: Array,
+    vectors: Array,
+    labels: Sequence[str],
     masters: Array,
     rows: Array,
-    kept: list[Array],
     inner: Callable[[Array, Array], Array],
     total: Callable[[Array], Array],
-) -> tuple[Array, float]:
-    """Apply (2) to a vector (local, 1) and orthonormalise it against those that are kept.
+) -> tuple[Array, list[str], dict[str, float]]:
+    """Apply (2) to the vectors and orthonormalise each against those that are kept before it.
+
+    The Cholesky factor of the Gram matrix does for a block what Gram-Schmidt does vector by vector
+    (Cholesky-QR, twice). The factor loses digits where a vector is nearly dependent: the block then
+    ends before this vector, which becomes the first one of the next block.
 
     Returns:
-        The vector (local,), and the norm of its independent part relative to the given vector. The
-        vector is normalised only if this exceeds `DEPENDENCE`.
+        The vectors that are kept (local, k), their labels, and the relative norm of the independent
+        part of the others by their labels.
     """
-    block = np.array(kept).T if kept else np.zeros((0, 0))
-    v: Array = vector[:, 0] - masters @ total(rows @ vector[:, 0])
-    size = float(np.sqrt(inner(vector, vector)[0, 0]))
-    v /= size if size > 0.0 else 1.0
-    for _ in range(2):  # the second pass removes the rounding errors of the first
-        if kept:
-            v = v - block @ inner(block, v[:, None])[:, 0]
-    remainder = float(np.sqrt(inner(v[:, None], v[:, None])[0, 0]))
-    if remainder <= DEPENDENCE:
-        return v, remainder
-    v /= remainder
-    # the division has amplified rounding errors: restore both properties in turn
-    for _ in range(2):
-        v -= masters @ total(rows @ v)
-        if kept:
-            v = v - block @ inner(block, v[:, None])[:, 0]
-        v /= np.sqrt(inner(v[:, None], v[:, None])[0, 0])
-    return v, remainder
+    kept, dropped = vectors[:, :0], dict[str, float]()
+    names: list[str] = []
+    sizes = _norms(vectors, inner)
+    rest = (vectors - masters @ total(rows @ vectors)) / np.where(sizes > 0.0, sizes, 1.0)
+    first = 0
+    while first < len(labels):
+        for _ in range(2 if names else 0):  # the second pass removes rounding errors of the first
+            rest = rest - kept @ inner(kept, rest)
+        gram = inner(rest, rest)
+        remainder = float(np.sqrt(max(gram[0, 0], 0.0)))
+        if remainder <= DEPENDENCE:
+            dropped[labels[first]] = remainder
+            first, rest = first + 1, rest[:, 1:]
+            continue
+        block = _normalised(rest, gram)
+        # the division has amplified rounding errors: restore both properties in turn
+        for _ in range(2):
+            block = block - masters @ total(rows @ block)
+            block = block - kept @ inner(kept, block)
+            block = _normalised(block, inner(block, block))
+        kept = np.concatenate([kept, block], axis=1)
+        names += labels[first : first + block.shape[1]]
+        first, rest = first + block.shape[1], rest[:, block.shape[1] :]
+    return kept, names, dropped
+
+
+def _norms(vectors: Array, inner: Callable[[Array, Array], Array]) -> Array:
+    """The norms (k,) of vectors (local, k)."""
+    return np.sqrt(np.maximum(np.diag(inner(vectors, vectors)), 0.0))
+
+
+def _normalised(block: Array, gram: Array) -> Array:
+    """The first vectors of a block (local, k) with Gram matrix (k, k), made orthonormal.
+
+    The first vector is taken, and all after it whose independent part is at least `WELL_DEFINED`
+    of their own norm and well above `DEPENDENCE`, up to the first one for which this fails.
+    """
+    size, taken = gram.shape[0], 1
+    least = np.maximum(WELL_DEFINED**2 * np.diag(gram), (DEPENDENCE / WELL_DEFINED) ** 2)
+    lower = np.zeros((size, size))
+    lower[0, 0] = np.sqrt(gram[0, 0])
+    for k in range(1, size):
+        lower[k, :k] = scipy.linalg.solve_triangular(lower[:k, :k], gram[:k, k], lower=True)
+        square = gram[k, k] - float(lower[k, :k] @ lower[k, :k])
+        if not square >= least[k]:
+            break
+        lower[k, k] = np.sqrt(square)
+        taken = k + 1
+    inverse = scipy.linalg.solve_triangular(lower[:taken, :taken], np.eye(taken), lower=True)
+    return np.asarray(block[:, :taken] @ inverse.T)
 
 
 def _check(

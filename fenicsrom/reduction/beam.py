@@ -6,11 +6,13 @@ it treats the solid.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
 import numpy as np
 import scipy.linalg
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
@@ -112,7 +114,7 @@ class BeamStructure:
         self.size = self.local = self.free = beam.mass.shape[0]
         self.dimension = places.probe_rows.shape[0]
         self.load_vectors, self.load_histories = places.load_vectors, places.load_histories
-        self.points, self.contact_rows = places.points, places.contact_rows
+        self.points, self.contact_rows = places.points, csr_array(places.contact_rows)
         self.probe_rows = places.probe_rows
         self.equilibrium: Array = np.zeros(self.size)
         self.rest_force: Array = np.zeros(self.size)
@@ -130,7 +132,7 @@ class BeamStructure:
             self.load_vectors,
             self.load_histories,
             self.points,
-            self.contact_rows,
+            self.contact_rows.toarray(),
             np.zeros(self.contact_rows.shape[0]),
             self.probe_rows,
             np.zeros(self.probe_rows.shape[0]),
@@ -249,6 +251,17 @@ class BeamStructure:
                 start,
             )
         return found
+
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (n, k) under k increasing parts of a force (n,), to the last digits.
+
+        Raises:
+            ConvergenceError: an iteration did not converge.
+        """
+        found: list[Array] = [self.equilibrium]
+        for part in parts:
+            found.append(self.static(part * force, found[-1]))
+        return np.array(found[1:]).T
 
 
 def beam_model(scene: Scene) -> DenseModel:

@@ -30,8 +30,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
+from fenicsrom.reduction.masters import master_directions, scaled_condition
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
@@ -44,15 +44,6 @@ An exact pair of a symmetric section is split by a mesh of tetrahedra.
 
 FACING_TOLERANCE = 1e-6
 """Smaller works of a mode on a direction, relative to the largest work, count as zero."""
-
-INDEPENDENCE = 1e-12
-"""Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
-
-LARGEST_CONDITION = 1e12
-"""Contact coordinates depend if the scaled flexibility has a larger condition number."""
-
-IMMOBILE = 1e-14
-"""A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,83 +238,6 @@ def unit_displacements(structure: Structure, rows: Array, flexibility: Array) ->
     return np.asarray(near @ np.linalg.inv(structure.inner(rows.T, near)))
 
 
-def master_directions(structure: Structure, masters: str | int) -> tuple[Array, Array]:
-    """Give the master directions W of the contact forces and their attachment modes.
-
-    Interface modes are the eigenvectors of Bᵀ K⁻¹ B with the largest eigenvalues. Among all sets of
-    the same number of force combinations, their static responses are closest, in the energy norm,
-    to the responses under all contact forces.
-
-    Args:
-        structure: the structure.
-        masters: "all" directions, "normal" directions, or a number of interface modes.
-
-    Returns:
-        Wᵀ Bᵀ (m, local), and the attachment modes K⁻¹ B W (local, m).
-
-    Raises:
-        SceneError: the supports forbid a contact direction; or, without interface modes, contact
-            directions depend on one another.
-    """
-    rows = structure.contact_rows
-    if rows.shape[0] == 0:
-        return rows, np.zeros((structure.local, 0))
-    if masters == "normal":
-        rows = rows[:: structure.dimension]
-    attachment = structure.factor.solve(rows.T.copy())
-    flexibility = structure.inner(rows.T, attachment)
-    check_flexibility(structure, flexibility, isinstance(masters, str))
-    if isinstance(masters, str):
-        return rows, attachment
-    values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
-    independent = int(np.sum(values > INDEPENDENCE * values[-1]))
-    chosen = vectors[:, ::-1][:, : min(masters, independent)]
-    largest = chosen[np.argmax(np.abs(chosen), axis=0), np.arange(chosen.shape[1])]
-    chosen *= np.where(largest < 0.0, -1.0, 1.0)
-    return chosen.T @ rows, attachment @ chosen
-
-
-def check_flexibility(structure: Structure, flexibility: Array, independent: bool) -> None:
-    """Check that the contact coordinates can move.
-
-    Args:
-        structure: the structure.
-        flexibility: (m, m) Bᵀ K⁻¹ B of the contact coordinates.
-        independent: each coordinate must also move independently of the others.
-
-    Raises:
-        SceneError: a coordinate cannot move, or coordinates depend on one another.
-    """
-    contact = structure.points.contact
-    d = flexibility.shape[0] // len(contact)
-    diagonal = np.diag(flexibility)
-    for k in np.flatnonzero(~(diagonal > IMMOBILE * np.max(diagonal))):
-        key = f"contacts[{contact[k // d]}]"
-        raise SceneError(
-            f"{structure.source}: {key}: the supports forbid a motion of the contact point along "
-            f"direction {k % d + 1} of [normal, tangents]; move the contact away from the supports",
-            kind=ErrorKind.PLACE,
-            key=key,
-            source=structure.source,
-        )
-    if independent and scaled_condition(flexibility) > LARGEST_CONDITION:
-        raise SceneError(
-            f"{structure.source}: contacts: two contact coordinates always move together; remove "
-            "one of them, or set basis.masters to a number of interface modes",
-            kind=ErrorKind.CONFLICT,
-            key="contacts",
-            source=structure.source,
-        )
-
-
-def scaled_condition(matrix: Array) -> float:
-    """Condition number of a symmetric matrix after scaling to unit diagonal; 1 for an empty one."""
-    if matrix.size == 0:
-        return 1.0
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    return float(np.linalg.cond(matrix / np.outer(scale, scale)))
-
-
 def close_frequency_groups(omega: Array, tolerance: float) -> list[slice]:
     """Split frequencies into groups of close neighbours.
 
@@ -361,11 +275,15 @@ def align_modes(structure: Structure, omega_squared: Array, modes: Array) -> Arr
     """
     if modes.shape[1] == 0:
         return modes
-    directions = np.concatenate(
-        [structure.load_vectors, structure.contact_rows.T, structure.probe_rows.T], axis=1
+    work = np.concatenate(
+        [
+            structure.inner(modes, structure.load_vectors),
+            structure.inner(structure.contact_rows.T, modes).T,
+            structure.inner(modes, structure.probe_rows.T),
+            structure.mass_inner(modes, structure.translations()),
+        ],
+        axis=1,
     )
-    moved = structure.mass_inner(modes, structure.translations())
-    work = np.concatenate([structure.inner(modes, directions), moved], axis=1)
     largest = np.max(np.abs(work), axis=0)
     works = np.abs(work) > FACING_TOLERANCE * largest
     aligned = modes.copy()

@@ -9,7 +9,10 @@ Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Protocol
+
+from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
@@ -63,7 +66,8 @@ class Structure(Protocol):
         load_histories: time factors of the loads.
         excitation: the highest frequency that the scene excites, Hz.
         points: the contact points.
-        contact_rows: Bᵀ (m, local), contact displacements in the local frames [normal, tangents].
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents].
         probe_rows: (d, local) displacement of the probe.
     """
 
@@ -78,7 +82,7 @@ class Structure(Protocol):
     load_histories: LoadHistories
     excitation: float
     points: ContactPoints
-    contact_rows: Array
+    contact_rows: csr_array
     probe_rows: Array
 
     @property
@@ -150,6 +154,15 @@ class Structure(Protocol):
 
         Raises:
             ConvergenceError: no equilibrium was found.
+        """
+
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
+
+        `tolerance` bounds the error in the energy norm, relative to the deflection.
+
+        Raises:
+            ConvergenceError: an equilibrium was not found.
         """
 
     def largest(self, block: Array) -> Array:

@@ -30,6 +30,12 @@ RESOLVED = 10
 STATIC_LEVELS = 10
 """Number of load levels of the nonlinear statics."""
 
+STATIC_ACCURACY = 1e-7
+"""Relative error of the nonlinear statics.
+
+The extrapolation to the next level amplifies errors, so a looser tolerance costs factorisations.
+"""
+
 SNAPSHOT_STEADINESS = 1e-3
 """The linear transient ends if its relative change over a period is smaller."""
 
@@ -142,9 +148,6 @@ def static_snapshots(structure: Structure, linear: Array) -> Array:
     """
     sizes = np.array([structure.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
     force = structure.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
-    rest = structure.rest_force
-    u, found = structure.equilibrium, []
-    for level in tracked(range(1, STATIC_LEVELS + 1)):
-        u = structure.static(rest + level / STATIC_LEVELS * force, u)
-        found.append(u - structure.equilibrium)
-    return np.array(found).T
+    parts = [level / STATIC_LEVELS for level in range(1, STATIC_LEVELS + 1)]
+    found = structure.load_path(force, tracked(parts), STATIC_ACCURACY)
+    return np.asarray(found - structure.equilibrium[:, None])

@@ -99,3 +99,11 @@ def basis(run: Run) -> None:
 def reduced_model(run: Run) -> None:
     """Project the solid on the basis."""
     run.study.model = run.reduction.model
+
+
+def candidates(run: Run) -> None:
+    """Project the solid on the basis and its candidates, for the error estimate."""
+    from fenicsrom.reduction.candidates import candidate_model
+
+    study = run.study
+    study.candidates = candidate_model(study.solid, study.scene.basis, run.reduction)

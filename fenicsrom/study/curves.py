@@ -11,7 +11,6 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
     from fenicsrom.assess.response_results import Response
-    from fenicsrom.assess.trust import RicherModel
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.scene import Scene
 
@@ -50,7 +49,6 @@ def response(
     """
     from fenicsrom.assess.response_files import check_folder
     from fenicsrom.assess.response_problem import check_response
-    from fenicsrom.assess.trust import richer_model
     from fenicsrom.online.archive import save_model
     from fenicsrom.post.response_report import write
     from fenicsrom.post.summary import MODEL, stored_model
@@ -63,13 +61,7 @@ def response(
     kept = folder if ranks.rank == 0 else None
     if kept is not None:
         save_model(kept / MODEL, stored)
-    assert built.basis is not None and built.modes is not None
-    richer = None
-    if built.derivatives is not None:
-        richer = richer_model(
-            built.solid, stored, built.basis, built.modes, built.selection, built.derivatives
-        )
-    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop, richer)
+    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop)
     found.warnings[:0] = built.warnings
     if found.table.full_values and not found.interrupted:
         from fenicsrom.assess.full_points import add_full_points
@@ -121,10 +113,10 @@ def _curves(
     resume: Path | None,
     workers: int,
     stop: Callable[[], bool],
-    richer: RicherModel | None = None,
 ) -> Response:
     """Compute the response curves of a stored model; arguments as `response`."""
     from fenicsrom.assess import response as curves
+    from fenicsrom.assess.trust import richer_model
 
     watch = Stopwatch(say)
     with watch("response curves"):
@@ -135,5 +127,5 @@ def _curves(
             resume=resume,
             workers=workers,
             stop=stop,
-            richer=richer,
+            richer=richer_model(stored),
         )

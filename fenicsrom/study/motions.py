@@ -53,8 +53,9 @@ def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
         from fenicsrom.fem.full import full_model
+        from fenicsrom.online.contact_points import contacts_of
 
-        return full_model(study.solid)
+        return full_model(study.solid, contacts_of(study.scene, study.solid.points))
     if name == "beam":
         from fenicsrom.reduction.beam import beam_model
 
@@ -90,39 +91,17 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.estimates import basis_error, richer_basis, start_in
-    from fenicsrom.assess.verdicts import check_basis_error, checked
+    from fenicsrom.assess.verdicts import estimate_errors
     from fenicsrom.online.energy import check_energy
-    from fenicsrom.online.measures import has_settled
-    from fenicsrom.reduction.stages import reduce
 
-    scene, model = study.scene, ""
+    model = ""
     try:
         for name, motion in study.motions.items():
             model = name
             check_energy(motion)
-        model, motion = "reduced", study.motions["reduced"]
-        errors, failure = checked(study.model, scene, motion)
-        study.errors |= errors
-        if failure is not None:
-            raise failure
-        if has_settled(motion) and study.modes is not None and study.derivatives is not None:
-            richer = richer_basis(
-                study.solid,
-                scene,
-                study.modes,
-                study.selection,
-                study.derivatives,
-                motion.buckled > 0,
-            )
-            if richer is not None:
-                assert study.basis is not None
-                study.errors["basis"] = basis_error(
-                    reduce(study.solid, scene.basis, richer),
-                    scene,
-                    motion,
-                    start_in(study.solid, study.basis, richer, motion),
-                )
-                check_basis_error(scene, study.errors["basis"])
+        model = "reduced"
+        estimate_errors(
+            study.model, study.candidates, study.scene, study.motions["reduced"], study.errors
+        )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

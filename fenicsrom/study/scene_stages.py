@@ -1,6 +1,7 @@
 """What a scene needs and why: its stages in the order in which they run.
 
-    mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> motions -> files
+    mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> candidates
+        -> motions -> files
 
 `stages` is the only place that says what a scene needs. `run` executes the needed stages, `plan`
 lists all of them. The numbers are written before the pictures.
@@ -76,7 +77,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis, which may need a richer basis"
+            "energy balance, time step and basis, which runs an enriched basis"
             if moving
             else why_not,
             lambda run: motions.check(run.study),
@@ -126,6 +127,12 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             elastic_reason(scene) if with_basis else why_not,
             building.reduced_model,
             reduction_parts(scene) if with_basis else (),
+        ),
+        Stage(
+            "candidates",
+            with_basis,
+            "vectors that the basis leaves out, for the error estimate" if with_basis else why_not,
+            building.candidates,
         ),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]

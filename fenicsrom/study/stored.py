@@ -10,6 +10,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
+    from fenicsrom.assess.estimates import MotionErrors
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
@@ -20,8 +21,6 @@ if TYPE_CHECKING:
 
 def rerun(
     stored: StoredModel,
-    model: Any,
-    scene: Scene,
     folder: Path,
     *,
     resume: Path | None = None,
@@ -31,9 +30,7 @@ def rerun(
     """Integrate a stored model, check the motion and write the files: the numbers first.
 
     Args:
-        stored: the stored model, for its provenance.
-        model: the model with the parameters of the scene.
-        scene: the scene.
+        stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
         say: receives the progress, one line at a time; by default nobody.
@@ -45,45 +42,57 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.verdicts import checked
     from fenicsrom.online.checkpoints import load_checkpoint
     from fenicsrom.post.record import Rerun
-    from fenicsrom.post.sentences import motion_warnings, rerun_warnings
+    from fenicsrom.post.sentences import UNJUDGED, motion_warnings, rerun_warnings
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
-    watch = Stopwatch(say)
+    watch, model, scene = Stopwatch(say), stored.model, stored.scene
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = rerun_warnings(scene)
-    errors: dict[str, float] = {}
+    errors: dict[str, MotionErrors] = {}
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
+        if stored.candidates is None:
+            warnings.append(UNJUDGED)
         stop_where_asked(stop)
         with watch("checks"):
-            errors, unfinished = checked(model, scene, motion)
+            unfinished = _check(stored, motion, errors)
     stresses = None
     if unfinished is None:
-        stresses = _stresses(stored, model, scene, motion, warnings, watch)
-    found = Rerun(motion, unfinished, errors, warnings, [], stresses)
-    found.files.extend(_write(stored, scene, found, folder, watch, stop))
+        stresses = _stresses(stored, motion, warnings, watch)
+    found = Rerun(stored, motion, errors, unfinished, warnings, stresses)
+    _write(found, folder, watch, stop)
     return found
 
 
+def _check(
+    stored: StoredModel, motion: Motion, errors: dict[str, MotionErrors]
+) -> AccuracyError | ConvergenceError | None:
+    """Write the estimated errors of a motion into `errors`; give the error that rejects it."""
+    from fenicsrom.assess.verdicts import estimate_errors
+    from fenicsrom.online.energy import check_energy
+
+    try:
+        check_energy(motion)
+        estimate_errors(stored.model, stored.candidates, stored.scene, motion, errors)
+    except (AccuracyError, ConvergenceError) as error:
+        return error
+    return None
+
+
 def _stresses(
-    stored: StoredModel,
-    model: Any,
-    scene: Scene,
-    motion: Motion,
-    warnings: list[str],
-    watch: Stopwatch,
+    stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
     """Find the stresses if the scene asks for them; warn if the model does not have them."""
     from fenicsrom.online.stress_peaks import find_stresses
 
+    scene = stored.scene
     if scene.output.stresses == "none":
         return None
     if stored.recovery is None:
@@ -93,7 +102,9 @@ def _stresses(
         )
         return None
     with watch("stresses"):
-        return find_stresses(stored.recovery, scene, model, motion, stored.frequencies_hz.size)
+        return find_stresses(
+            stored.recovery, scene, stored.model, motion, stored.frequencies_hz.size
+        )
 
 
 def _integrate(
@@ -117,8 +128,8 @@ def _integrate(
         motion = simulate(
             model,
             scene,
+            keep_coordinates=True,
             resume=begin,
-            keep_coordinates=scene.output.stresses != "none",
             checkpoint=keeper(folder / CHECKPOINT, model, scene),
             progress=watch.progress("reduced", scene.time.steady_tolerance),
             stop=stop,
@@ -130,15 +141,8 @@ def _integrate(
     return motion, None
 
 
-def _write(
-    stored: StoredModel,
-    scene: Scene,
-    found: Rerun,
-    folder: Path,
-    watch: Stopwatch,
-    stop: Callable[[], bool],
-) -> list[Path]:
-    """Write the numbers, the pictures and the report; give the written files.
+def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:
+    """Write the numbers, the pictures and the report, and note the files, the report first.
 
     A picture that cannot be drawn adds a warning.
     """
@@ -146,15 +150,16 @@ def _write(
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
+    motion, warnings = found.motion, found.warnings
     stop_where_asked(stop)
     with watch("numbers"):
-        files = write_rerun_numbers(stored, scene, found, folder)
+        files = write_rerun_numbers(found, folder)
     stop_where_asked(stop)
-    pictures = motion_pictures({"reduced": found.motion}) if scene.output.pictures else []
+    pictures = motion_pictures({"reduced": motion}) if found.stored.scene.output.pictures else []
     with watch("pictures"):
-        written = draw_pictures(pictures, folder, found.warnings)
-        if found.stresses is not None and scene.output.pictures:
-            assert stored.recovery is not None
-            written += write_stress_picture(stored.recovery, found.stresses, folder, found.warnings)
-    report = write_rerun_report(stored, scene, found, written, folder)
-    return [report, *files, *(path for _, path in written)]
+        written = draw_pictures(pictures, folder, warnings)
+        if found.stresses is not None and found.stored.scene.output.pictures:
+            assert found.stored.recovery is not None
+            written += write_stress_picture(found.stored.recovery, found.stresses, folder, warnings)
+    report = write_rerun_report(found, written, folder)
+    found.files += [report, *files, *(path for _, path in written)]

@@ -17,7 +17,7 @@ from fenicsrom.assess import branches
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response import response
 from fenicsrom.assess.response_results import ResponseCurve
-from fenicsrom.assess.trust import RicherModel, transfer
+from fenicsrom.assess.trust import richer_model
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
@@ -151,9 +151,8 @@ def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
     model = reduced_model(
         np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
     )
-    other = replace(stored, model=model, labels=("1V", "2V"))
-    moved = transfer(lambda a, b: a.T @ b, np.eye(2)[:, :1], np.eye(2))
-    return response(stored, ignore, richer=RicherModel(other, moved)).curves[0]
+    richer_of = richer_model(replace(stored, candidates=model))
+    return response(stored, ignore, richer=richer_of).curves[0]
 
 
 def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:

@@ -114,7 +114,9 @@ def test_verdict_of_a_case_under_every_kind_of_trouble(monkeypatch: pytest.Monke
     def verdict(**changed: Motion) -> Finding:
         found = runs | {int(name[1:]): run for name, run in changed.items()}
         for module in (stability, estimates):
-            monkeypatch.setattr(module, "simulate", lambda _, s: found[s.time.steps_per_period])
+            monkeypatch.setattr(
+                module, "simulate", lambda _, s, **o: found[s.time.steps_per_period]
+            )
         return stability.examine(Case("a", "b", ()), {}, "s", Path())
 
     def scaled(run: Motion, factor: float) -> Motion:

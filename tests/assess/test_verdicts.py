@@ -115,13 +115,13 @@ def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:
     bent = model._replace(probe_offset=np.ones(2))  # type: ignore[attr-defined]
     motion = simulate.simulate(bent, scene)
     assert measures.at_rest(motion) and measures.has_settled(replace(motion, steady=False))
-    assert estimates.step_errors(bent, scene, motion) == (0.0, 0.0)
-    elsewhere = bent._replace(probe_offset=np.full(2, 1.25))
-    assert estimates.basis_error(elsewhere, scene, motion) == 0.0
-    assert estimates.basis_error(elsewhere, scene, replace(motion, buckled=1)) == pytest.approx(0.2)
-    assert estimates.basis_error(
-        model._replace(loads=2.0 * model.loads), scene, moving
-    ) == pytest.approx(0.5, rel=1e-3)  # type: ignore
+    assert estimates.step_errors(bent, scene, motion) == (0.0, 0.0, (0.0, 0.0))
+    elsewhere = simulate.simulate(bent._replace(probe_offset=np.full(2, 1.25)), scene)
+    assert estimates.distances(motion, elsewhere) == (0.0, 0.0, (0.0, 0.0))
+    moved = estimates.distances(replace(motion, buckled=1), elsewhere)
+    assert moved.amplitude == pytest.approx(0.2)
+    twice = simulate.simulate(model._replace(loads=2.0 * model.loads), scene)  # type: ignore
+    assert estimates.distances(moving, twice).amplitude == pytest.approx(0.5, rel=1e-3)
 
 
 @pytest.mark.parametrize("tolerance", [0.9, 0.999])
@@ -142,10 +142,11 @@ def test_estimate_of_a_huge_tolerance_is_many_times_the_error(tolerance: float) 
 def test_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> None:
     model, scene, motion = oscillator()
     single = replace(scene, time=scene.time.changed(duration=1.0, step=1.0))
-    assert estimates.step_errors(model, single, replace(motion, period=None)) == (np.inf, np.inf)
+    unknown = estimates.step_errors(model, single, replace(motion, period=None))
+    assert unknown == (np.inf, np.inf, (np.inf, np.inf)) and unknown.largest == np.inf
     still = replace(motion, period=None, displacement=np.ones_like(motion.displacement))
     monkeypatch.setattr(estimates, "simulate", lambda *_: still)
-    assert estimates.step_errors(model, single, still) == (0.0, 0.0)
+    assert estimates.step_errors(model, single, still) == (0.0, 0.0, (0.0, 0.0))
 
 
 def test_long_steps_are_refused_with_their_key() -> None:

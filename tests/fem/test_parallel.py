@@ -52,7 +52,8 @@ def gathered(block):
 
 
 everything = [
-    modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T, solid.equilibrium, force
+    modes.normal, modes.static, theta, basis.vectors, solid.contact_rows.T.toarray(),
+    solid.equilibrium, force
 ]
 table = gathered(np.column_stack(everything))
 y, unit, compliance = full.solve_effective(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)

@@ -285,9 +285,9 @@ def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
 
 
 def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    from fenicsrom.fem import solid
+    from fenicsrom.fem import statics
 
-    monkeypatch.setattr(solid, "STATIC_ITERATIONS", 1)
+    monkeypatch.setattr(statics, "STATIC_ITERATIONS", 1)
     with pytest.raises(
         ConvergenceError, match="up to 0 % of the load and of the centrifugal force"
     ):

@@ -304,7 +304,7 @@ def test_place_used_twice_warns_once() -> None:
         " contacts[0]",
         " loads[0]",
     ]
-    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows)
+    np.testing.assert_array_equal(solid.probe_rows, solid.contact_rows.toarray())
     np.testing.assert_array_equal(
         solid.place(Place(nearest=(1.0, 0.09)), "again")[0], solid.probe_rows
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -118,4 +119,45 @@ def test_file_of_an_earlier_version_asks_to_run_the_scene_again(
     header = json.loads(str(arrays["header"])) | {"format": "fenicsrom reduced model 2"}
     np.savez(path, **arrays | {"header": np.array(json.dumps(header))})
     with refusal(ErrorKind.FORMAT, file=path.name):
+        load_model(path)
+
+
+@pytest.fixture
+def judged(stored: StoredModel) -> StoredModel:
+    """The stored model beside a larger one of three coordinates."""
+    larger = linear_model(
+        np.eye(3),
+        np.diag([500.0, 900.0, 2000.0]),
+        damping=5.0,
+        loads=[[1.0], [0.3], [0.2]],
+        load_histories=stored.model.load_histories,
+    )
+    return replace(stored, candidates=larger)
+
+
+def test_candidates_are_stored_with_the_model(judged: StoredModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, judged)
+    found = load_model(path).candidates
+    assert judged.candidates is not None and found is not None
+    for name in ("mass", "loads", "probe"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(judged.candidates, name))
+    np.testing.assert_array_equal(found.elastic.stiffness, judged.candidates.elastic.stiffness)
+
+
+def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
+    other = judged.with_scene(scene_with("loads.0.force=20.0", "material.mass_damping=50.0"))
+    assert other.candidates is not None and other.candidates.damping == 50.0
+    assert other.candidates.load_histories is other.model.load_histories
+
+
+@pytest.mark.parametrize("name", ["mass", "loads"])
+def test_damaged_candidates_are_refused(judged: StoredModel, tmp_path: Path, name: str) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, judged)
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays[f"candidates_{name}"] = arrays[f"candidates_{name}"][:1, :1]
+    np.savez(path, **arrays)
+    with refusal(ErrorKind.FORMAT, file=path.name, names=f"candidates_{name}"):
         load_model(path)

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, one_contact, oscillator
 
-from fenicsrom.assess.estimates import check_motion, start_in, step_errors
+from fenicsrom.assess.estimates import check_motion, step_errors
 from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
 from fenicsrom.online.energy import check_energy
 from fenicsrom.online.history import read_history
@@ -347,9 +347,8 @@ def test_history_and_report_tell_of_the_jump(tmp_path: Path) -> None:
     marched = run(model, period, contacts, steady="march")
     path = write_history(tmp_path / "history.npz", {"reduced": marched})
     assert read_history(path)["reduced"].newton_from is None
-    stored: Any = SimpleNamespace(size=4)
-    record = Rerun(motion, None, {}, [], [])
-    page = write_rerun_report(stored, beam_scene(2), record, [], tmp_path).read_text()
+    stored: Any = SimpleNamespace(size=4, scene=beam_scene(2))
+    page = write_rerun_report(Rerun(stored, motion, {}, None, []), [], tmp_path).read_text()
     assert str(periodic_sentence(motion)) in html.unescape(page)
     drawn = plot_energy(motion).axes[0]
     stored_energy = [line for line in drawn.lines if line.get_color() == "#009E73"]
@@ -372,25 +371,6 @@ def test_check_starts_from_the_periodic_motion() -> None:
         step_errors(model, fine, simulate(model, fine)),
     )
     assert errors.amplitude == pytest.approx(others.amplitude, rel=1e-4)
-
-
-def test_start_in_a_richer_basis_is_the_same_displacement() -> None:
-    rng = np.random.default_rng(3)
-    mass = np.diag(rng.uniform(1.0, 2.0, 9))
-    body: Any = SimpleNamespace(mass_inner=lambda a, b: a.T @ mass @ b)
-    small = rng.standard_normal((9, 4))
-    mixed = np.concatenate([small, rng.standard_normal((9, 2))], axis=1)
-    basis: Any = SimpleNamespace(vectors=small)
-    richer: Any = SimpleNamespace(vectors=mixed @ rng.standard_normal((6, 6)))
-    model, contacts, period = rubbing()
-    motion = run(model, period, contacts)
-    start = start_in(body, basis, richer, motion)
-    assert start is not None and motion.end is not None
-    state = motion.end.state
-    np.testing.assert_allclose(richer.vectors @ start[0], small @ state.q, atol=1e-10)
-    np.testing.assert_allclose(richer.vectors @ start[1], small @ state.v, atol=1e-10)
-    np.testing.assert_array_equal(start[2], state.contact.slider)
-    assert start_in(body, basis, richer, replace(motion, search=None)) is None
 
 
 @pytest.mark.parametrize(

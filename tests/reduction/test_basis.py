@@ -117,11 +117,11 @@ def test_rubin_spans_modes_and_attachment_modes(name: str, request: pytest.Fixtu
     """span{Phi, Psi^r} = span{Phi, G}: the static response to contact forces is exact for any
     number of modes."""
     solid = request.getfixturevalue(name)
-    attachment = solid.factor.solve(solid.contact_rows.T.copy())
+    attachment = solid.factor.solve(solid.contact_rows.T.toarray())
     for count in (1, 4):
         modes, _, basis = enriched(solid, "rubin", count, [])
         k = solid.inner(basis.vectors, solid.stiffness_times(basis.vectors))
-        reduced = np.linalg.solve(k, solid.inner(basis.vectors, solid.contact_rows.T))
+        reduced = np.linalg.solve(k, solid.inner(basis.vectors, solid.contact_rows.T.toarray()))
         # the static compliance of the contact point from the reduced model is that of a solve
         exact = solid.contact_rows @ attachment
         np.testing.assert_allclose(
@@ -134,3 +134,42 @@ def test_rubin_spans_modes_and_attachment_modes(name: str, request: pytest.Fixtu
             np.linalg.solve(solid.mass_inner(basis.vectors, basis.vectors), k)
         )
         np.testing.assert_allclose(np.sort(squares.real)[:count], modes.omega**2, rtol=1e-5)
+
+
+def one_by_one(vectors: Array) -> tuple[Array, list[int]]:
+    """Gram-Schmidt vector by vector, repeated: the vectors (N, kept) and their numbers."""
+    kept: list[Array] = []
+    numbers = []
+    for k, vector in enumerate(vectors.T):
+        v = vector - MASTERS @ (ROWS @ vector)
+        v /= np.sqrt(vector @ (WEIGHTS * vector))
+        for _ in range(4):
+            for other in kept:
+                v = v - other * (other @ (WEIGHTS * v))
+            v = v - MASTERS @ (ROWS @ v)
+        size = np.sqrt(v @ (WEIGHTS * v))
+        if size > DEPENDENCE:
+            for _ in range(4):
+                v = v / np.sqrt(v @ (WEIGHTS * v))
+                for other in kept:
+                    v = v - other * (other @ (WEIGHTS * v))
+            kept.append(v)
+            numbers.append(k)
+    return np.array(kept).T, numbers
+
+
+def test_blocks_give_the_vectors_of_gram_schmidt() -> None:
+    rng = np.random.default_rng(5)
+    vectors = rng.standard_normal((N, 9))
+    # parts outside of the vectors before: at the ends of blocks, and around the threshold
+    for k, part in ((2, 1e-2), (3, 1e-5), (5, 3e-7), (6, 2e-8), (8, 1e-4)):
+        vectors[:, k] = vectors[:, :k] @ rng.standard_normal(k) + part * rng.standard_normal(N)
+    labels = [f"{k + 1}V" for k in range(9)]
+    basis = make(vectors, labels)
+    expected, numbers = one_by_one(vectors)
+    assert set(basis.dropped) == {"7V"} and basis.labels[2:] == tuple(labels[k] for k in numbers)
+    # a vector with an independent part of 3e-7 has nine digits
+    np.testing.assert_allclose(basis.vectors[:, 2:], expected, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        inner(basis.vectors[:, 2:], basis.vectors[:, 2:]), np.eye(8), rtol=0, atol=1e-13
+    )

@@ -164,7 +164,7 @@ def test_held_derivatives_do_not_move_the_contact(
     free = np.abs(solid.factor.solve(rhs)).max(axis=0)
     assert np.all(np.abs(solid.contact_rows @ theta).max(axis=0) <= 1e-7 * free)
     # what is out of balance is held by contact forces
-    keep, b = free_unknowns(solid), solid.contact_rows.T
+    keep, b = free_unknowns(solid), solid.contact_rows.T.toarray()
     balance = solid.stiffness_times(theta) + rhs
     beside = (balance - b @ np.linalg.lstsq(b, balance, rcond=None)[0])[keep]
     assert np.all(np.linalg.norm(beside, axis=0) <= 1e-7 * np.linalg.norm(rhs, axis=0))

@@ -46,7 +46,12 @@ def body(request: pytest.FixtureRequest) -> Any:
 def matrices(solid: Any) -> tuple[NDArray[np.int64], Array, Array, Array]:
     """The free unknowns, and K, M and B of these unknowns."""
     keep = free_unknowns(solid)
-    return keep, dense(solid.stiffness, keep), dense(solid.mass, keep), solid.contact_rows.T[keep]
+    return (
+        keep,
+        dense(solid.stiffness, keep),
+        dense(solid.mass, keep),
+        solid.contact_rows.T.toarray()[keep],
+    )
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories
+from fenicsrom.post.sentences import UNJUDGED
 
 SHORT = (
     "geometrically_nonlinear=false",
@@ -40,14 +42,14 @@ def stored(*overrides: str) -> StoredModel:
 
 def warnings_of(model: StoredModel, folder: Path) -> list[str]:
     """The warnings of a run, which its summary repeats."""
-    found = study.rerun(model, model.model, model.scene, folder)
+    found = study.rerun(model, folder)
     assert json.loads((folder / "summary.json").read_text())["warnings"] == found.warnings
     return found.warnings
 
 
 def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
-    (warning,) = warnings_of(stored(), tmp_path)
-    assert "within 2 periods" in warning
+    warning, other = warnings_of(stored(), tmp_path)
+    assert "within 2 periods" in warning and other == UNJUDGED
 
 
 def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> None:
@@ -79,14 +81,14 @@ def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -
 
 def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
     """With so long a step, the run with twice the step gives another motion."""
-    model = stored("time.steps_per_period=6", "time.periods=40")
-    found = study.rerun(model, model.model, model.scene, tmp_path)
+    model = stored("time.steps_per_period=10", "time.periods=40", "loads.0.frequency=3.6")
+    found = study.rerun(model, tmp_path)
     assert isinstance(found.unfinished, AccuracyError)
     assert found.unfinished.kind is ErrorKind.TIME_STEP
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["unfinished"] == {"model": "reduced", "reason": str(found.unfinished)}
     assert summary["estimated_error_percent"]["time step"] == pytest.approx(
-        100.0 * found.errors["time step"]
+        100.0 * found.errors["time step"].amplitude
     )
     page = html.unescape((tmp_path / "report.html").read_text())
     assert str(found.unfinished) in page and "no reliable result" in page
@@ -94,9 +96,31 @@ def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
 
 def test_summary_and_report_of_good_run_give_the_estimate(tmp_path: Path) -> None:
     model = stored("time.periods=40", "time.steps_per_period=200")
-    found = study.rerun(model, model.model, model.scene, tmp_path)
-    assert found.unfinished is None and 0.0 < found.errors["time step"] < 0.1
+    found = study.rerun(model, tmp_path)
+    assert found.unfinished is None and 0.0 < found.errors["time step"].amplitude < 0.1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert "unfinished" not in summary
     assert summary["estimated_error_percent"]["time step"] > 0.0
     assert "due to the time step" in (tmp_path / "report.html").read_text()
+
+
+def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) -> None:
+    """The load is at the second frequency, which only the candidates have: the run is refused, and
+    its files say so."""
+    model = stored("loads.0.frequency=4.8", "time.periods=40")
+    both = linear_model(
+        np.eye(2),
+        np.diag([500.0, (2.0 * np.pi * 4.8) ** 2]),
+        damping=model.model.damping,
+        loads=[[1.0], [0.5]],
+        load_histories=model.model.load_histories,
+    )
+    both = both._replace(probe=np.array([[1.0, 1.0], [0.0, 0.0]]))
+    found = study.rerun(replace(model, candidates=both), tmp_path)
+    assert isinstance(found.unfinished, AccuracyError) and UNJUDGED not in found.warnings
+    assert found.unfinished.kind is ErrorKind.BASIS
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert told["unfinished"]["reason"] == str(found.unfinished)
+    estimates = told["estimated_error_percent"]
+    assert estimates["basis"] == pytest.approx(100.0 * found.errors["basis"].amplitude)
+    assert estimates["basis"] > 50.0 and len(estimates["directions by the basis"]) == 2

@@ -1,0 +1,142 @@
+"""Time the offline stages of blade_rub beside the bare computations that they need.
+
+    python3 demos/benchmark.py --offline ALONG ACROSS THROUGH
+
+The numbers are elements along the span, across the chord and through the thickness. The times are
+CPU times on one thread, because wall time means little on a machine that others use. A floor is the
+same computation by the library alone: one factorisation by MUMPS, the eigenmodes by SLEPc with this
+factor, one block of solves for the derivatives, and the products of the strains by BLAS.
+"""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Callable
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import basix
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+from slepc4py import SLEPc
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.solid import Solid, solid_of
+from fenicsrom.reduction.mode_count import EXTRA_MODES
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.snapshots import Snapshots
+from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
+from fenicsrom.scene import read_scene
+
+SCENE = Path(__file__).parent / "blade_rub.toml"
+STRAIN_ROWS = 7  # Mandel's six components and the trace
+
+
+class Table:
+    """The rows of the table: stages, their CPU times and their floors in seconds."""
+
+    def __init__(self, comm: MPI.Comm):
+        """Start without rows."""
+        self.comm, self.sum, self.floors = comm, 0.0, 0.0
+
+    def measure(self, work: Callable[[], Any]) -> tuple[Any, float]:
+        """Do some work; its result, and its CPU time on the slowest rank."""
+        start = process_time()
+        found = work()
+        return found, self.comm.allreduce(process_time() - start, op=MPI.MAX)
+
+    def row(self, name: str, work: Callable[[], Any]) -> Any:
+        """Run a stage and print its CPU time; returns its result."""
+        found, seconds = self.measure(work)
+        self.sum += seconds
+        self.write(f"{name:24} {seconds:9.2f}")
+        return found
+
+    def floor(self, name: str, work: Callable[[], Any]) -> Any:
+        """Run a bare computation and print its CPU time; returns its result."""
+        found, seconds = self.measure(work)
+        self.floors += seconds
+        self.write(f"  bare {name:17} {'':9} {seconds:9.2f}")
+        return found
+
+    def write(self, line: str) -> None:
+        """Print a line once."""
+        if self.comm.rank == 0:
+            print(line, flush=True)
+
+
+def bare_eigensolver(solid: Solid, count: int) -> SLEPc.EPS:
+    """Set up SLEPc for the lowest modes; its factorisation is the floor of all factorisations."""
+    eps = SLEPc.EPS().create(solid.comm)
+    eps.setOperators(solid.stiffness, solid.mass)
+    eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    eps.setTarget(0.0)
+    eps.setDimensions(count)
+    st = eps.getST()
+    st.setType(SLEPc.ST.Type.SINVERT)
+    ksp = st.getKSP()
+    ksp.setType(PETSc.KSP.Type.PREONLY)
+    ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+    ksp.getPC().setFactorSolverType("mumps")
+    eps.setUp()
+    return eps
+
+
+def bare_products(solid: Solid, size: int) -> Array:
+    """Form the products of all strains, from strains that are there already."""
+    cell = solid.mesh.domain.basix_cell()
+    points = basix.make_quadrature(cell, solid.quadrature_degree)[1].size
+    topology = solid.mesh.domain.topology
+    rows = STRAIN_ROWS * points * topology.index_map(topology.dim).size_local
+    strains = np.ones((min(rows, 10_000), size))
+    total = np.zeros((size, size))
+    for first in range(0, rows, strains.shape[0]):
+        part = strains[: rows - first]
+        total += part.T @ part
+    return total
+
+
+def measure(along: int, across: int, through: int) -> None:
+    """Run all offline stages of blade_rub and print the table."""
+    parameters = {
+        "elements_along": along,
+        "elements_across": across,
+        "elements_through": through,
+    }
+    scene = read_scene(SCENE, [f"geometry.parameters.{k}={v}" for k, v in parameters.items()])
+    comm = MPI.COMM_WORLD
+    table = Table(comm)
+    table.write(f"{'CPU seconds':24} {'stage':>9} {'floor':>9}")
+    mesh = table.row("mesh", lambda: build_mesh(scene.geometry, comm))
+    solid = table.row("solid, equilibrium", lambda: solid_of(scene, mesh))
+    modes = table.row("modes", lambda: component_modes(solid, scene.basis))
+    snapshots = Snapshots(solid, scene, modes)
+    table.row("linear transient", lambda: snapshots.linear)
+    table.row("nonlinear statics", lambda: snapshots.static)
+    selection = table.row("selection", lambda: choose(solid, scene, modes, snapshots))
+    derivatives = table.row(
+        "derivatives",
+        lambda: differentiate(solid, scene.basis, modes, selection.derivatives),
+    )
+    basis = table.row("basis", lambda: enrich(solid, modes, selection, derivatives))
+    table.row("reduction", lambda: reduce(solid, scene.basis, basis))
+    n, peak = basis.size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+
+    count = modes.omega.size + EXTRA_MODES
+    eps = table.floor("factorisation", lambda: bare_eigensolver(solid, count))
+    table.floor("eigenmodes", eps.solve)
+    eps.destroy()
+    right = np.random.default_rng(0).standard_normal((solid.local, len(selection.derivatives)))
+    table.floor("derivative solves", lambda: solid.factor.solve(right))
+    table.floor("polynomial", lambda: bare_products(solid, 1 + n + n * (n + 1) // 2))
+    table.write(f"{'sum':24} {table.sum:9.2f} {table.floors:9.2f}")
+    table.write(
+        f"{solid.free} unknowns, {len(solid.points.contact)} contact points, {n} coordinates, "
+        f"{comm.size} ranks: {table.sum / table.floors:.2f} times the floor, "
+        f"peak {peak:.2f} GB per rank"
+    )
+    table.write("derivatives: " + " ".join(selection.derivatives))

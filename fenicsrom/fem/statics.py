@@ -1,0 +1,216 @@
+"""Nonlinear static equilibria of a solid, with few factorisations.
+
+A correction solves with a factor of the tangent stiffness that is kept while each correction is
+smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
+current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. The residual is always that of the
+full equations, so the equilibrium does not depend on the tangents. Where this fails, at a limit
+load, plain Newton with the tangent of each state follows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.linalg import Factorisation
+from fenicsrom.online.newton import STATIC_TOLERANCE, Correction, in_load_steps, newton
+
+CONTRACTION = 0.3
+"""Largest ratio of two corrections with one factor; a factorisation costs about ten corrections."""
+
+EQUILIBRIUM_TOLERANCE = 1e-12
+"""Error of an equilibrium in the energy norm, relative to its deflection: rounding of good meshes.
+
+An iteration that stops to contract below `STATIC_TOLERANCE` has reached the rounding of its mesh.
+"""
+
+NEAR = 0.1
+"""Largest correction that a factor of an earlier state may make, relative to the deflection."""
+
+STATIC_ITERATIONS = 60
+"""Largest number of corrections of a load step."""
+
+STATIC_FACTORISATIONS = 25
+"""Largest number of factorisations of a load step."""
+
+STATIC_GROWTH = 1e6
+"""Newton's decrement may grow by this factor; if it grows more, the load step is halved."""
+
+STATIC_LAST_RESORT = 1e-15
+"""Decrement in J that is accepted after `STATIC_ITERATIONS`."""
+
+SMALLEST_LOAD_STEP = 2e-4
+"""Load steps are halved down to this fraction of the load; then the iteration fails."""
+
+
+class Statics:
+    """Finds equilibria of a body that follow one another, with one factor as long as it serves.
+
+    Every method is collective.
+    """
+
+    def __init__(
+        self,
+        body: ElasticBody,
+        factor: Factorisation,
+        overwrite: bool,
+        tolerance: float = EQUILIBRIUM_TOLERANCE,
+    ):
+        """Start with the factor of a tangent stiffness of the body.
+
+        Args:
+            body: the body.
+            factor: the factor.
+            overwrite: whether other tangents may overwrite this factor and its matrix; otherwise
+                they get their own, which `close` frees.
+            tolerance: error of an equilibrium in the energy norm, relative to its deflection.
+        """
+        self._body, self._factor, self._tolerance = body, factor, tolerance
+        self._overwrite, self._borrowed = overwrite, not overwrite
+        self._plain = False  # Newton's method with the tangent of each state
+
+    def close(self) -> None:
+        """Free the factor that was made here."""
+        if not self._overwrite and not self._borrowed:
+            self._factor.destroy(matrix=True)
+
+    def follow(
+        self, u: Array, start: Array, load: Array, square: float, predicted: Array | None = None
+    ) -> Array:
+        """Follow the equilibrium as load and Ω² change together.
+
+        Args:
+            u: (local,) equilibrium under the load `start` at Ω² = `square`.
+            start: (local,) N.
+            load: (local,) final load, N; the final Ω² is that of the rotating frame.
+            square: rad²/s².
+            predicted: (local,) a state near the equilibrium under the final load, or None.
+
+        Returns:
+            (local,) the equilibrium under the final load.
+
+        Raises:
+            ConvergenceError: a load step below `SMALLEST_LOAD_STEP` failed.
+        """
+        rotation = self._body.rotation
+        goal = rotation.omega_squared if rotation else 0.0
+        if predicted is not None:
+            found = self._newton(predicted, load)
+            if found is not None:
+                return found
+
+        def solve(u: Array, part: float) -> Array | None:
+            if rotation:
+                rotation.omega_squared = square + part * (goal - square)
+            return self._newton(u, start + part * (load - start))
+
+        begin = u
+        u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+        if reached < 1.0:  # at a limit load plain Newton jumps to the equilibrium after a snap
+            self._plain = True
+            u, reached = in_load_steps(begin, solve, SMALLEST_LOAD_STEP)
+            self._plain = False
+        if reached < 1.0:
+            what = "of the load"
+            if rotation:
+                rotation.omega_squared = goal
+                what += " and of the centrifugal force"
+            raise ConvergenceError(
+                f"static equilibrium: Newton's method converged up to {100.0 * reached:.4g} % "
+                f"{what}, and then failed even with a load step below "
+                f"{100.0 * SMALLEST_LOAD_STEP:g} %",
+                u,
+            )
+        return u
+
+    def finish(self, u: Array, load: Array) -> None:
+        """Make the factor that of the tangent at an equilibrium u (local,), and check its residual.
+
+        Raises:
+            ConvergenceError: the tangent is singular, or the residual is too large.
+        """
+        if not self._renew(u, None):
+            raise ConvergenceError("static equilibrium: the tangent stiffness is singular", u)
+        residual = self._body.internal_force(u) - load
+        decrement = abs(self._body.dot(residual, self._solve(residual)))
+        step = _Step(self._body, load)
+        step.note(u, decrement, 0.0)
+        if not decrement <= max(STATIC_TOLERANCE**2 * step.scale, STATIC_LAST_RESORT):
+            raise ConvergenceError(
+                "static equilibrium: the residual of the full equations has a work of "
+                f"{decrement:.1e} J, which is too large",
+                u,
+            )
+
+    def _renew(self, u: Array, change: Array | None) -> bool:
+        """Factorise the mixed tangent at u (local,) after a change; False if it is singular."""
+        try:
+            if self._borrowed:
+                matrix = self._body.tangent(u, self._factor.matrix.duplicate(), change)
+                self._factor = Factorisation(matrix, "fenicsrom_static")
+                self._borrowed = False
+            else:
+                self._body.tangent(u, self._factor.matrix, change)
+                self._factor.update()
+        except ConvergenceError:
+            return False
+        return True
+
+    def _newton(self, start: Array, load: Array) -> Array | None:
+        """The equilibrium (local,) under a load (local,) near a start, or None."""
+        step = _Step(self._body, load)
+
+        def correct(u: Array) -> Correction | None:
+            residual = self._body.internal_force(u) - load
+            change = self._solve(residual)
+            decrement = abs(self._body.dot(residual, change))
+            if self._plain or step.needs_factor(decrement):
+                if step.factorisations == STATIC_FACTORISATIONS:
+                    return None
+                step.factorisations += 1
+                if not self._renew(u, None if self._plain else step.change):
+                    return None
+                change = self._solve(residual)
+                decrement = abs(self._body.dot(residual, change))
+            step.change = change
+            return change, decrement
+
+        def converged(u: Array, decrement: float, first: float, last: float) -> bool:
+            step.note(u, decrement, first)
+            small = decrement <= STATIC_TOLERANCE**2 * step.scale
+            contracts = 0.0 < last and decrement <= CONTRACTION**2 * last
+            coming = decrement * (decrement / last) if contracts else decrement
+            return coming <= self._tolerance**2 * step.scale or (small and not contracts)
+
+        return newton(
+            start, correct, converged, STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
+        )
+
+    def _solve(self, residual: Array) -> Array:
+        """Minus the inverse of the factorised tangent times a residual (local,)."""
+        return -self._factor.solve(residual[:, None])[:, 0]
+
+
+class _Step:
+    """The history of the corrections of one load step."""
+
+    def __init__(self, body: ElasticBody, load: Array):
+        self._body, self._load = body, load
+        self.change: Array | None = None
+        self.decrement, self.scale, self.factorisations = np.inf, 0.0, 0
+
+    def note(self, u: Array, decrement: float, first: float) -> None:
+        """Note a correction that led to u (local,)."""
+        acting = self._load
+        if self._body.rotation is not None:
+            acting = acting + self._body.rotation.centrifugal_force(u)
+        self.decrement = decrement
+        self.scale = max(first, abs(self._body.dot(acting, u)))
+
+    def needs_factor(self, decrement: float) -> bool:
+        """Whether a decrement is too large after the one before, and not by rounding."""
+        slow = not decrement <= CONTRACTION**2 * self.decrement
+        far = not decrement <= NEAR**2 * self.scale and np.isfinite(self.decrement)
+        return (slow or far) and not decrement <= STATIC_TOLERANCE**2 * self.scale

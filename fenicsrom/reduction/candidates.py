@@ -1,0 +1,186 @@
+"""Candidates: the vectors that a basis leaves out and that an error estimate may add to it.
+
+A reduced model is stored together with a larger model of N = n + w coordinates,
+
+    u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
+
+whose first n coordinates are those of the basis R. The candidates W are the next normal modes, the
+static deflections under the loads (attachment modes), and combinations of the modal derivatives
+that the basis lacks, those of the next modes included. The projected force of the larger model
+contains the residual Wᵀ r of the full equations at every motion of the reduced model, as a
+polynomial, so that no mesh is needed to judge a stored model (`fenicsrom.assess.enrichment`).
+
+The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
+weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the
+largest eigenvalues are the candidates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, SceneError
+from fenicsrom.online.model import ReducedModel
+from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.derivatives import all_pairs, split
+from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.protocols import Structure
+from fenicsrom.reduction.selection import Selection
+from fenicsrom.reduction.stages import Derivatives, Reduction, differentiate
+from fenicsrom.scene import Basis
+
+NEXT_MODES = 3
+"""Normal modes above those of the basis. Three of a planar beam reach 2.8 times its frequency."""
+
+MISSING_DERIVATIVES = 15
+"""Largest number of missing derivatives of the modes of the basis, the largest weights first."""
+
+NEXT_DERIVATIVES = 15
+"""Largest number of derivatives of the next modes."""
+
+COMBINATIONS = 8
+"""Largest number of combinations of these derivatives. Their energies fall fast."""
+
+LEAST_ENERGY = 1e-10
+"""A combination is left out if its energy, relative to the largest, is smaller: rounding."""
+
+
+def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:
+    """The larger model of (1).
+
+    Args:
+        structure: the structure.
+        options: the options of the basis.
+        found: the stages of the reduced model.
+    """
+    extended = candidate_basis(
+        structure, options, found.modes, found.selection, found.derivatives, found.basis
+    )
+    return project(structure, extended, structure.geometrically_nonlinear)
+
+
+def candidate_basis(
+    structure: Structure,
+    options: Basis,
+    modes: ComponentModes,
+    selection: Selection,
+    derivatives: Derivatives,
+    basis: ReducedBasis,
+) -> ReducedBasis:
+    """Extend a basis by its candidates.
+
+    Args:
+        structure: the structure.
+        options: the options of the basis.
+        modes: its component modes.
+        selection: the modes and derivatives that were selected.
+        derivatives: the derivatives of the basis.
+        basis: the basis R.
+
+    Returns:
+        [R, W] of (1); the first n vectors are those of the basis.
+    """
+    more = _more_modes(structure, options, modes)
+    count = modes.omega.size
+    left_out = [label for label in modes.labels if label not in selection.modes]
+    columns = [modes.labels.index(label) for label in left_out if label.endswith("V")]
+    vectors = [modes.normal[:, columns], more.normal[:, count:]]
+    labels = [modes.labels[k] for k in columns]
+    labels += [f"{k + 1}V" for k in range(count, more.omega.size)]
+    loaded = structure.factor.solve(structure.load_vectors)
+    vectors.append(loaded)
+    labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
+    plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
+    if not structure.geometrically_nonlinear:
+        return plain
+    wanted = missing_derivatives(modes, more, selection, derivatives)
+    combined = _combinations(structure, options, more, wanted, plain)
+    names = [f"{k + 1}D" for k in range(combined.shape[1])]
+    extra = np.concatenate([plain.vectors[:, basis.size :], combined], axis=1)
+    return _extended(structure, modes, basis, extra, [*plain.labels[basis.size :], *names])
+
+
+def missing_derivatives(
+    modes: ComponentModes, more: ComponentModes, selection: Selection, derivatives: Derivatives
+) -> tuple[str, ...]:
+    """The labels of the derivatives that the candidates combine.
+
+    Args:
+        modes: the component modes of the basis.
+        more: the same with the next normal modes.
+        selection: the weights of the derivatives.
+        derivatives: the derivatives of the basis.
+    """
+    kept, weights = set(derivatives.labels), selection.weights
+    missing = [label for label in all_pairs(modes.labels) if label not in kept]
+    missing.sort(key=lambda label: -weights.get(label, 0.0))
+    known = set(modes.labels)
+    new = [
+        label
+        for label in all_pairs(more.labels)
+        if not known.issuperset(split(label)) and split(label)[1].endswith("V")
+    ]
+    new.sort(key=lambda label: sum(int(part[:-1]) for part in split(label)))
+    return (*missing[:MISSING_DERIVATIVES], *new[:NEXT_DERIVATIVES])
+
+
+def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> ComponentModes:
+    """The component modes with up to `NEXT_MODES` more normal modes, as far as there are any."""
+    held = modes.rows.shape[0] if modes.method == "craig-bampton" else 0
+    count = min(modes.omega.size + NEXT_MODES, structure.free - held)
+    if count <= modes.omega.size:
+        return modes
+    try:
+        return component_modes(structure, replace(options, modes=count))
+    except (AccuracyError, SceneError):
+        return modes
+
+
+def _extended(
+    structure: Structure,
+    modes: ComponentModes,
+    basis: ReducedBasis,
+    vectors: Array,
+    labels: list[str],
+) -> ReducedBasis:
+    """The basis with more vectors (local, k), orthonormalised after its own."""
+    return build_basis(
+        modes.method,
+        modes.masters,
+        modes.rows,
+        np.concatenate([basis.vectors[:, basis.masters :], vectors], axis=1),
+        [*basis.labels[basis.masters :], *labels],
+        structure.mass_inner,
+        structure.comm.allreduce,
+    )
+
+
+def _combinations(
+    structure: Structure,
+    options: Basis,
+    modes: ComponentModes,
+    wanted: tuple[str, ...],
+    basis: ReducedBasis,
+) -> Array:
+    """The combinations (local, k) of derivatives with the largest energies outside of a basis."""
+    if not wanted:
+        return np.zeros((structure.local, 0))
+    found = differentiate(structure, options, modes, wanted).vectors
+    x = modes.vectors
+    sizes = np.sqrt(np.diag(structure.inner(x, structure.stiffness_times(x))))
+    size = dict(zip(modes.labels, sizes, strict=True))
+    for k, label in enumerate(wanted):
+        first, second = split(label)
+        found[:, k] /= size[first] * size[second]
+    m = basis.masters
+    found -= modes.masters @ structure.comm.allreduce(modes.rows @ found)
+    inner = basis.vectors[:, m:]
+    found -= inner @ structure.mass_inner(inner, found)
+    energies = structure.inner(found, structure.stiffness_times(found))
+    values, axes = np.linalg.eigh(0.5 * (energies + energies.T))
+    kept = values > LEAST_ENERGY * values[-1]
+    return np.asarray(found @ axes[:, kept][:, ::-1][:, :COMBINATIONS])

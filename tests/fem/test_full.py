@@ -1,0 +1,101 @@
+"""The full model: modified Newton takes the steps of Newton's method, with few factorisations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+
+from support import STOCKY, beam_scene, make_solid, scene_of
+
+from fenicsrom.fem import full as module
+from fenicsrom.fem.full import full_model
+from fenicsrom.fem.linalg import Factorisation
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.simulate import simulate
+
+
+def moving(linear: bool, pressed: bool) -> Any:
+    """A short beam whose tip touches a stiff wall, if it is pressed."""
+    touch = {
+        "group": "tip",
+        "at": "centre",
+        "normal": [1.0, 0.0],
+        **({"preload": 5e3} if pressed else {"gap": 10.0}),
+        "friction": 0.4,
+        "normal_stiffness": 2e8,
+        "tangential_stiffness": 1e7,
+    }
+    return make_solid(
+        beam_scene(
+            2,
+            (
+                *STOCKY,
+                "geometry.parameters.elements_along=2",
+                "geometry.parameters.height=0.05",
+                f"geometrically_nonlinear={str(not linear).lower()}",
+            ),
+            loads=[
+                {
+                    "group": "tip",
+                    "direction": [0.3, 1.0],
+                    "force": 4e4 if pressed else 4e3,
+                    "frequency": 40.0,
+                }
+            ],
+            contacts=[touch],
+            time={"periods": 1, "steps_per_period": 60, "steady_tolerance": 0},
+        )
+    )
+
+
+def run(solid: Any, monkeypatch: pytest.MonkeyPatch, known: bool = True) -> tuple[Any, int]:
+    """A motion of the full model, and the number of its factorisations."""
+    count, update = 0, Factorisation.update
+
+    def counted(self: Factorisation) -> None:
+        nonlocal count
+        count += 1
+        update(self)
+
+    scene = scene_of(solid)
+    with monkeypatch.context() as patch:
+        patch.setattr(Factorisation, "update", counted)
+        contacts = contacts_of(scene, solid.points) if known else None
+        motion = simulate(full_model(solid, contacts), scene)
+    return motion, count
+
+
+@pytest.mark.parametrize("pressed", [True, False])
+def test_full_model_moves_as_by_newton_in_full(
+    pressed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solid = moving(False, pressed)
+    motion, few = run(solid, monkeypatch)
+    unknown, _ = run(solid, monkeypatch, known=False)
+    monkeypatch.setattr(module, "CONTRACTION", 0.0)
+    monkeypatch.setattr(module, "PATIENCE", 0)  # every iteration makes its own factor
+    reference, many = run(solid, monkeypatch)
+    assert motion.steps == reference.steps == 60
+    scale = np.abs(reference.displacement).max()
+    for found in (motion, unknown):
+        np.testing.assert_allclose(
+            found.displacement, reference.displacement, rtol=0, atol=1e-8 * scale
+        )
+    assert few < many / (2 if pressed else 3)  # stiff contact needs one for each step
+
+
+def test_linear_full_model_factorises_once_for_all_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(moving(True, False), monkeypatch)[1]
+    assert found <= 2  # of the steps; the equilibrium may have one
+
+
+def test_mean_state_of_two_tangents_has_their_weights() -> None:
+    wanted = module._Effective(1.0, 0.0, [(0.25, np.array([1.0])), (0.75, np.array([3.0]))])
+    weight, state = wanted.mean_state()
+    assert weight == 1.0 and state[0] == 2.5
+    assert wanted.has_coefficients_of(module._Effective(1.0 + 1e-13, 0.0, wanted.states))
+    assert not wanted.has_coefficients_of(module._Effective(1.001, 0.0, wanted.states))

@@ -1,0 +1,98 @@
+"""Equilibria of the solid with few factorisations: the same as by Newton's method in full."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+pytest.importorskip("dolfinx")
+
+from support import beam_scene, dense, free_unknowns, make_solid, random_field
+
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.linalg import Factorisation
+from fenicsrom.fem.statics import Statics
+
+Array = NDArray[np.float64]
+
+
+def newton_in_full(solid: Any, load: Array, start: Array) -> Array:
+    """Newton's method on the free unknowns with a new dense tangent in each iteration."""
+    keep, u = free_unknowns(solid), start.copy()
+    for _ in range(40):
+        change = np.linalg.solve(
+            dense(solid.tangent(u), keep), (load - solid.internal_force(u))[keep]
+        )
+        u[keep] += change
+        if np.abs(change).max() < 1e-13 * np.abs(u).max():
+            return u
+    raise AssertionError("Newton's method did not converge")
+
+
+@pytest.fixture
+def factorisations(monkeypatch: pytest.MonkeyPatch) -> list[None]:
+    """A list that grows by one with each factorisation."""
+    found: list[None] = []
+    update = Factorisation.update
+
+    def counted(self: Factorisation) -> None:
+        found.append(None)
+        update(self)
+
+    monkeypatch.setattr(Factorisation, "update", counted)
+    return found
+
+
+@pytest.mark.parametrize("name", ["bent2d", "bent3d"])
+def test_equilibrium_is_that_of_full_newton(name: str, request: pytest.FixtureRequest) -> None:
+    solid = request.getfixturevalue(name)
+    expected = newton_in_full(solid, solid.static_load, solid.equilibrium)
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(solid.equilibrium, expected, rtol=0, atol=1e-10 * scale)
+    keep = free_unknowns(solid)
+    stiffness = dense(solid.tangent(solid.equilibrium), keep)
+    np.testing.assert_array_equal(dense(solid.stiffness, keep), stiffness)
+
+
+def test_mixed_tangent_lacks_the_stress_of_the_square_of_the_change(bent2d: Any) -> None:
+    keep = free_unknowns(bent2d)
+    u, change = random_field(bent2d, 0.02, 1), random_field(bent2d, 0.01, 2)
+    c, zero = change[keep], np.zeros_like(u)
+    lacking = (dense(bent2d.tangent(u), keep) - dense(bent2d.tangent(u, None, change), keep)) @ c
+    # the part of K(c) c that is cubic in c is three times grad c S(grad c^T grad c / 2)
+    plus, minus, rest = (dense(bent2d.tangent(at), keep) for at in (change, -change, zero))
+    cubic = (0.5 * (plus + minus) - rest) @ c
+    np.testing.assert_allclose(lacking, cubic / 3.0, rtol=0, atol=1e-9 * np.abs(cubic).max())
+
+
+def test_far_equilibrium_takes_few_factorisations(factorisations: list[None]) -> None:
+    push = {"group": "tip", "direction": [0.0, 1.0], "force": 2000.0}
+    solid = make_solid(beam_scene(2, loads=[push], contacts=None))
+    assert np.abs(solid.equilibrium).max() > 0.5  # m, of a beam of 2.54 m
+    assert len(factorisations) <= 8  # with the first one at rest and the last one
+
+
+def test_load_path_gives_the_equilibria_of_its_parts(
+    bent2d: Any, factorisations: list[None]
+) -> None:
+    force = bent2d.load_vectors[:, 0] * 0.2 * bent2d.loads[0].size
+    parts = [0.25, 0.5, 0.75, 1.0]
+    before = dense(bent2d.stiffness, free_unknowns(bent2d))
+    path = bent2d.load_path(force, parts, 1e-9)
+    used = len(factorisations)
+    for part, u in zip(parts, path.T, strict=True):
+        expected = newton_in_full(bent2d, bent2d.rest_force + part * force, bent2d.equilibrium)
+        np.testing.assert_allclose(u, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
+    assert used <= 3  # the factor at the equilibrium serves most of them
+    np.testing.assert_array_equal(dense(bent2d.stiffness, free_unknowns(bent2d)), before)
+
+
+def test_state_that_is_no_equilibrium_is_refused(bent2d: Any) -> None:
+    matrix = bent2d.stiffness.copy()
+    statics = Statics(bent2d, Factorisation(matrix, "fenicsrom_test"), overwrite=True)
+    statics.finish(bent2d.equilibrium, bent2d.static_load)
+    with pytest.raises(ConvergenceError, match="residual"):
+        statics.finish(1.001 * bent2d.equilibrium, bent2d.static_load)

@@ -1,0 +1,59 @@
+"""The vectors that a basis leaves out and that an error estimate may add to it."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import beam_scene
+
+from fenicsrom.arrays import Array
+from fenicsrom.reduction.beam import BeamStructure, beam_structure
+from fenicsrom.reduction.candidates import candidate_basis, missing_derivatives
+from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.stages import Reduction
+from fenicsrom.scene import Basis
+
+
+def reduced(method: str, derivatives: object = "none") -> tuple[BeamStructure, Reduction, Array]:
+    """A beam, its reduction with one mode, and the basis with its candidates."""
+    section = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
+    scene = beam_scene(2, reference={"beam": True, "beam_section": section})
+    basis = replace(scene.basis, method=method, modes=1, derivatives=derivatives)
+    scene = replace(scene, basis=basis)
+    beam = beam_structure(scene)
+    found = Reduction(beam, scene, lambda stage: nullcontext())
+    extended = candidate_basis(
+        beam, basis, found.modes, found.selection, found.derivatives, found.basis
+    )
+    return beam, found, extended.vectors
+
+
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_candidates_extend_the_basis_and_rest_at_the_contact(method: str) -> None:
+    beam, found, extended = reduced(method)
+    n, m = found.basis.size, found.basis.masters
+    np.testing.assert_allclose(extended[:, :n], found.basis.vectors, atol=1e-9)
+    assert np.abs(beam.contact_rows @ extended[:, n:]).max() < 1e-9 * np.abs(extended).max()
+    gram = beam.mass_inner(extended[:, m:], extended[:, m:])
+    np.testing.assert_allclose(gram, np.eye(gram.shape[0]), atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_candidates_hold_next_modes_load_and_missing_derivatives(method: str) -> None:
+    beam, found, extended = reduced(method)
+    more = component_modes(beam, Basis(method=method, modes=4))
+    held = [more.normal[:, 1:], beam.factor.solve(beam.load_vectors)]
+    for vectors in held:
+        rest = vectors - extended @ np.linalg.lstsq(extended, vectors, rcond=None)[0]
+        assert np.linalg.norm(rest) < 1e-7 * np.linalg.norm(vectors)
+    labels = missing_derivatives(found.modes, more, found.selection, found.derivatives)
+    assert {"1V1V", "1V1S", "1V2V", "2V2V"} <= set(labels) and len(set(labels)) == len(labels)
+
+
+def test_kept_derivatives_are_not_missing() -> None:
+    _, found, _ = reduced("rubin", ("1V1V",))
+    labels = missing_derivatives(found.modes, found.modes, found.selection, found.derivatives)
+    assert "1V1V" not in labels and "1V1S" in labels
