@@ -10,7 +10,8 @@ import numpy as np
 from fenicsrom.assess.campbell import Campbell
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary

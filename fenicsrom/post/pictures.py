@@ -5,11 +5,14 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+import numpy as np
+
+from fenicsrom.arrays import Array
 from fenicsrom.online.measures import point_summaries
+from fenicsrom.post.body_pictures import body_pictures, is_slender
 from fenicsrom.post.centreline import centreline
 from fenicsrom.post.fields import contact_points, frame_rows, moving_field, shapes
 from fenicsrom.post.figures import (
@@ -20,7 +23,8 @@ from fenicsrom.post.figures import (
     plot_points,
 )
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.rendering import animate, picture_modes, picture_stress
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.rendering import animate, picture_stress
 from fenicsrom.post.writers import write_figure
 from fenicsrom.progress import tracked
 
@@ -33,21 +37,6 @@ if TYPE_CHECKING:
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A picture that is not drawn yet.
-
-    Attributes:
-        heading: its heading in the report.
-        name: name of the file.
-        draw: makes the figure.
-    """
-
-    heading: str
-    name: str
-    draw: Callable[[], Figure]
 
 
 def motion_pictures(motions: Mapping[str, Motion]) -> list[Picture]:
@@ -140,43 +129,42 @@ def softly(name: str, notes: list[str]) -> Iterator[None]:
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
-    """Draw the motions and shapes of a study, or warn why they are not drawn. Collective.
+    """Draw the body, the motions and the shapes of a study, or warn why not. Collective.
 
     Raises:
         OSError: a file cannot be written.
     """
+    bodies = body_pictures(study)
+    along = _along_the_axis(study)
+    if study.solid.comm.rank != 0:
+        return []
     motions = motion_pictures(study.motions) if study.motions else []
+    return draw_pictures([*bodies[:1], *motions, *bodies[1:], *along], folder, study.warnings)
+
+
+def _along_the_axis(study: Study) -> list[Picture]:
+    """The picture of the shapes along the axis of a straight slender body. Collective."""
     fields = {
         label: field
         for kind, named in shapes(study).items()
         if kind != "equilibrium"
         for label, field in named.items()
     }
-    names = [picture.name for picture in motions] + ["modes.png", "shapes.png"] * bool(fields)
-    if sentence := not_drawn(names):
-        study.warnings.append(sentence)
+    boxes = [box for box in study.solid.comm.allgather(_box(study)) if box is not None]
+    if not fields or not is_slender(np.concatenate(boxes)):
         return []
-    root = study.solid.comm.rank == 0
-    written = draw_pictures(motions, folder, study.warnings) if root else []
-    return written + (_write_shapes(study, fields, folder) if fields else [])
+    positions, values = centreline(study.solid.space, fields)
+    labels = list(fields)
+    return [
+        Picture("Shapes along the axis", "modes.png", lambda: plot_modes(labels, positions, values))
+    ]
 
 
-def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list[tuple[str, Path]]:
-    """Draw shapes along the axis and as deformed bodies. Collective."""
-    space = study.solid.space
-    positions, values = centreline(space, fields)
-    pictures = []
-    if study.solid.comm.rank == 0:
-        along = Picture(
-            "Shapes along the axis",
-            "modes.png",
-            lambda: plot_modes(list(fields), positions, values),
-        )
-        pictures = draw_pictures([along], folder, study.warnings)
-    bodies = None
-    with softly("shapes.png", study.warnings), _kept(study.warnings):
-        bodies = picture_modes(folder / "shapes.png", space, fields)
-    return pictures + ([("Shapes", bodies)] if bodies is not None else [])
+def _box(study: Study) -> Array | None:
+    """Opposite corners (2, d) of the box around the nodes of this rank, m."""
+    d = study.solid.dimension
+    nodes = study.solid.space.tabulate_dof_coordinates()[:, :d]
+    return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
 
 
 def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:

@@ -24,41 +24,12 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.stress import StressTable, von_mises
 from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.vtk import write_fields, write_motion, write_points
+from fenicsrom.post.vtk import write_motion, write_points
 from fenicsrom.post.vtk_files import in_space, refined_grid, write_vtu
 from fenicsrom.reduction.beam import SerialCommunicator
 
 if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
-
-
-def picture_modes(
-    png: str | Path, space: FunctionSpace, fields: Mapping[str, np.ndarray | Function]
-) -> Path | None:
-    """Draw deformed shapes coloured by their displacement, one labelled panel each. Collective.
-
-    The largest displacement of every shape is drawn as 15 % of the length of the body, beside the
-    outline of the undeformed body.
-
-    Args:
-        png: the picture to write.
-        space: vector Lagrange space of degree 1 or 2.
-        fields: as in `write_fields`.
-
-    Returns:
-        The picture, or None after a warning if this machine cannot draw.
-
-    Raises:
-        OSError: the picture cannot be written.
-    """
-
-    def task(scratch: Path) -> dict[str, Any]:
-        return {
-            "source": str(write_fields(scratch, "shapes", space, fields)),
-            "labels": list(fields),
-        }
-
-    return _draw(png, space.mesh.comm, "draw_shapes", task)
 
 
 def animate(
@@ -71,7 +42,7 @@ def animate(
     """Draw a motion as an animated GIF. Collective.
 
     The body is deformed and coloured by its displacement, its contact points are marked.
-    Displacements are drawn to scale if the largest is at least `drawing.TRUE_SCALE` of the length
+    Displacements are drawn to scale if the largest is at least `style.TRUE_SCALE` of the length
     of the body; otherwise they are magnified by a round number that the picture shows.
 
     Args:
