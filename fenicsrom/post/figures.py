@@ -41,7 +41,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
                 time, 1e3 * motion.displacement[part, point, k], label=name, **styles[name]
             )
     for k, axis in enumerate(axes):
-        axis.set_ylabel(f"{_direction(k, directions, touching)}\ndisplacement, mm")
+        axis.set_ylabel(f"{direction_name(k, directions, touching)}\ndisplacement, mm")
         axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
@@ -287,7 +287,7 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     return cycles[part] - start, part
 
 
-def _direction(k: int, directions: int, touching: bool) -> str:
+def direction_name(k: int, directions: int, touching: bool) -> str:
     """Name a component of a displacement."""
     if not touching:
         return "xyz"[k]

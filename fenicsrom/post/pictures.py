@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.measures import point_summaries
+from fenicsrom.assess.signals import LEAST_SAMPLES
+from fenicsrom.online.measures import is_unsteady, point_summaries
 from fenicsrom.post.body_pictures import body_pictures, is_slender
 from fenicsrom.post.centreline import centreline
 from fenicsrom.post.fields import contact_points, frame_rows, moving_field, shapes
@@ -21,6 +22,13 @@ from fenicsrom.post.figures import (
     plot_modes,
     plot_motion,
     plot_points,
+)
+from fenicsrom.post.motion_figures import (
+    plot_coordinates,
+    plot_energy_per_period,
+    plot_rub_map,
+    plot_section,
+    plot_transient,
 )
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.picture import Picture
@@ -37,16 +45,45 @@ if TYPE_CHECKING:
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
+LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
+NO_FREQUENCIES = np.zeros(0)
+LEAST_SECTION = 20  # fewer periods make no section
 
 
-def motion_pictures(motions: Mapping[str, Motion]) -> list[Picture]:
-    """List the pictures of the motion, of the contact and of the energy."""
+def motion_pictures(
+    motions: Mapping[str, Motion], natural_hz: Array = NO_FREQUENCIES
+) -> list[Picture]:
+    """List the pictures of the motion, of the contact and of the energy.
+
+    A motion without a period has its spectra, one that has a period but does not repeat its
+    Poincare section, many contact points have a map, and a run of several periods its energies
+    per period.
+
+    Args:
+        motions: model name -> motion.
+        natural_hz: (n,) natural frequencies, Hz.
+    """
     first = next(iter(motions.values()))
-    return [
-        Picture("Motion", "motion.png", lambda: plot_motion(motions)),
-        *_contact_pictures(motions, first.force.shape[1]),
-        Picture("Energy", "energy.png", lambda: plot_energy(first)),
-    ]
+    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions))]
+    if first.period is None and first.time.size >= LEAST_SAMPLES:
+        pictures.append(
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz))
+        )
+    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+        pictures.append(Picture("Poincaré section", "section.png", lambda: plot_section(first)))
+    pictures += _contact_pictures(motions, first.force.shape[1])
+    if first.state.shape[1] > FEW_POINTS:
+        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
+    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first)))
+    if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
+        pictures.append(
+            Picture(
+                "Energy per period",
+                "energy_per_period.png",
+                lambda: plot_energy_per_period(first),
+            )
+        )
+    return pictures
 
 
 def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
@@ -135,11 +172,34 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
         OSError: a file cannot be written.
     """
     bodies = body_pictures(study)
-    along = _along_the_axis(study)
+    along, coordinates = _along_the_axis(study), _coordinates(study)
     if study.solid.comm.rank != 0:
         return []
-    motions = motion_pictures(study.motions) if study.motions else []
-    return draw_pictures([*bodies[:1], *motions, *bodies[1:], *along], folder, study.warnings)
+    natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
+    motions = motion_pictures(study.motions, natural) if study.motions else []
+    return draw_pictures(
+        [*bodies[:1], *motions, *coordinates, *bodies[1:], *along], folder, study.warnings
+    )
+
+
+def _coordinates(study: Study) -> list[Picture]:
+    """The picture of the modal coordinates of the reduced motion. Collective."""
+    motion, basis, modes = study.motions.get("reduced"), study.basis, study.modes
+    if motion is None or basis is None or modes is None or motion.coordinates is None:
+        return []
+    count = modes.normal.shape[1]
+    if not count:
+        return []
+    parts = study.solid.mass_inner(modes.normal, basis.vectors)
+    modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
+    labels = modes.labels[:count]
+    return [
+        Picture(
+            "Modal coordinates",
+            "coordinates.png",
+            lambda: plot_coordinates(motion, labels, modal),
+        )
+    ]
 
 
 def _along_the_axis(study: Study) -> list[Picture]:
