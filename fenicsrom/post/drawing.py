@@ -31,6 +31,10 @@ def draw_motion() -> None:
 
     vectors = [np.array(at(motion, time).point_data["displacement"]) for time in motion.time_values]
     grid = at(motion, motion.time_values[0])
+    if task["rest"]:
+        rest = np.array(pyvista.read(task["rest"]).point_data["displacement"])
+        vectors = [frame - rest for frame in vectors]
+        grid.points = np.asarray(grid.points) + rest
     largest = max(float(np.linalg.norm(frame, axis=1).max()) for frame in vectors)
     factor = magnification(largest, float(np.ptp(np.asarray(grid.points), axis=0).max()))
     camera = Camera(grid, margin=factor * largest, pixels=900)
@@ -44,6 +48,7 @@ def draw_motion() -> None:
         images.append(camera.photograph())
     camera.plotter.close()
     scale = "displacements to scale" if factor == 1.0 else f"displacements × {factor:g}"
+    scale = f"from the equilibrium, {scale}" if task["rest"] else scale
     frames = film_frames(cropped(images), motion.time_values, scale, largest, points is not None)
     _write_gif(task["picture"], frames)
 

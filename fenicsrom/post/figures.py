@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
 
 
+NARROW = 4  # largest number of intervals between the ticks of a narrow panel
+
+
 @styled
 def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """Draw displacements over the last two periods, one panel per direction.
@@ -157,6 +160,7 @@ def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: in
                 ]
                 axis.plot(*curve, label=name, **styles[name])
         axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+        axis.locator_params(axis="x", nbins=NARROW)
     panels[-1].set_title("orbit")
 
 

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from fenicsrom.online.motion import Motion
 
-WINDOWS = 100  # of an envelope over the whole motion
+WINDOWS = 100  # largest number of windows of an envelope
+SWINGS = 1.2  # least length of a window in periods of the strongest frequency
 LEAST = 1e-4  # smallest amplitude that a spectrum shows, relative to the largest
 COLUMNS = 600  # instants of a map
 MOST_COORDINATES = 6
@@ -51,12 +52,13 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
     side = figure.add_subplot(grid[1, 1], sharey=below)
     name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
     above.plot(time, x, color="#0072B2", linewidth=0.6, label=f"{name} displacement")
-    middle, low, high = envelope(time, x, (time[-1] - time[0]) / WINDOWS)
+    hertz, size = spectrum(time, x)
+    width = max((time[-1] - time[0]) / WINDOWS, SWINGS / max(float(hertz[np.argmax(size)]), 1e-300))
+    middle, low, high = envelope(time, x, min(width, 0.25 * (time[-1] - time[0])))
     above.plot(middle, high, color="#D55E00", linewidth=1.2, label="envelope")
     above.plot(middle, low, color="#D55E00", linewidth=1.2)
     above.set(xlabel="time, s", ylabel="displacement, mm")
-    above.margins(x=0)
-    hertz, size = spectrum(time, x)
+    above.set_xlim(time[0], time[-1])
     top = _highest(hertz, size)
     least = LEAST * float(size.max()) or 1e-12
     frequencies, instants, sizes = moving_spectrum(time, x)
@@ -68,7 +70,7 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
     below.set(xlabel="time, s", ylabel="frequency, Hz", ylim=(0.0, top))
     below.set_xlim(time[0], time[-1])
     below.grid(visible=False)
-    bar: Any = figure.colorbar(mesh, ax=below, location="right", pad=0.01)
+    bar: Any = figure.colorbar(mesh, ax=[below, side], location="right", pad=0.01)
     bar.set_label("dB of the largest")
     side.plot(np.maximum(size, least), hertz, color="#0072B2", linewidth=1.0)
     side.set(xscale="log", xlabel="amplitude, mm", xlim=(least, 2.0 * float(size.max()) or 1.0))
@@ -129,7 +131,9 @@ def plot_rub_map(motion: Motion) -> Figure:
     }
     figure = new_figure(9.0, 5.6)
     force, state = figure.subplots(2, 1, sharex=True)
-    drawn = force.imshow(motion.force[rows, :, 0].T, cmap="magma_r", vmin=0.0, **look)
+    pressed = motion.force[rows, :, 0].T
+    shown = np.where(pressed > 0.0, pressed, np.nan)  # no colour where there is no force
+    drawn = force.imshow(shown, cmap="viridis_r", vmin=0.0, **look)
     bar: Any = figure.colorbar(drawn, ax=force, pad=0.01)
     bar.set_label("normal force, N")
     paint = ListedColormap([STATES[number][1] for number in sorted(STATES)])
@@ -139,7 +143,10 @@ def plot_rub_map(motion: Motion) -> Figure:
         axis.locator_params(axis="y", integer=True)
         axis.grid(visible=False)
     state.set_xlabel("time / period" if motion.period is not None else "time, s")
-    handles = [Patch(color=colour, label=name) for name, colour in STATES.values()]
+    present = {int(number) for number in np.unique(motion.state[rows])}
+    handles = [
+        Patch(color=c, label=name) for number, (name, c) in STATES.items() if number in present
+    ]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
     return figure
 
@@ -156,8 +163,9 @@ def plot_energy_per_period(motion: Motion) -> Figure:
     for name, colour in (("damping", "#56B4E9"), ("friction", "#E69F00")):
         if np.any(found[name] != 0.0):
             top = base + found[name]
-            look: dict[str, Any] = {"fill": True, "color": colour, "label": f"dissipated by {name}"}
-            axis.stairs(top, edges, baseline=base, **look)
+            part = 100.0 * found[name][-1] / max(abs(float(work[-1])), 1e-300)
+            label = f"{name} (last period: {part:.3g} %)"
+            axis.stairs(top, edges, baseline=base, fill=True, color=colour, label=label)
             base = top
     axis.stairs(work, edges, color="#000000", label="work of the loads", linewidth=1.4)
     axis.set(xlabel="period of the loads", ylabel="energy per period, J")

@@ -15,7 +15,13 @@ from fenicsrom.assess.signals import LEAST_SAMPLES
 from fenicsrom.online.measures import is_unsteady, point_summaries
 from fenicsrom.post.body_pictures import body_pictures, is_slender
 from fenicsrom.post.centreline import centreline
-from fenicsrom.post.fields import contact_points, frame_rows, moving_field, shapes
+from fenicsrom.post.fields import (
+    about_equilibrium,
+    contact_points,
+    frame_rows,
+    moving_field,
+    shapes,
+)
 from fenicsrom.post.figures import (
     plot_contact,
     plot_energy,
@@ -228,7 +234,7 @@ def _box(study: Study) -> Array | None:
 
 
 def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
-    """Animate the last period of the reduced model as a GIF. Collective.
+    """Animate the last period of the reduced model about its equilibrium as a GIF. Collective.
 
     Raises:
         OSError: the file cannot be written.
@@ -236,9 +242,12 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     motion, solid = study.motions["reduced"], study.solid
     marks = contact_points(study, motion) if study.scene.contacts else None
     times = motion.time[frame_rows(motion)]
+    rest = solid.field(solid.equilibrium) if solid.loaded else None
+    if marks is not None and rest is not None:
+        marks = about_equilibrium(study, *marks)
     film = None
     with softly("motion.gif", study.warnings), _kept(study.warnings):
-        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
+        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks, rest)
     return [("Animation", film)] if film is not None else []
 
 

@@ -24,7 +24,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.stress import StressTable, von_mises
 from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.vtk import write_motion, write_points
+from fenicsrom.post.vtk import write_fields, write_motion, write_points
 from fenicsrom.post.vtk_files import in_space, refined_grid, write_vtu
 from fenicsrom.reduction.beam import SerialCommunicator
 
@@ -38,10 +38,12 @@ def animate(
     times: Sequence[float] | np.ndarray,
     frames: Callable[[int], np.ndarray | Function],
     marks: tuple[np.ndarray, Mapping[str, np.ndarray]] | None = None,
+    rest: np.ndarray | Function | None = None,
 ) -> Path | None:
     """Draw a motion as an animated GIF. Collective.
 
-    The body is deformed and coloured by its displacement, its contact points are marked.
+    The body is deformed and coloured by its displacement, its contact points are marked. With a
+    state of rest, the displacements are those from this state, which is drawn to scale.
     Displacements are drawn to scale if the largest is at least `style.TRUE_SCALE` of the length
     of the body; otherwise they are magnified by a round number that the picture shows.
 
@@ -50,8 +52,9 @@ def animate(
         space: vector Lagrange space of degree 1 or 2.
         times: (n_frames,) instants, s.
         frames: as in `write_motion`.
-        marks: (P, 3) positions of the contact points in the undeformed body, m, and the arrays
-            `displacement` (n_frames, P, 3), m, and `state` (n_frames, P).
+        marks: (P, 3) positions of the contact points in the state of rest, m, and the arrays
+            `displacement` from there (n_frames, P, 3), m, and `state` (n_frames, P).
+        rest: displacement of the state of rest, as a frame; by default the undeformed body.
 
     Returns:
         The file, or None after a warning if this machine cannot draw.
@@ -65,7 +68,10 @@ def animate(
         found = {
             "motion": str(write_motion(scratch, "motion", space, times, frames)),
             "points": None,
+            "rest": None,
         }
+        if rest is not None:
+            found["rest"] = str(write_fields(scratch, "rest", space, {"displacement": rest}))
         if marks is not None and comm.rank == 0:
             points, arrays = marks
             drawn = {name: arrays[name] for name in ("displacement", "state")}
