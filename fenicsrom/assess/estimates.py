@@ -176,14 +176,15 @@ def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Moti
         did.
     """
     model = enriched(candidates, size, motion)
-    start = None
-    if motion.newton_from is not None and not motion.buckled:
-        q, v, sliders = end_of(motion)
-        more = np.zeros(model.size - size)
-        start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
     unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     try:
-        other = check_motion(model, scene, motion, start)
+        if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
+            other = simulate(model, scene)
+        else:
+            q, v, sliders = end_of(motion)
+            more = np.zeros(model.size - size)
+            start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
+            other = check_motion(model, scene, motion, start)
     except (ConvergenceError, AccuracyError):
         return unknown
     if has_settled(motion) and not has_settled(other):

@@ -341,8 +341,11 @@ def test_static_scene_ends_with_its_equilibrium(
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "beam2d.geo",
         "equilibrium.vtu",
+        "groups.vtu",
         "provenance.json",
         "report.html",
+        "results",
+        "results.pvd",
         "scene.toml",
         "summary.json",
     }

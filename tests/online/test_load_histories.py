@@ -331,6 +331,11 @@ HARMONIC = "loads.0.frequency=2.0"
 TIME = "time={duration=1.0, step=1e-3}"
 
 
+def whole(keys: str) -> str:
+    """The override of a whole load; that of a single key would remove the keys it excludes."""
+    return f"loads=[{{group='load', direction=[0.0, 1.0], force=100, {keys}}}]"
+
+
 @pytest.mark.parametrize(
     ("overrides", "kind", "key"),
     [
@@ -386,7 +391,7 @@ TIME = "time={duration=1.0, step=1e-3}"
             "loads[0].sweep.duration",
         ),
         (
-            [HARMONIC, "loads.0.harmonics=[[2, 1, 0]]", "loads.0.sweep={to=3, duration=1}"],
+            [whole("frequency=2.0, harmonics=[[2, 1, 0]], sweep={to=3, duration=1}")],
             ErrorKind.CONFLICT,
             "loads[0].harmonics",
         ),
@@ -396,17 +401,17 @@ TIME = "time={duration=1.0, step=1e-3}"
             "loads[0].phase",
         ),
         (
-            [HARMONIC, "loads.0.pulse={duration=1}"],
+            [whole("frequency=2.0, pulse={duration=1}")],
             ErrorKind.CONFLICT,
             "loads[0].frequency",
         ),
         (["loads.0.pulse={duration=0}"], ErrorKind.RANGE, "loads[0].pulse.duration"),
         (
-            ["loads.0.pulse={duration=1}", "loads.0.table=[[0, 1], [1, 2]]"],
+            [whole("pulse={duration=1}, table=[[0, 1], [1, 2]]")],
             ErrorKind.CONFLICT,
             "loads[0].pulse",
         ),
-        (["loads.0.traction=1"], ErrorKind.CONFLICT, "loads[0].traction"),
+        ([whole("traction=1")], ErrorKind.CONFLICT, "loads[0].traction"),
     ],
 )
 def test_mistake_in_history_is_refused_with_kind_and_key(

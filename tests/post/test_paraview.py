@@ -159,7 +159,7 @@ def test_summary_and_tables_give_largest_stress_and_reactions(run: Any) -> None:
 def test_stored_model_gives_the_same_stresses_without_its_mesh(run: Any, tmp_path: Path) -> None:
     _, folder = run
     stored = load_model(folder / "reduced_model.npz")
-    study.rerun(stored, stored.model, stored.scene, tmp_path)
+    study.rerun(stored, tmp_path)
     for name in ("stresses.csv", "reactions.csv", "modal_stresses.csv"):
         assert (tmp_path / name).read_text() == (folder / name).read_text()
     assert set(read_history(tmp_path / "history.npz")) == {"reduced"}
@@ -173,7 +173,7 @@ def test_model_without_stresses_warns_when_they_are_asked_for(tmp_path: Path) ->
     stored = study.build_model(scene)
     assert stored.recovery is None
     wanted = stored.with_overrides("output.stresses='cauchy'")
-    found = study.rerun(wanted, wanted.model, wanted.scene, tmp_path)
+    found = study.rerun(wanted, tmp_path)
     assert found.stresses is None
     assert any("output.stresses" in warning for warning in found.warnings)
 

@@ -54,7 +54,7 @@ def test_html_report_is_one_well_formed_page(tmp_path):
         page.count("data:image/png;base64,iVBOR") == 2
         and page.count("data:image/gif;base64,R0lG") == 1
     )
-    assert "<td>full &lt;1&gt;</td><td class=n>157.6</td>" in page
+    assert '<td class="s">full &lt;1&gt;</td><td class="n s">157.6</td>' in page
     assert (
         not re.search(r"(src|href)=(?!\"data:)", page)
         and "@import" not in page
