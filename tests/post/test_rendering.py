@@ -157,3 +157,28 @@ def test_picture_of_stress_marks_largest_value_on_the_side_that_is_seen(
     assert red.sum() > 200 and blue.sum() > 200
     apart = np.nonzero(blue)[1].mean() - np.nonzero(red)[1].mean()
     assert abs(apart) > 0.3 * picture.shape[1] and (d == 3 or apart > 0.0)
+
+
+@pytest.mark.slow
+@needs_xvfb
+def test_animation_about_equilibrium_leaves_out_its_displacement(tmp_path):
+    """The same small swing about a large deflection: magnified as if the body were undeformed."""
+    from PIL import Image
+
+    space = space_on("quadrilateral")
+    times, frames, marks = swing(space, 1e-3)
+    rest = 0.0 * frames(0)
+    rest[1::2] = 0.3 * HEIGHT
+    shifted = (marks[0] + [0.0, 0.3 * HEIGHT, 0.0], marks[1])
+    films = []
+    for name, moved, about, dots in (
+        ("plain", frames, None, marks),
+        ("about", lambda k: rest + frames(k), rest, shifted),
+    ):
+        gif = rendering.animate(tmp_path / f"{name}.gif", space, times, moved, dots, about)
+        with Image.open(gif) as film:
+            film.seek(0)
+            films.append(np.asarray(film.convert("RGB")).astype(int))
+    plain, about = (film[40:-90] for film in films)  # without the texts
+    assert plain.shape == about.shape
+    assert np.mean(np.abs(plain - about).max(axis=2) > 60) < 0.01
