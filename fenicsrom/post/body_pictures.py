@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,7 +46,7 @@ def body_pictures(study: Study) -> list[Picture]:
     if found is None:
         return []
     surface, values = found
-    scene, titles = study.scene, shape_titles(study)
+    scene, titles = study.scene, shape_titles(study, named)
     pictures = [
         Picture(
             "Set-up",
@@ -72,9 +73,9 @@ def body_pictures(study: Study) -> list[Picture]:
     return pictures
 
 
-def shape_titles(study: Study) -> dict[str, str]:
+def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:
     """The titles of the shapes: the label, and the frequency of a normal mode."""
-    titles = {label: label for fields in shapes(study).values() for label in fields}
+    titles = {label: label for label in labels}
     if study.modes is not None:
         for k, frequency in enumerate(study.modes.frequencies_hz):
             titles[f"{k + 1}V"] = f"{k + 1}V, {frequency:.5g} Hz"
