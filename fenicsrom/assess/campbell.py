@@ -4,10 +4,10 @@ At every speed the body moves to its equilibrium without contact, and the modes 
 tangent stiffness (`fenicsrom.assess.rotating_modes`). They are tracked from speed to speed by their
 modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
-Engine order k excites k times per revolution. A critical speed Omega is a root of
-f(Omega)^2 = (k Omega / 2 pi)^2, where f^2 is a cubic spline of the speed (Southwell: f^2 is nearly
-linear in Omega^2). Modes that veer exchange their shapes. With closely spaced speeds a tracked mode
-follows the curve of its frequency; with widely spaced speeds it keeps its shape.
+Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
+of its frequency; with widely spaced speeds it keeps its shape. `fenicsrom.assess.critical_speeds`
+finds the speeds at which engine orders meet the modes, and `fenicsrom.assess.mode_names` names the
+modes by their shapes at the first speed.
 """
 
 from __future__ import annotations
@@ -18,9 +18,15 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.critical_speeds import (
+    LEAST_MAC,
+    Critical,
+    FrequencyCurve,
+    critical_speeds,
+)
+from fenicsrom.assess.mode_names import mode_names
 from fenicsrom.assess.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.progress import time_left
@@ -30,24 +36,6 @@ if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
 
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
-LEAST_MAC = 0.5  # a mode with a smaller MAC counts as lost
-
-
-@dataclass(frozen=True)
-class Critical:
-    """A speed at which an engine order meets a mode.
-
-    Attributes:
-        mode: number of the mode, from 1.
-        order: excitations per revolution.
-        speed_rpm: the critical speed.
-        frequency_hz: common frequency of the mode and of the engine order at this speed.
-    """
-
-    mode: int
-    order: int
-    speed_rpm: float
-    frequency_hz: float
 
 
 @dataclass(eq=False)
@@ -60,7 +48,10 @@ class Campbell:
         squares: (s, m) omega^2 of each mode, rad^2/s^2; negative where the mode is unstable.
         mac: (s, m) MAC of each mode with itself at the previous speed; 1 at the first.
         largest: (s,) largest displacement in the equilibrium, m.
+        names: names of the modes, such as 1F; empty if the body does not point away from its axis.
         critical: the critical speeds, in ascending order.
+        operating_squares: (m,) omega^2 at the speed of [rotation], rad^2/s^2; None if this speed
+            is not within the diagram, or its modes were not found.
         change: largest relative change of a frequency in the last round of the complex modes; None
             without Coriolis force.
         unknowns: free unknowns of the mesh.
@@ -74,7 +65,9 @@ class Campbell:
     squares: Array
     mac: Array
     largest: Array
+    names: list[str]
     critical: list[Critical]
+    operating_squares: Array | None
     change: float | None
     unknowns: int
     seconds: float
@@ -84,7 +77,36 @@ class Campbell:
     @property
     def frequencies_hz(self) -> Array:
         """(s, m) natural frequencies, zero where unstable, Hz."""
-        return np.sqrt(np.maximum(self.squares, 0.0)) / (2.0 * np.pi)
+        return hertz(self.squares)
+
+    @property
+    def labels(self) -> list[str]:
+        """One label per mode: its number, and its name if it has one."""
+        count = self.squares.shape[1]
+        names = [f" ({name})" for name in self.names] or [""] * count
+        return [f"{k + 1}{name}" for k, name in zip(range(count), names, strict=True)]
+
+    @property
+    def margins(self) -> Array | None:
+        """(m, orders) f / (k Omega / 60) - 1 of each mode and engine order at operating speed."""
+        if self.operating_squares is None or self.scene.rotation is None:
+            return None
+        orders = np.array(self.scene.campbell.engine_orders)
+        lines = orders * self.scene.rotation.speed_rpm / 60.0
+        return hertz(self.operating_squares)[:, None] / lines - 1.0
+
+    def curves(self) -> list[FrequencyCurve]:
+        """The curve of each mode; none for a single speed."""
+        if self.speeds_rpm.size < 2:
+            return []
+        coriolis = self.scene.rotation is not None and self.scene.rotation.coriolis
+        squares = self.squares / (2.0 * np.pi) ** 2
+        return [FrequencyCurve(self.speeds_rpm, column, coriolis) for column in squares.T]
+
+
+def hertz(squares: Array) -> Array:
+    """Frequencies of omega^2, zero where unstable, Hz."""
+    return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
 
 
 def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
@@ -120,7 +142,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
             unfinished = type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
             break
         squares = tracked.squares[-1][:count]
-        shown = ", ".join(f"{np.sqrt(max(v, 0.0)) / (2.0 * np.pi):.4g}" for v in squares)
+        shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
         left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
         say(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
     reached = speeds[: len(tracked.squares)]
@@ -131,15 +153,41 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         kept,
         np.array(tracked.mac)[:, :count],
         np.array(tracked.largest),
-        critical_speeds(reached, kept, scene),
+        tracked.names(solid, scene)[:count],
+        [],
+        None,
         max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
         solid.free,
-        clock.perf_counter() - begin,
+        0.0,
         list(solid.warnings),
         unfinished,
     )
     found.warnings += _warnings(found)
+    _find_critical_speeds(found, _Between(solid, reached, tracked), say)
+    found.seconds = clock.perf_counter() - begin
     return found
+
+
+def _find_critical_speeds(found: Campbell, between: _Between, say: Callable[[str], None]) -> None:
+    """Find the critical speeds, and the frequencies at the speed of operation."""
+    rotation = found.scene.rotation
+    assert rotation is not None
+    say("critical speeds ..")
+
+    def solve(mode: int, speed: float) -> tuple[float, float]:
+        squares, mac = between(speed)
+        return float(squares[mode]) / (2.0 * np.pi) ** 2, float(mac[mode])
+
+    orders = found.scene.campbell.engine_orders
+    found.critical, notes = critical_speeds(found.curves(), orders, solve)
+    found.warnings += notes
+    speed = rotation.speed_rpm
+    if 0.0 < speed and found.speeds_rpm[0] <= speed <= found.speeds_rpm[-1]:
+        try:
+            squares, _ = between(speed)
+            found.operating_squares = squares[: found.squares.shape[1]]
+        except (ConvergenceError, AccuracyError) as error:
+            found.warnings.append(f"no margins at {speed:g} rpm: {error}")
 
 
 def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
@@ -177,7 +225,7 @@ class _Tracked:
         self.mac: list[Array] = []
         self.largest: list[float] = []
         self.changes: list[float] = []
-        self._shapes: Shapes | None = None
+        self.shapes: list[Shapes] = []
 
     def add(self, solid: Solid) -> None:
         """Add the modes of the body at its present speed.
@@ -186,15 +234,53 @@ class _Tracked:
             ConvergenceError, AccuracyError: as in `modes_at_speed`.
         """
         values, vectors, change = modes_at_speed(solid, self.count)
-        if self._shapes is None:
-            common: Array = np.ones(self.count)
-        else:
-            values, vectors, common = follow(solid, self.squares[-1], self._shapes, values, vectors)
-        self._shapes = vectors
+        common: Array = np.ones(self.count)
+        if self.shapes:
+            values, vectors, common = follow(
+                solid, self.squares[-1], self.shapes[-1], values, vectors
+            )
+        self.shapes.append(vectors)
         self.squares.append(values)
         self.mac.append(common)
         self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
         self.changes.append(change)
+
+    def names(self, solid: Solid, scene: Scene) -> list[str]:
+        """The names of the modes by their shapes at the first speed. Collective."""
+        rotation = scene.rotation
+        assert rotation is not None and rotation.point is not None
+        d = solid.dimension
+        axis = np.array(rotation.axis if rotation.axis is not None else (0.0, 0.0, 1.0))
+        point = np.pad(np.array(rotation.point), (0, 3 - d))
+        nodes = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
+        shapes = self.shapes[0].reshape(len(nodes), d, self.count)
+        return mode_names(nodes, shapes, axis, point, solid.comm)
+
+
+class _Between:
+    """The modes at any speed, in the order of those at the nearest speed of the diagram."""
+
+    def __init__(self, solid: Solid, speeds: Array, tracked: _Tracked):
+        self.solid, self.speeds, self.tracked = solid, speeds, tracked
+        self._found: dict[float, tuple[Array, Array]] = {}
+
+    def __call__(self, speed: float) -> tuple[Array, Array]:
+        """omega^2 (m,) at a speed (rev/min), and the MAC with the modes at the nearest speed.
+
+        Raises:
+            ConvergenceError, AccuracyError: as in `modes_at_speed`.
+        """
+        tracked, k = self.tracked, int(np.argmin(np.abs(self.speeds - speed)))
+        if self.speeds[k] == speed:
+            return tracked.squares[k], np.ones(tracked.count)
+        if speed not in self._found:
+            self.solid.spin(np.pi / 30.0 * speed)
+            values, vectors, _ = modes_at_speed(self.solid, tracked.count)
+            values, _, mac = follow(
+                self.solid, tracked.squares[k], tracked.shapes[k], values, vectors
+            )
+            self._found[speed] = values, mac
+        return self._found[speed]
 
 
 def speeds_rpm(scene: Scene) -> Array:
@@ -242,22 +328,3 @@ def _warnings(found: Campbell) -> list[str]:
                 "the equilibrium is unstable"
             )
     return warnings
-
-
-# ---------------------------------------------------------------------- modes
-
-
-def critical_speeds(speeds: Array, squares: Array, scene: Scene) -> list[Critical]:
-    """The critical speeds, interpolated between the speeds, in ascending order."""
-    if speeds.size < 2:
-        return []
-    found = []
-    for mode in range(squares.shape[1]):
-        for order in scene.campbell.engine_orders:
-            difference = squares[:, mode] / (2.0 * np.pi) ** 2 - (order * speeds / 60.0) ** 2
-            roots = CubicSpline(speeds, difference).roots(extrapolate=False)
-            roots = np.unique(np.round(roots[np.isfinite(roots) & (roots > 0.0)], 9))
-            found += [
-                Critical(mode + 1, order, float(root), order * float(root) / 60.0) for root in roots
-            ]
-    return sorted(found, key=lambda item: (item.speed_rpm, item.mode, item.order))

@@ -10,14 +10,19 @@ import numpy as np
 from fenicsrom.assess.campbell import Campbell
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+SMOOTH = 201  # points of a curve between the computed frequencies
+LEGEND_COLUMNS = 4
 
 
 def summary(found: Campbell) -> dict[str, Any]:
@@ -32,8 +37,11 @@ def summary(found: Campbell) -> dict[str, Any]:
         "frequencies_hz": found.frequencies_hz,
         "mac": found.mac,
         "largest_displacement_m": found.largest,
+        "mode_names": found.names,
         "engine_orders": list(found.scene.campbell.engine_orders),
         "critical_speeds": [vars(item) for item in found.critical],
+        "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
+        "margins": found.margins,
         "complex_change": found.change,
         "seconds": found.seconds,
         "unfinished": str(found.unfinished) if found.unfinished else None,
@@ -44,7 +52,7 @@ def summary(found: Campbell) -> dict[str, Any]:
 
 def frequency_table(found: Campbell) -> list[list[Any]]:
     """Frequencies against speed; the first row is the header."""
-    head = ["rpm", *(f"mode {k + 1} Hz" for k in range(found.squares.shape[1]))]
+    head = ["rpm", *(f"mode {label} Hz" for label in found.labels)]
     rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
     return [head, *([f"{speed:.6g}", *(f"{value:.5g}" for value in line)] for speed, line in rows)]
 
@@ -52,10 +60,31 @@ def frequency_table(found: Campbell) -> list[list[Any]]:
 def critical_table(found: Campbell) -> list[list[Any]]:
     """The critical speeds; the first row is the header."""
     rows = [
-        [item.order, item.mode, f"{item.speed_rpm:.5g}", f"{item.frequency_hz:.5g}"]
+        [
+            item.order,
+            found.labels[item.mode - 1],
+            f"{item.speed_rpm:.5g}",
+            f"{item.frequency_hz:.5g}",
+            None if item.computed_hz is None else f"{item.computed_hz:.5g}",
+            None if item.difference is None else f"{100 * item.difference:+.4f}",
+        ]
         for item in found.critical
     ]
-    return [["engine order", "mode", "rpm", "Hz"], *rows]
+    return [["engine order", "mode", "rpm", "Hz", "mode computed there Hz", "difference %"], *rows]
+
+
+def margin_table(found: Campbell) -> list[list[Any]]:
+    """The margins at the speed of operation, if known; the first row is the header."""
+    if found.margins is None:
+        return []
+    assert found.operating_squares is not None
+    orders = found.scene.campbell.engine_orders
+    hertz = np.sqrt(np.maximum(found.operating_squares, 0.0)) / (2.0 * np.pi)
+    rows = [
+        [label, f"{value:.5g}", *(f"{100 * margin:+.1f}" for margin in line)]
+        for label, value, line in zip(found.labels, hertz, found.margins, strict=True)
+    ]
+    return [["mode", "Hz", *(f"EO {order} %" for order in orders)], *rows]
 
 
 def sentences(found: Campbell) -> list[str]:
@@ -67,6 +96,21 @@ def sentences(found: Campbell) -> list[str]:
         f"displacement of the equilibrium {1e3 * found.largest.max():.3g} mm.",
         f"Engine orders {orders} have {len(found.critical)} critical speeds.",
     ]
+    if found.names:
+        lines.append(
+            "Names by the motion of the tip at the first speed: F flap, E edge, T torsion, "
+            "A axial, C chordwise bending."
+        )
+    margins = found.margins
+    if margins is not None:
+        mode, column = np.unravel_index(np.argmin(np.abs(margins)), margins.shape)
+        rotation = found.scene.rotation
+        assert rotation is not None
+        lines.append(
+            f"At {rotation.speed_rpm:g} rpm the smallest frequency margin is "
+            f"{100 * margins[mode, column]:+.1f} %, of mode {found.labels[mode]} and engine order "
+            f"{found.scene.campbell.engine_orders[column]}; margin = frequency / engine order - 1."
+        )
     if speeds.size > 1:
         k, mode = np.unravel_index(np.argmin(found.mac), found.mac.shape)
         lines.append(
@@ -91,6 +135,36 @@ def figure(found: Campbell) -> Figure:
     speeds, frequencies = found.speeds_rpm, found.frequencies_hz
     top = 1.08 * float(frequencies.max(initial=1.0))
     right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
+    _draw_orders(axis, found, right, top)
+    fine, curves = np.linspace(speeds[0], speeds[-1], SMOOTH), found.curves()
+    for mode, label in enumerate(found.labels):
+        colour = COLOURS[mode % len(COLOURS)]
+        style = ("-", "--", ":")[mode // len(COLOURS) % 3]
+        marks = axis.plot(speeds, frequencies[:, mode], "o", color=colour, markersize=3.0)
+        named = marks
+        if curves:
+            hertz = np.sqrt(np.maximum(curves[mode].at(fine), 0.0))
+            named = axis.plot(fine, hertz, style, color=colour)
+        named[0].set_label(f"mode {label}")
+    look: dict[str, Any] = {"linestyle": "none", "color": "black", "zorder": 3}
+    for name, marker, confirmed in (
+        ("critical speed", "o", True),
+        ("critical speed, not confirmed", "x", False),
+    ):
+        chosen = [item for item in found.critical if item.confirmed is confirmed]
+        if chosen:
+            places = [item.speed_rpm for item in chosen], [item.frequency_hz for item in chosen]
+            axis.plot(*places, marker, markerfacecolor="white", markersize=6, label=name, **look)
+    if found.margins is not None and found.scene.rotation is not None:
+        operating = found.scene.rotation.speed_rpm
+        axis.axvline(operating, color="#555B61", linestyle="-.", linewidth=1.0, label="operation")
+    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
+    drawn.legend(loc="outside upper center", ncols=LEGEND_COLUMNS)
+    return drawn
+
+
+def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
+    """Draw the lines of the engine orders with their names at their ends."""
     for order in found.scene.campbell.engine_orders:
         end = min(right, 60.0 * top / order)
         axis.plot([0.0, end], [0.0, order * end / 60.0], color="#A6ABB0", linewidth=1.0, zorder=1)
@@ -106,24 +180,6 @@ def figure(found: Campbell) -> Figure:
             va="center" if beside else "bottom",
             annotation_clip=False,
         )
-    for mode in range(frequencies.shape[1]):
-        colour = COLOURS[mode % len(COLOURS)]
-        style = ("-", "--", ":")[mode // len(COLOURS) % 3]
-        look: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 2.5, "zorder": 2}
-        axis.plot(speeds, frequencies[:, mode], style, label=f"mode {mode + 1}", **look)
-    for item in found.critical:
-        axis.plot(
-            item.speed_rpm,
-            item.frequency_hz,
-            "o",
-            color="black",
-            markerfacecolor="white",
-            markersize=6,
-            zorder=3,
-        )
-    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
-    drawn.legend(loc="outside upper center", ncols=min(frequencies.shape[1], 6))
-    return drawn
 
 
 def write(found: Campbell, folder: Path) -> list[Path]:
@@ -152,6 +208,8 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     sections += [(name, [path]) for name, path in pictures]
     if found.critical:
         sections.append(("Critical speeds", [critical_table(found)]))
+    if margins := margin_table(found):
+        sections.append(("Margins at the speed of operation", [margins]))
     sections.append(("Frequencies", [frequency_table(found)]))
     title = f"{scene_heading(found.scene)}: Campbell diagram"
     write_report(folder / "report.html", title, sections)
@@ -164,5 +222,6 @@ def terminal(found: Campbell) -> str:
     tables = [
         text_table(frequency_table(found)),
         *([text_table(critical_table(found))] if found.critical else []),
+        *([text_table(margins)] if (margins := margin_table(found)) else []),
     ]
     return "\n\n".join([*tables, "\n".join(sentences(found))])

@@ -18,7 +18,8 @@ from fenicsrom.post.compare_figures import (
     tip_error,
 )
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading

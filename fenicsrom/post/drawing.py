@@ -9,31 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.post.style import STATES, new_figure, styled
+from fenicsrom.post.style import STATES, magnification, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Ratio of displacement and length of the body from which displacements are drawn to scale.
-TRUE_SCALE = 0.03
 FILM_SECONDS = 3.0  # duration of an animation
-
-
-def draw_shapes() -> None:
-    """Draw shapes as one PNG; the task is on the command line."""
-    import pyvista
-
-    task = json.loads(sys.argv[1])
-    grid = pyvista.read(task["source"])
-    camera = Camera(grid)
-    images = []
-    for label in task["labels"]:
-        vectors = np.asarray(grid.point_data[label])
-        largest = float(np.linalg.norm(vectors, axis=1).max()) or 1.0
-        camera.show(grid, vectors, 0.15 * camera.length / largest, largest)
-        images.append(camera.photograph())
-    camera.plotter.close()
-    shape_panels(task["labels"], cropped(images)).savefig(task["picture"])
 
 
 def draw_motion() -> None:
@@ -50,6 +31,10 @@ def draw_motion() -> None:
 
     vectors = [np.array(at(motion, time).point_data["displacement"]) for time in motion.time_values]
     grid = at(motion, motion.time_values[0])
+    if task["rest"]:
+        rest = np.array(pyvista.read(task["rest"]).point_data["displacement"])
+        vectors = [frame - rest for frame in vectors]
+        grid.points = np.asarray(grid.points) + rest
     largest = max(float(np.linalg.norm(frame, axis=1).max()) for frame in vectors)
     factor = magnification(largest, float(np.ptp(np.asarray(grid.points), axis=0).max()))
     camera = Camera(grid, margin=factor * largest, pixels=900)
@@ -63,6 +48,7 @@ def draw_motion() -> None:
         images.append(camera.photograph())
     camera.plotter.close()
     scale = "displacements to scale" if factor == 1.0 else f"displacements × {factor:g}"
+    scale = f"from the equilibrium, {scale}" if task["rest"] else scale
     frames = film_frames(cropped(images), motion.time_values, scale, largest, points is not None)
     _write_gif(task["picture"], frames)
 
@@ -109,27 +95,6 @@ def _write_gif(path: str, images: Sequence[np.ndarray]) -> None:
         append_images=frames[1:],
         duration=round(1e3 * FILM_SECONDS / len(frames)),
         loop=0,
-    )
-
-
-def magnification(largest: float, length: float) -> float:
-    """Choose the factor by which displacements are multiplied in a picture.
-
-    Args:
-        largest: largest displacement, m.
-        length: length of the body, m.
-
-    Returns:
-        1 if the largest displacement is zero or at least `TRUE_SCALE` of the length; otherwise the
-        largest of 1, 2 and 5 times a power of ten with which no displacement exceeds a tenth of the
-        length.
-    """
-    if largest >= TRUE_SCALE * length or largest == 0.0:
-        return 1.0
-    wanted = 0.1 * length / largest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(
-        max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)) * power
     )
 
 
@@ -255,41 +220,6 @@ def cropped(images: Sequence[np.ndarray]) -> list[np.ndarray]:
         slice(max(columns[0] - 20, 0), columns[-1] + 20),
     )
     return [image[box] for image in images]
-
-
-@styled
-def shape_panels(labels: Sequence[str], images: Sequence[np.ndarray]) -> Figure:
-    """Arrange pictures of deformed shapes in a grid with one colour bar.
-
-    Args:
-        labels: one per picture.
-        images: pictures of the same size (height, width, 3).
-    """
-    from matplotlib.cm import ScalarMappable
-
-    height, width = images[0].shape[:2]
-    aspect = height / width
-    columns = min(len(images), 2 if aspect < 0.25 else 3 if aspect < 1 else 5)
-    rows = -(-len(images) // columns)
-    wide = 9.6 / max(columns, 2)
-    figure = new_figure(9.6, 0.7 + rows * (wide * aspect + 0.3))
-    axes = figure.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.set_axis_off()
-    for axis, label, image in zip(axes.flat, labels, images, strict=False):
-        axis.imshow(image, interpolation="antialiased")
-        axis.set_title(label, fontweight="bold")
-    bar = figure.colorbar(
-        ScalarMappable(cmap="viridis"),
-        ax=axes,
-        location="bottom",
-        shrink=0.3,
-        aspect=40,
-        ticks=[0, 0.5, 1],
-    )
-    bar.set_label("displacement / largest")
-    bar.outline.set_visible(False)
-    return figure
 
 
 @styled

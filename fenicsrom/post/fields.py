@@ -105,6 +105,19 @@ def contact_points(
     }
 
 
+def about_equilibrium(
+    study: Study, places: Array, values: dict[str, NDArray[Any]]
+) -> tuple[Array, dict[str, NDArray[Any]]]:
+    """Refer the places and displacements of `contact_points` to the equilibrium. Collective."""
+    solid = study.solid
+    frames = solid.points.frame
+    points, d = frames.shape[:2]
+    local = np.sum(solid.comm.allgather(solid.contact_rows @ solid.equilibrium), axis=0)
+    shift = np.zeros((points, 3))
+    shift[:, :d] = np.einsum("pk,pkx->px", local.reshape(points, d), frames)
+    return places + shift, values | {"displacement": values["displacement"] - shift}
+
+
 def shapes(study: Study) -> dict[str, dict[str, Any]]:
     """Normal modes, static modes, derivatives and equilibrium: file name -> label -> field."""
     solid, modes = study.solid, study.modes

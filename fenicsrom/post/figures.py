@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
 
 
+NARROW = 4  # largest number of intervals between the ticks of a narrow panel
+
+
 @styled
 def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """Draw displacements over the last two periods, one panel per direction.
@@ -41,7 +44,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
                 time, 1e3 * motion.displacement[part, point, k], label=name, **styles[name]
             )
     for k, axis in enumerate(axes):
-        axis.set_ylabel(f"{_direction(k, directions, touching)}\ndisplacement, mm")
+        axis.set_ylabel(f"{direction_name(k, directions, touching)}\ndisplacement, mm")
         axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
@@ -157,6 +160,7 @@ def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: in
                 ]
                 axis.plot(*curve, label=name, **styles[name])
         axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+        axis.locator_params(axis="x", nbins=NARROW)
     panels[-1].set_title("orbit")
 
 
@@ -287,7 +291,7 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     return cycles[part] - start, part
 
 
-def _direction(k: int, directions: int, touching: bool) -> str:
+def direction_name(k: int, directions: int, touching: bool) -> str:
     """Name a component of a displacement."""
     if not touching:
         return "xyz"[k]

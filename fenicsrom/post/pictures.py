@@ -5,13 +5,23 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from fenicsrom.online.measures import point_summaries
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.signals import LEAST_SAMPLES
+from fenicsrom.online.measures import is_unsteady, point_summaries
+from fenicsrom.post.body_pictures import body_pictures, is_slender
 from fenicsrom.post.centreline import centreline
-from fenicsrom.post.fields import contact_points, frame_rows, moving_field, shapes
+from fenicsrom.post.fields import (
+    about_equilibrium,
+    contact_points,
+    frame_rows,
+    moving_field,
+    shapes,
+)
 from fenicsrom.post.figures import (
     plot_contact,
     plot_energy,
@@ -19,8 +29,16 @@ from fenicsrom.post.figures import (
     plot_motion,
     plot_points,
 )
+from fenicsrom.post.motion_figures import (
+    plot_coordinates,
+    plot_energy_per_period,
+    plot_rub_map,
+    plot_section,
+    plot_transient,
+)
 from fenicsrom.post.optional import missing_module
-from fenicsrom.post.rendering import animate, picture_modes, picture_stress
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.rendering import animate, picture_stress
 from fenicsrom.post.writers import write_figure
 from fenicsrom.progress import tracked
 
@@ -33,31 +51,45 @@ if TYPE_CHECKING:
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
+LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
+NO_FREQUENCIES = np.zeros(0)
+LEAST_SECTION = 20  # fewer periods make no section
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A picture that is not drawn yet.
+def motion_pictures(
+    motions: Mapping[str, Motion], natural_hz: Array = NO_FREQUENCIES
+) -> list[Picture]:
+    """List the pictures of the motion, of the contact and of the energy.
 
-    Attributes:
-        heading: its heading in the report.
-        name: name of the file.
-        draw: makes the figure.
+    A motion without a period has its spectra, one that has a period but does not repeat its
+    Poincare section, many contact points have a map, and a run of several periods its energies
+    per period.
+
+    Args:
+        motions: model name -> motion.
+        natural_hz: (n,) natural frequencies, Hz.
     """
-
-    heading: str
-    name: str
-    draw: Callable[[], Figure]
-
-
-def motion_pictures(motions: Mapping[str, Motion]) -> list[Picture]:
-    """List the pictures of the motion, of the contact and of the energy."""
     first = next(iter(motions.values()))
-    return [
-        Picture("Motion", "motion.png", lambda: plot_motion(motions)),
-        *_contact_pictures(motions, first.force.shape[1]),
-        Picture("Energy", "energy.png", lambda: plot_energy(first)),
-    ]
+    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions))]
+    if first.period is None and first.time.size >= LEAST_SAMPLES:
+        pictures.append(
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz))
+        )
+    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+        pictures.append(Picture("Poincaré section", "section.png", lambda: plot_section(first)))
+    pictures += _contact_pictures(motions, first.force.shape[1])
+    if first.state.shape[1] > FEW_POINTS:
+        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
+    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first)))
+    if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
+        pictures.append(
+            Picture(
+                "Energy per period",
+                "energy_per_period.png",
+                lambda: plot_energy_per_period(first),
+            )
+        )
+    return pictures
 
 
 def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
@@ -140,47 +172,69 @@ def softly(name: str, notes: list[str]) -> Iterator[None]:
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
-    """Draw the motions and shapes of a study, or warn why they are not drawn. Collective.
+    """Draw the body, the motions and the shapes of a study, or warn why not. Collective.
 
     Raises:
         OSError: a file cannot be written.
     """
-    motions = motion_pictures(study.motions) if study.motions else []
+    bodies = body_pictures(study)
+    along, coordinates = _along_the_axis(study), _coordinates(study)
+    if study.solid.comm.rank != 0:
+        return []
+    natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
+    motions = motion_pictures(study.motions, natural) if study.motions else []
+    return draw_pictures(
+        [*bodies[:1], *motions, *coordinates, *bodies[1:], *along], folder, study.warnings
+    )
+
+
+def _coordinates(study: Study) -> list[Picture]:
+    """The picture of the modal coordinates of the reduced motion. Collective."""
+    motion, basis, modes = study.motions.get("reduced"), study.basis, study.modes
+    if motion is None or basis is None or modes is None or motion.coordinates is None:
+        return []
+    count = modes.normal.shape[1]
+    if not count:
+        return []
+    parts = study.solid.mass_inner(modes.normal, basis.vectors)
+    modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
+    labels = modes.labels[:count]
+    return [
+        Picture(
+            "Modal coordinates",
+            "coordinates.png",
+            lambda: plot_coordinates(motion, labels, modal),
+        )
+    ]
+
+
+def _along_the_axis(study: Study) -> list[Picture]:
+    """The picture of the shapes along the axis of a straight slender body. Collective."""
     fields = {
         label: field
         for kind, named in shapes(study).items()
         if kind != "equilibrium"
         for label, field in named.items()
     }
-    names = [picture.name for picture in motions] + ["modes.png", "shapes.png"] * bool(fields)
-    if sentence := not_drawn(names):
-        study.warnings.append(sentence)
+    boxes = [box for box in study.solid.comm.allgather(_box(study)) if box is not None]
+    if not fields or not is_slender(np.concatenate(boxes)):
         return []
-    root = study.solid.comm.rank == 0
-    written = draw_pictures(motions, folder, study.warnings) if root else []
-    return written + (_write_shapes(study, fields, folder) if fields else [])
+    positions, values = centreline(study.solid.space, fields)
+    labels = list(fields)
+    return [
+        Picture("Shapes along the axis", "modes.png", lambda: plot_modes(labels, positions, values))
+    ]
 
 
-def _write_shapes(study: Study, fields: Mapping[str, Any], folder: Path) -> list[tuple[str, Path]]:
-    """Draw shapes along the axis and as deformed bodies. Collective."""
-    space = study.solid.space
-    positions, values = centreline(space, fields)
-    pictures = []
-    if study.solid.comm.rank == 0:
-        along = Picture(
-            "Shapes along the axis",
-            "modes.png",
-            lambda: plot_modes(list(fields), positions, values),
-        )
-        pictures = draw_pictures([along], folder, study.warnings)
-    bodies = None
-    with softly("shapes.png", study.warnings), _kept(study.warnings):
-        bodies = picture_modes(folder / "shapes.png", space, fields)
-    return pictures + ([("Shapes", bodies)] if bodies is not None else [])
+def _box(study: Study) -> Array | None:
+    """Opposite corners (2, d) of the box around the nodes of this rank, m."""
+    d = study.solid.dimension
+    nodes = study.solid.space.tabulate_dof_coordinates()[:, :d]
+    return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
 
 
 def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
-    """Animate the last period of the reduced model as a GIF. Collective.
+    """Animate the last period of the reduced model about its equilibrium as a GIF. Collective.
 
     Raises:
         OSError: the file cannot be written.
@@ -188,9 +242,12 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     motion, solid = study.motions["reduced"], study.solid
     marks = contact_points(study, motion) if study.scene.contacts else None
     times = motion.time[frame_rows(motion)]
+    rest = solid.field(solid.equilibrium) if solid.loaded else None
+    if marks is not None and rest is not None:
+        marks = about_equilibrium(study, *marks)
     film = None
     with softly("motion.gif", study.warnings), _kept(study.warnings):
-        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks)
+        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks, rest)
     return [("Animation", film)] if film is not None else []
 
 

@@ -32,46 +32,19 @@ if TYPE_CHECKING:
     from dolfinx.fem import Function, FunctionSpace
 
 
-def picture_modes(
-    png: str | Path, space: FunctionSpace, fields: Mapping[str, np.ndarray | Function]
-) -> Path | None:
-    """Draw deformed shapes coloured by their displacement, one labelled panel each. Collective.
-
-    The largest displacement of every shape is drawn as 15 % of the length of the body, beside the
-    outline of the undeformed body.
-
-    Args:
-        png: the picture to write.
-        space: vector Lagrange space of degree 1 or 2.
-        fields: as in `write_fields`.
-
-    Returns:
-        The picture, or None after a warning if this machine cannot draw.
-
-    Raises:
-        OSError: the picture cannot be written.
-    """
-
-    def task(scratch: Path) -> dict[str, Any]:
-        return {
-            "source": str(write_fields(scratch, "shapes", space, fields)),
-            "labels": list(fields),
-        }
-
-    return _draw(png, space.mesh.comm, "draw_shapes", task)
-
-
 def animate(
     gif: str | Path,
     space: FunctionSpace,
     times: Sequence[float] | np.ndarray,
     frames: Callable[[int], np.ndarray | Function],
     marks: tuple[np.ndarray, Mapping[str, np.ndarray]] | None = None,
+    rest: np.ndarray | Function | None = None,
 ) -> Path | None:
     """Draw a motion as an animated GIF. Collective.
 
-    The body is deformed and coloured by its displacement, its contact points are marked.
-    Displacements are drawn to scale if the largest is at least `drawing.TRUE_SCALE` of the length
+    The body is deformed and coloured by its displacement, its contact points are marked. With a
+    state of rest, the displacements are those from this state, which is drawn to scale.
+    Displacements are drawn to scale if the largest is at least `style.TRUE_SCALE` of the length
     of the body; otherwise they are magnified by a round number that the picture shows.
 
     Args:
@@ -79,8 +52,9 @@ def animate(
         space: vector Lagrange space of degree 1 or 2.
         times: (n_frames,) instants, s.
         frames: as in `write_motion`.
-        marks: (P, 3) positions of the contact points in the undeformed body, m, and the arrays
-            `displacement` (n_frames, P, 3), m, and `state` (n_frames, P).
+        marks: (P, 3) positions of the contact points in the state of rest, m, and the arrays
+            `displacement` from there (n_frames, P, 3), m, and `state` (n_frames, P).
+        rest: displacement of the state of rest, as a frame; by default the undeformed body.
 
     Returns:
         The file, or None after a warning if this machine cannot draw.
@@ -94,7 +68,10 @@ def animate(
         found = {
             "motion": str(write_motion(scratch, "motion", space, times, frames)),
             "points": None,
+            "rest": None,
         }
+        if rest is not None:
+            found["rest"] = str(write_fields(scratch, "rest", space, {"displacement": rest}))
         if marks is not None and comm.rank == 0:
             points, arrays = marks
             drawn = {name: arrays[name] for name in ("displacement", "state")}

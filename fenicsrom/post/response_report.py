@@ -9,7 +9,8 @@ from fenicsrom.assess.response_results import Response
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.post.contact_map import contact_map
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.response_details import harmonics_figure, multiplier_figure
 from fenicsrom.post.response_figures import figure
 from fenicsrom.post.response_motion import (

@@ -13,7 +13,8 @@ import numpy as np
 from fenicsrom.assess.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.style import new_figure, styled
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading

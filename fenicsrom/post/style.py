@@ -11,11 +11,15 @@ import itertools
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fenicsrom.online.measures import STATE_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+# Ratio of displacement and length of the body from which displacements are drawn to scale.
+TRUE_SCALE = 0.03
 # The colours of Okabe and Ito, which colour-blind readers can distinguish. Their yellow is left out
 # because it is hard to see on white.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -90,3 +94,24 @@ def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
         name: _LINES.get(name) or dict(zip(("linestyle", "color"), next(cycle), strict=True))
         for name in names
     }
+
+
+def magnification(largest: float, length: float) -> float:
+    """Choose the factor by which displacements are multiplied in a picture.
+
+    Args:
+        largest: largest displacement, m.
+        length: length of the body, m.
+
+    Returns:
+        1 if the largest displacement is zero or at least `TRUE_SCALE` of the length; otherwise the
+        largest of 1, 2 and 5 times a power of ten with which no displacement exceeds a tenth of the
+        length.
+    """
+    if largest >= TRUE_SCALE * length or largest == 0.0:
+        return 1.0
+    wanted = 0.1 * length / largest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(
+        max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)) * power
+    )

@@ -9,7 +9,8 @@ from typing import Any
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
-from fenicsrom.post.pictures import Picture, draw_pictures
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.sweep_figures import figure
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary

@@ -75,7 +75,7 @@ def write_fields(
         OSError: the file cannot be written; no partial file remains.
     """
     comm = space.mesh.comm
-    grid = _grid(space)
+    grid = grid_of(space)
     arrays = _arrays(grid, space, fields, attached)
     if comm.size == 1:
         path = Path(folder) / f"{name}.vtu"
@@ -120,7 +120,7 @@ def write_motion(
         OSError: a file cannot be written; no partial file remains.
     """
     comm = space.mesh.comm
-    grid = _grid(space)
+    grid = grid_of(space)
     frame: Callable[[int], Any] = frames if callable(frames) else frames.__getitem__
     path = Path(folder) / name
     with atomic_folder(path, comm) as temporary:
@@ -175,7 +175,7 @@ def write_points(
 
 
 @dataclass(frozen=True)
-class _Grid:
+class NumberedGrid:
     """The cells of one rank in VTK's numbering.
 
     Attributes:
@@ -187,7 +187,7 @@ class _Grid:
     nodes: np.ndarray
 
 
-def _grid(space: FunctionSpace) -> _Grid:
+def grid_of(space: FunctionSpace) -> NumberedGrid:
     """Make the grid of the cells that this rank owns, all with positive volume."""
     mesh = space.mesh
     d = mesh.topology.dim
@@ -212,7 +212,7 @@ def _grid(space: FunctionSpace) -> _Grid:
     cells = np.where(inverted[:, None], cells[:, mirror], cells)
     used, renumbered = np.unique(cells, return_inverse=True)
     cell_type = linear if len(nodes) == 2**d or len(nodes) == d + 1 else quadratic
-    return _Grid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
+    return NumberedGrid(Grid(points[used], renumbered.reshape(cells.shape), cell_type), used)
 
 
 def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarray:
@@ -229,7 +229,7 @@ def unknowns_of(space: FunctionSpace, field: np.ndarray | Function) -> np.ndarra
 
 
 def _arrays(
-    grid: _Grid,
+    grid: NumberedGrid,
     space: FunctionSpace,
     fields: Mapping[str, np.ndarray | Function],
     attached: Attached,
@@ -246,7 +246,7 @@ def _arrays(
 def _write_parts(
     folder: Path,
     name: str,
-    grid: _Grid,
+    grid: NumberedGrid,
     arrays: Mapping[str, np.ndarray],
     attached: Attached,
     comm: Any,

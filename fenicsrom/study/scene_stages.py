@@ -162,7 +162,7 @@ def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             writing.paraview_scene,
             writes=True,
         ),
-        wanted("pictures", "pictures", shapes, writing.pictures),
+        wanted("pictures", "pictures", True, writing.pictures),
         Stage(
             "stress picture",
             with_stresses(scene) and output.pictures,

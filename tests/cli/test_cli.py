@@ -202,8 +202,8 @@ def test_run_without_matplotlib_writes_numbers_and_names_pictures(tmp_path):
     command = [sys.executable, "-c", program, *arguments]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     sentence = (
-        "motion.png, contact.png, energy.png, modes.png and shapes.png were not drawn: "
-        "matplotlib is not installed"
+        "setup.png, motion.png, contact.png, energy.png, coordinates.png, shapes.png and modes.png "
+        "were not drawn: matplotlib is not installed"
     )
     assert done.stdout.count(sentence) == 1
     found = json.loads((tmp_path / "summary.json").read_text())

@@ -44,7 +44,7 @@ from fenicsrom.online.archive import changed_key
 from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
-from fenicsrom.scene import Basis, Place, parse_scene, scene_table
+from fenicsrom.scene import Basis, Place, parse_scene, read_scene, scene_table
 from fenicsrom.study import plan
 
 Array = NDArray[np.float64]
@@ -481,6 +481,31 @@ def test_crossing_modes_are_followed() -> None:
         exact = np.sqrt(solid.eigenmodes(solid.factor, 2)[0]) / (2.0 * np.pi)
         assert np.abs(exact - item.frequency_hz).min() < 1e-3 * item.frequency_hz
         assert item.frequency_hz == pytest.approx(item.order * item.speed_rpm / 60.0, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_critical_speeds_of_blade_from_two_speeds_agree_with_nine() -> None:
+    """The blade turns about the axis of the engine, y; two speeds find what nine find."""
+    demo = Path(__file__).parents[2] / "demos" / "blade_campbell.toml"
+    coarse = ("geometry.parameters.elements_along=6", "geometry.parameters.elements_across=4")
+    found = []
+    for speeds in ("[0, 3000]", "{first=0, last=3000, number=9}"):
+        changes = (f"campbell.speeds_rpm={speeds}", "campbell.modes=3", "rotation.speed_rpm=3000")
+        scene = read_scene(demo, [*coarse, *changes])
+        assert scene.rotation.axis == (0.0, 1.0, 0.0)
+        found.append(diagram.campbell(scene, world(), lambda line: None))
+    two, nine = found
+    assert two.names == nine.names == ["1F", "2F", "1T"]
+    assert len(two.critical) == len(nine.critical) >= 5
+    for one, other in zip(two.critical, nine.critical, strict=True):
+        assert (one.mode, one.order) == (other.mode, other.order)
+        assert one.confirmed and other.confirmed
+        assert one.speed_rpm == pytest.approx(other.speed_rpm, rel=3e-4)
+    np.testing.assert_allclose(two.margins, nine.margins, atol=1e-6)
+    lines = np.array(two.scene.campbell.engine_orders) * 50.0
+    np.testing.assert_allclose(
+        two.margins, two.frequencies_hz[-1][:, None] / lines - 1.0, rtol=1e-12
+    )
 
 
 def world() -> Any:

@@ -9,63 +9,11 @@ import pytest
 pytest.importorskip("dolfinx.fem")
 pytest.importorskip("pyvista")
 
-from spaces import HEIGHT, LENGTH, of_space, space_on
+from spaces import HEIGHT, LENGTH, space_on
 
-from fenicsrom.post import drawing, rendering
+from fenicsrom.post import drawing, rendering, style
 
 needs_xvfb = pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs Xvfb")
-
-
-@pytest.mark.slow
-@needs_xvfb
-@pytest.mark.parametrize(
-    "cell", ["quadrilateral", pytest.param("tetrahedron", marks=pytest.mark.slow)]
-)
-def test_shapes_without_display_are_drawn(tmp_path, monkeypatch, cell):
-    from matplotlib.image import imread
-
-    monkeypatch.delenv("DISPLAY", raising=False)
-    space = space_on(cell)
-    x = space.tabulate_dof_coordinates()
-    u = np.zeros((len(x), space.mesh.geometry.dim))
-    u[:, 1] = x[:, 0] ** 2
-    png = rendering.picture_modes(
-        tmp_path / "modes.png", space, {"1V": u.ravel(), "2V": -u.ravel()}
-    )
-    assert png == tmp_path / "modes.png" and os.listdir(tmp_path) == ["modes.png"]
-    picture = imread(png)[..., :3]
-    colourful = np.ptp(picture, axis=2) > 0.3
-    height, width = colourful.shape
-    assert height > 200 and width > 1000 and colourful.mean() > 0.005
-    bent_up, bent_down = (
-        np.nonzero(colourful[: height // 2, half])[0].mean()
-        for half in (slice(0, width // 2), slice(width // 2, None))
-    )
-    assert bent_up < bent_down - 10  # pixels, counted from above
-
-
-@needs_xvfb
-def test_shape_of_zeros_is_drawn(tmp_path):
-    from matplotlib.image import imread
-
-    space = space_on("triangle")
-    zero = 0 * of_space(space, 2)
-    picture = imread(rendering.picture_modes(tmp_path / "modes.png", space, {"1V": zero}))[..., :3]
-    body = picture[: len(picture) // 2] - np.array([68, 1, 84]) / 255  # the colour of zero
-    assert (np.abs(body).max(axis=2) < 0.06).sum() > 1000
-
-
-def test_shapes_without_renderer_warn_and_write_nothing(tmp_path, monkeypatch):
-    """VTK ends its process if there is no display; the run survives."""
-    monkeypatch.setattr(rendering.shutil, "which", lambda name: None)
-    monkeypatch.setattr(rendering.sys, "executable", shutil.which("false") or "/bin/false")
-    space = space_on("triangle")
-    with pytest.warns(UserWarning, match=r"modes\.png was not drawn: no display and no Xvfb.*\.$"):
-        assert (
-            rendering.picture_modes(tmp_path / "modes.png", space, {"u": of_space(space, 2)})
-            is None
-        )
-    assert not os.listdir(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +33,7 @@ def test_shapes_without_renderer_warn_and_write_nothing(tmp_path, monkeypatch):
 def test_magnification_is_round_number(largest, factor):
     """A body of 2 m: displacements from 0.06 m on are drawn to scale, smaller ones with at most 0.2
     m."""
-    assert drawing.magnification(largest, 2.0) == pytest.approx(factor)
+    assert style.magnification(largest, 2.0) == pytest.approx(factor)
     assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
 
 
@@ -141,7 +89,7 @@ def test_animation_without_display_shows_motion_and_states(tmp_path, monkeypatch
     up, rest, down, again = tips
     assert rest == pytest.approx(again, abs=0.6) and up + down == pytest.approx(2 * rest, abs=4)
     travel = (
-        2 * size * drawing.magnification(size, LENGTH) / LENGTH
+        2 * size * style.magnification(size, LENGTH) / LENGTH
     )  # of the length, which is about 650 pixels long
     assert down - up == pytest.approx(650 * travel, rel=0.15)
 
@@ -209,3 +157,28 @@ def test_picture_of_stress_marks_largest_value_on_the_side_that_is_seen(
     assert red.sum() > 200 and blue.sum() > 200
     apart = np.nonzero(blue)[1].mean() - np.nonzero(red)[1].mean()
     assert abs(apart) > 0.3 * picture.shape[1] and (d == 3 or apart > 0.0)
+
+
+@pytest.mark.slow
+@needs_xvfb
+def test_animation_about_equilibrium_leaves_out_its_displacement(tmp_path):
+    """The same small swing about a large deflection: magnified as if the body were undeformed."""
+    from PIL import Image
+
+    space = space_on("quadrilateral")
+    times, frames, marks = swing(space, 1e-3)
+    rest = 0.0 * frames(0)
+    rest[1::2] = 0.3 * HEIGHT
+    shifted = (marks[0] + [0.0, 0.3 * HEIGHT, 0.0], marks[1])
+    films = []
+    for name, moved, about, dots in (
+        ("plain", frames, None, marks),
+        ("about", lambda k: rest + frames(k), rest, shifted),
+    ):
+        gif = rendering.animate(tmp_path / f"{name}.gif", space, times, moved, dots, about)
+        with Image.open(gif) as film:
+            film.seek(0)
+            films.append(np.asarray(film.convert("RGB")).astype(int))
+    plain, about = (film[40:-90] for film in films)  # without the texts
+    assert plain.shape == about.shape
+    assert np.mean(np.abs(plain - about).max(axis=2) > 60) < 0.01

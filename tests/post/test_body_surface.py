@@ -1,0 +1,80 @@
+"""The boundary of bodies as triangles, without and with dolfinx."""
+
+import numpy as np
+import pytest
+
+from fenicsrom.post.body_surface import normals, surface_of
+from fenicsrom.post.vtk_files import CELLS, Grid, in_space, reference_nodes
+
+CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+SURFACE = {
+    "triangle": 0.5,
+    "quadrilateral": 1.0,
+    "tetrahedron": 1.5 + np.sqrt(3.0) / 2.0,
+    "hexahedron": 6.0,
+}
+
+
+def one_cell(name, quadratic):
+    """The reference cell as a grid."""
+    nodes = reference_nodes(name)
+    nodes = nodes if quadratic else nodes[: CORNERS[name]]
+    return Grid(in_space(nodes), np.arange(len(nodes))[None], CELLS[name][0][quadratic])
+
+
+def areas(surface):
+    a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+@pytest.mark.parametrize("quadratic", [0, 1])
+@pytest.mark.parametrize("name", list(CORNERS))
+def test_surface_of_one_cell_is_closed_and_looks_outwards(name, quadratic):
+    surface = surface_of(one_cell(name, quadratic))
+    size = areas(surface)
+    assert size.min() > 0.0 and size.sum() == pytest.approx(SURFACE[name])
+    direction = normals(surface.points, surface.triangles)
+    assert surface.flat is (name in ("triangle", "quadrilateral"))
+    if surface.flat:
+        np.testing.assert_allclose(direction[:, 2], 1.0)
+        return
+    np.testing.assert_allclose(size @ direction, 0.0, atol=1e-12)
+    middle = surface.points[surface.triangles].mean(axis=1)
+    volume = np.sum(np.sum(middle * direction, axis=1) * size) / 3.0
+    assert volume == pytest.approx(1.0 if name == "hexahedron" else 1.0 / 6.0)
+
+
+@pytest.mark.parametrize(("name", "edges"), [("triangle", 3), ("hexahedron", 12)])
+@pytest.mark.parametrize("quadratic", [0, 1])
+def test_sharp_edges_show_the_form(name, edges, quadratic):
+    surface = surface_of(one_cell(name, quadratic))
+    assert len(surface.edges) == edges * (1 + quadratic)
+    length = np.linalg.norm(np.diff(surface.points[surface.edges], axis=1)[:, 0], axis=1)
+    assert length.sum() == pytest.approx(12.0 if name == "hexahedron" else 2.0 + np.sqrt(2.0))
+
+
+def test_face_between_two_cells_is_not_part_of_the_surface():
+    x, y, z = np.meshgrid([0.0, 1.0, 2.0], [0.0, 1.0], [0.0, 1.0], indexing="ij")
+    number = np.arange(12).reshape(3, 2, 2)
+    cells = [
+        [number[i + a, b, c] for a, b, c in reference_nodes("hexahedron")[:8].astype(int)]
+        for i in range(2)
+    ]
+    grid = Grid(np.column_stack([x.ravel(), y.ravel(), z.ravel()]), np.array(cells), 12)
+    surface = surface_of(grid)
+    assert areas(surface).sum() == pytest.approx(10.0)
+    assert len(surface.edges) == 16  # of the box; a ring of four lines where the cells meet is flat
+    assert len(surface.wires) == 2 * 5 * 4
+
+
+def test_body_and_fields_are_collected_from_a_space():
+    pytest.importorskip("dolfinx.fem")
+    from spaces import HEIGHT, LENGTH, of_space, space_on
+
+    from fenicsrom.post.body_surface import gathered_surface
+
+    space = space_on("tetrahedron")
+    surface, values = gathered_surface(space, {"u": of_space(space, 2)})
+    assert areas(surface).sum() == pytest.approx(4.0 * LENGTH * HEIGHT + 2.0 * HEIGHT**2)
+    x, y, _ = surface.points.T
+    np.testing.assert_allclose(values["u"][:, 0], 1 + 2 * x - y, atol=1e-12)
