@@ -636,9 +636,9 @@ def test_scene_of_demo_survives_stored_model() -> None:
     turn = 2.0 * np.pi * 50.0
     for change, spin in (
         ("friction=0.3", -turn),
-        ("surface.axis=[0, 1, 0]", 0.0),
+        ("surface.axis=[0, 0, 1]", 0.0),
         ("surface.spin=3.0", 3.0),
-        ("surface.axis=[-1, 0, 0]", turn),
+        ("surface.axis=[0, -1, 0]", turn),
     ):
         other = blade(f"contacts.0.{change}")
         surface = other.contacts[0].surface

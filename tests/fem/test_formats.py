@@ -623,7 +623,7 @@ def test_places_and_supports_by_pick_match_those_by_group(tmp_path: Path) -> Non
     with refusal(ErrorKind.PLACE, "loads[0]", names="clamped"):
         solid_of(scene(path, root, {"nearest": [-1, 0, 0]}), mesh)
     for name in ("l", "points"):
-        with refusal(ErrorKind.SUPPORT, "supports", names="nodes on one line"):
+        with refusal(ErrorKind.SUPPORT, "supports", names="1 rotation free"):
             solid_of(scene(path, {"group": name}, tip), mesh)
 
 

@@ -340,6 +340,7 @@ def test_static_scene_ends_with_its_equilibrium(
     )
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "beam2d.geo",
+        "equilibrium.png",
         "equilibrium.vtu",
         "groups.vtu",
         "provenance.json",
@@ -347,6 +348,7 @@ def test_static_scene_ends_with_its_equilibrium(
         "results",
         "results.pvd",
         "scene.toml",
+        "setup.png",
         "summary.json",
     }
     assert main(["plan", str(scene)]) == 0
