@@ -364,7 +364,6 @@ def test_static_scene_ends_with_its_equilibrium(
             "modes",
             "reduced motion",
             "derivatives",
-            "pictures",
             "ParaView motion",
             "animation",
         )
