@@ -143,13 +143,7 @@ def integrate(
             status, stopped = _run_span(run, span, spans, checkpoint, stop)
             if status == FAILED or period is None:
                 break
-            before = run.history[-2] if run.reference is None else run.reference
-            change = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
-            run.reference = None
-            if change <= settings.steady_tolerance and run.multiple == 1:
-                # the contact points repeat; check the whole state too
-                size = max(run.state.scalars[SIZE], 1e-300)
-                change = max(change, mass_norm(model, run.state.q - q0) / size)
+            change = _change(run, settings.steady_tolerance, period, q0)
             steady = change <= settings.steady_tolerance
             if steady and by_newton and not run.found:
                 steady = _confirm(run, settings, span, stop, last=span == spans)
@@ -169,6 +163,25 @@ def integrate(
         raise Interrupted(motion)
     check_scheme(motion, settings.scheme)
     return motion
+
+
+def _change(run: MarchRun, tolerance: float, period: float, q0: Array) -> float:
+    """The relative change of the motion since the period before.
+
+    Args:
+        run: the run.
+        tolerance: below which the motion counts as steady.
+        period: of the loads, s.
+        q0: (n,) coordinates a period ago.
+    """
+    before = run.history[-2] if run.reference is None else run.reference
+    found = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+    run.reference = None
+    if found <= tolerance and run.multiple == 1:
+        # the contact points repeat; check the whole state too
+        size = max(run.state.scalars[SIZE], 1e-300)
+        found = max(found, mass_norm(run.model, run.state.q - q0) / size)
+    return found
 
 
 def _run_span(
