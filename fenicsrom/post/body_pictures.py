@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ SLENDER = 8.0
 """Ratio of the length to the height of the box around a straight slender body.
 
 The sections of such a body move like points of its axis."""
+
+TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
 CLAMPED, EQUILIBRIUM = "clamped", "equilibrium"
 
@@ -120,7 +123,8 @@ def _title(scene: Scene) -> str:
     """The heading of the set-up, with the speed of rotation."""
     turning = f", {scene.rotation.speed_rpm:g} rpm" if scene.rotation is not None else ""
     heading = scene_heading(scene)
-    return heading if turning and turning.strip(", ") in heading else f"{heading}{turning}"
+    whole = heading if turning and turning.strip(", ") in heading else f"{heading}{turning}"
+    return textwrap.fill(whole, TITLE_WIDTH)
 
 
 def _load(k: int) -> str:
