@@ -27,8 +27,12 @@ def check_conforming(source: str, kind: int, cells: Ints, points: Floats, dimens
         dimension: dimension of the cells.
 
     Raises:
-        SceneError: a facet belongs to more than two cells, or a node hangs.
+        SceneError: a coordinate is not finite, a facet belongs to more than two cells, or a node
+            hangs.
     """
+    if not np.isfinite(points).all():
+        reason = "a node has coordinates that are not finite"
+        raise SceneError(f"{source}: {reason}", kind=ErrorKind.MESH, source=source)
     facets = facets_of(kind, cells)
     facets = facets.reshape(-1, facets.shape[-1])
     _, first, count = np.unique(

@@ -698,3 +698,11 @@ def test_two_ranks_give_the_same_imported_mesh(tmp_path: Path) -> None:
         assert np.allclose(one[1], two[1], rtol=1e-8) and min(one[1]) > 0
         assert np.allclose(one[2], two[2], atol=1e-12)
     assert dict(map(tuple, found[0][2][3])) == {"tip_nodes": 17}  # shared by the ranks
+
+
+def test_mesh_with_a_node_that_is_not_finite_is_refused(tmp_path: Path) -> None:
+    from fenicsrom.fem.conformity import check_conforming
+
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
+    with refusal(ErrorKind.MESH, file="a.msh", names="not finite"):
+        check_conforming(str(tmp_path / "a.msh"), 2, np.array([[0, 1, 2]]), points, 2)
