@@ -20,7 +20,7 @@ import math
 import time as clock
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -213,7 +213,11 @@ def with_steps(
     """
     given = {"steps_per_period": steps, "tolerance": tolerance}
     chosen = {key: value for key, value in given.items() if value is not None}
-    return with_time(scene, scheme=scheme, **chosen)
+    if scene.period is None:
+        return with_time(scene, scheme=scheme, **chosen)
+    made = with_time(scene, scheme=scheme)
+    # a scene file would refuse so few steps that they do not resolve the loads
+    return replace(made, time=made.time.changed(**chosen))
 
 
 def _run(model: Any, scene: Scene, exact: Motion, instants: int) -> Run:
