@@ -134,6 +134,8 @@ class FullModel:
     Vectors hold the unknowns that this rank owns.
     """
 
+    exact_newton = False
+
     def __init__(self, solid: Solid, contacts: Contacts | None = None):
         """Take the forms and matrices of the solid; geometrically linear if its scene is.
 

@@ -22,6 +22,8 @@ class DenseModel:
     of the full elastic force, which is the paper's method and checks the polynomial.
     """
 
+    exact_newton = True
+
     def __init__(
         self,
         mass: Array,

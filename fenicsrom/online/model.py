@@ -121,6 +121,11 @@ class ReducedModel(NamedTuple):
         return self.elastic.cubic.shape[0] == 0
 
     @property
+    def exact_newton(self) -> bool:
+        """`solve_effective` solves with S itself."""
+        return True
+
+    @property
     def velocity_forces(self) -> bool:
         """Whether there are forces D v."""
         return self.velocity_matrix.shape[0] > 0

@@ -13,6 +13,7 @@ class Model(Protocol):
 
     linear: bool
     velocity_forces: bool
+    exact_newton: bool  # solve_effective solves with S itself, not with one of an earlier state
     gauss_points: int
     loads: Array  # (n, loads) unit loads
     load_histories: LoadHistories  # their time factors

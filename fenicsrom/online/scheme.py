@@ -22,8 +22,10 @@ class Scheme(NamedTuple):
         points: (g,) points in [0, 1] along the step at which the elastic force is evaluated.
         weights: (g,) their weights.
         damping: alpha of the model, 1/s.
-        linear: the model's force is linear: one iteration solves the step.
+        linear: one iteration solves the step: the force is linear and Newton's method exact.
         velocity_forces: the model has forces D v.
+        quadratic: Newton's method is exact and converges quadratically; otherwise the model keeps
+            a factor for several iterations, which converge linearly.
     """
 
     alpha_m: float
@@ -37,6 +39,7 @@ class Scheme(NamedTuple):
     damping: float
     linear: bool
     velocity_forces: bool
+    quadratic: bool
 
 
 def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
@@ -48,7 +51,12 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
             integrate its force exactly.
         spectral_radius: spectral radius of generalised-alpha at infinite frequency, in [0, 1].
     """
-    model_is = float(model.damping), bool(model.linear), bool(model.velocity_forces)
+    model_is = (
+        float(model.damping),
+        bool(model.linear and model.exact_newton),
+        bool(model.velocity_forces),
+        bool(model.exact_newton),
+    )
     end = np.ones(1)
     if name == "average-acceleration":
         return Scheme(0.0, 0.0, 0.25, 0.5, False, 0.0, end, end, *model_is)

@@ -136,17 +136,17 @@ def contact_decrement(decrement, trial):  # type: ignore[no-untyped-def]
 
 
 @register_jitable(inline="always")
-def has_converged(decrement, last, iteration, scale, carried):  # type: ignore[no-untyped-def]
+def has_converged(decrement, last, iteration, scale, carried, quadratic):  # type: ignore[no-untyped-def]
     """Whether the next decrement will be small, or this one is rounding.
 
-    Newton's method converges quadratically, which predicts the next decrement. A small decrement
-    that stops decreasing is rounding.
+    The last two decrements predict the next one: if Newton's method is exact, the error is squared
+    in an iteration, otherwise it is multiplied by a rate. The decrement is the square of the error.
+    A small decrement that stops decreasing is rounding.
     """
-    coming = (
-        decrement * (decrement / last) ** 2
-        if iteration > 1 and decrement < 1e-3 * last
-        else decrement
-    )
+    coming = decrement
+    if iteration > 1 and decrement < 1e-3 * last:
+        ratio = decrement / last
+        coming = decrement * ratio**2 if quadratic else decrement * ratio
     rounding = (
         decrement <= max(NEWTON_ROUNDING * scale, CONTACT_ROUNDING * carried)
         and decrement > 0.1 * last
@@ -202,7 +202,9 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
         if iteration == 1:
             first = decrement
         scale = max(state.scalars[ENERGY_SCALE], first)
-        if scheme.linear or has_converged(decrement, last, iteration, scale, carried):
+        if scheme.linear or has_converged(
+            decrement, last, iteration, scale, carried, scheme.quadratic
+        ):
             return True, iteration
         if decrement > DIVERGENCE * first:
             return False, iteration

@@ -78,6 +78,7 @@ def with_damping(scheme: Scheme, damping: complex) -> Scheme:
         damping,
         scheme.linear,
         scheme.velocity_forces,
+        scheme.quadratic,
     )
 
 
