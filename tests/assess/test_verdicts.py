@@ -125,7 +125,7 @@ def test_motion_at_rest_has_no_error_but_that_of_its_position() -> None:
 
 
 @pytest.mark.parametrize("tolerance", [0.9, 0.999])
-def test_estimate_of_a_huge_tolerance_is_many_times_the_error(tolerance: float) -> None:
+def test_estimate_of_a_huge_tolerance_exceeds_every_limit(tolerance: float) -> None:
     """The amplitude is wrong by a tenth, and the motion settles.
 
     A comparison with a run of the same tolerance would not show this error.
@@ -136,7 +136,9 @@ def test_estimate_of_a_huge_tolerance_is_many_times_the_error(tolerance: float) 
     size = measures.amplitude(exact)
     error = np.linalg.norm(measures.amplitude(motion) - size) / np.linalg.norm(size)
     assert measures.has_settled(motion) and error > 0.05
-    assert estimates.step_errors(model, scene, motion).amplitude > 5.0 * error
+    assert estimates.step_errors(model, scene, motion).amplitude > max(
+        verdicts.UNSETTLED_ERROR, 5.0 * error
+    )
 
 
 def test_single_step_has_an_unknown_error(monkeypatch: pytest.MonkeyPatch) -> None:
