@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from fenicsrom.fem.deck import scene_deck
 from fenicsrom.fem.formats import read
 from fenicsrom.fem.formats.abaqus_keywords import Keyword, read_keywords
 from fenicsrom.fem.formats.calculix import FIELD, Deck, write_deck
+from fenicsrom.fem.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry, Scene
 
 SHORT = ("geometry.parameters.length=0.5", "geometry.parameters.elements_along=3")
@@ -94,18 +96,26 @@ def test_deck_is_a_mesh_of_a_scene_with_the_same_facets(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("cells", ["simplex", "structured"])
-def test_cells_of_deck_are_not_mirrored(dimension: int, cells: str) -> None:
-    deck = scene_deck(scene_of(dimension, f"geometry.cells='{cells}'"))
-    (block,) = deck.mesh.blocks
-    beside = {9: (1, 2), 16: (1, 3), 11: (1, 2, 3), 17: (1, 3, 4)}[block.kind]
-    x = deck.mesh.points[block.nodes][:, :, :dimension]
-    assert np.all(np.linalg.det(x[:, beside] - x[:, :1]) > 0.0)
-    # and the node on an edge lies in its middle
-    np.testing.assert_allclose(
-        x[:, {2: 3, 3: 4}[dimension] if cells == "simplex" else 2**dimension],
-        0.5 * (x[:, 0] + x[:, 1]),
-        atol=1e-12,
+def test_cells_of_deck_have_positive_volume_if_those_of_the_mesh_are_mirrored(
+    dimension: int, cells: str, tmp_path: Path
+) -> None:
+    first = scene_deck(scene_of(dimension, f"geometry.cells='{cells}'"))
+    mirror = replace(first.mesh, points=first.mesh.points * [1.0, -1.0, 1.0])
+    write_deck(tmp_path / "mirror.inp", replace(first, mesh=mirror))
+    geometry: dict[str, Any] = {"mesh": str(tmp_path / "mirror.inp"), "dimension": dimension}
+    if dimension == 2:
+        geometry["thickness"] = 0.02
+    scene = beam_scene(
+        dimension, geometry=geometry, contacts=None, loads=[], probe={"group": "tip"}
     )
+    (block,) = first.mesh.blocks
+    beside = {9: (1, 2), 16: (1, 3), 11: (1, 2, 3), 17: (1, 3, 4)}[block.kind]
+    for deck in (first, scene_deck(scene)):
+        (block,) = deck.mesh.blocks
+        x = deck.mesh.points[block.nodes][:, :, :dimension]
+        assert np.all(np.linalg.det(x[:, beside] - x[:, :1]) > 0.0)
+        for k, (a, b) in enumerate(SHAPES[block.kind].edges, SHAPES[block.kind].corners):
+            np.testing.assert_allclose(x[:, k], 0.5 * (x[:, a] + x[:, b]), atol=1e-12)
 
 
 @pytest.mark.parametrize("cells", ["simplex", "structured"])
