@@ -319,6 +319,8 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
     """The shape that each array of float64 must have, by name (module docstring)."""
     d, points = scene.geometry.dimension, data["point_contact"].size
     p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    # a superelement may have such forces although its scene has none
+    velocity_forces = scene.velocity_forces or data["velocity_matrix"].size > 0
     return {
         "mass": (n, n),
         "damping": (),
@@ -334,7 +336,7 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
         "contact_offset": (points * d,),
         "probe": (d, n),
         "probe_offset": (d,),
-        "velocity_matrix": (n, n) if scene.velocity_forces else (0, 0),
+        "velocity_matrix": (n, n) if velocity_forces else (0, 0),
         "frequencies_hz": (data["frequencies_hz"].size,),
     }
 
