@@ -76,6 +76,7 @@ class ElasticBody:
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
+        dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
 
@@ -117,7 +118,7 @@ class ElasticBody:
         self.clamped = unknowns[unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
         self.materials = Materials(mesh, geometry, material, materials, source)
-        self.springs, self.point_masses = np.zeros((2, self.local))
+        self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 

@@ -128,7 +128,7 @@ class Solid(ElasticBody):
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
             materials: materials of groups of cells.
-            attachments: masses and springs.
+            attachments: masses, springs and dashpots.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
@@ -174,7 +174,7 @@ class Solid(ElasticBody):
                 self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
-        """Set the springs and the concentrated masses."""
+        """Set the springs, the dashpots and the concentrated masses."""
         for k, found in enumerate(attachments):
             shares, area = self._places.shares(found.place, f"attachments[{k}]")
             each = np.repeat(shares, self.dimension)
@@ -183,6 +183,7 @@ class Solid(ElasticBody):
                 raise self._places.clamped(f"attachments[{k}]")
             self.point_masses += found.mass * each
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
+            self.dashpots += (found.damping + found.damping_per_area * area) * each
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -235,7 +236,7 @@ class Solid(ElasticBody):
     def viscous(self) -> ViscousDamping | None:
         """The damping besides α M at the equilibrium, or None."""
         if self._viscous is None:
-            self._viscous = viscous_damping(self, self._damping)
+            self._viscous = viscous_damping(self, self._damping, self.dashpots)
         return self._viscous
 
     def stiffness_times(self, block: Array) -> Array:
