@@ -35,8 +35,8 @@ from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
 from fenicsrom.fem.statics import Statics
 from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
@@ -148,7 +148,7 @@ class Solid(ElasticBody):
         self._set_contacts(contacts)
         self._set_loads()
         observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
-        observed += [load.place for load in loads if load.kind != "acceleration"]
+        observed += [load.place for load in loads if not load.everywhere]
         self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
         if observed:
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
@@ -210,7 +210,7 @@ class Solid(ElasticBody):
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
-        self.load_histories = of_loads(self.loads)
+        self.load_histories = histories_of(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)
 

@@ -99,10 +99,11 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         forces = values[_load(k)]
         sizes = np.linalg.norm(forces, axis=1)
         total = forces.sum(axis=0)
-        everywhere = load.kind == "acceleration"
+        everywhere = load.everywhere
         place = middle if everywhere or not sizes.any() else sizes @ surface.points / sizes.sum()
         size = float(np.linalg.norm(total))
         direction = total / size if size > 0.0 else total
+        direction = -direction if load.moves_supports else direction  # of the supports
         group = "" if everywhere else f' on "{load.place.group}"' if load.place.group else ""
         name = f"{load.kind}{group}"
         name = name if name not in loads else f"{name} ({k + 1})"
