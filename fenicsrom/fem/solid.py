@@ -206,7 +206,7 @@ class Solid(ElasticBody):
         self.load_vectors = np.zeros((self.local, len(self.loads)))
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
-        self.load_vectors[self.clamped] = 0.0
+        self.without_held(self.load_vectors)
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
@@ -275,8 +275,7 @@ class Solid(ElasticBody):
         plus = self.tangent_times(self.equilibrium + h * x, y)
         minus = self.tangent_times(self.equilibrium - h * x, y)
         difference = (plus - minus) / (2.0 * h)
-        difference[self.clamped] = 0.0
-        return difference
+        return self.without_held(difference)
 
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""

@@ -41,6 +41,8 @@ def body_pictures(study: Study) -> list[Picture]:
     }
     clamped = np.zeros(solid.local)
     clamped[solid.clamped] = 1.0
+    if solid.slanted is not None:
+        clamped[solid.slanted.nodes * solid.dimension] = 1.0
     fields = {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
     if solid.loaded:
         fields[EQUILIBRIUM] = solid.equilibrium
@@ -117,7 +119,7 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
         contacts[label] = places[mine], in_space(points.frame[mine, 0])
     probe = None if scene.contacts or np.isnan(solid.probe_position).any() else solid.probe_position
-    return Marks(values[CLAMPED][:, 0] > 0.5, loads, contacts, probe)
+    return Marks(values[CLAMPED].max(axis=1) > 0.5, loads, contacts, probe)
 
 
 def _title(scene: Scene) -> str:

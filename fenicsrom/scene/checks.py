@@ -90,7 +90,7 @@ def _regions(scene: Scene) -> list[tuple[str, Region]]:
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
     """Yield every vector of a scene, or None, with its key."""
     for key, region in _regions(scene):
-        for name in ("node", "nearest"):
+        for name in ("node", "nearest", "normal"):  # the normal of a support
             yield f"{key}.{name}", getattr(region, name, None)
         for index, corner in enumerate(region.box or ()):
             yield f"{key}.box[{index}]", corner
