@@ -41,6 +41,8 @@ def body_pictures(study: Study) -> list[Picture]:
     }
     clamped = np.zeros(solid.local)
     clamped[solid.clamped] = 1.0
+    if solid.slanted is not None:
+        clamped[solid.slanted.nodes * solid.dimension] = 1.0
     fields = {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
     if solid.loaded:
         fields[EQUILIBRIUM] = solid.equilibrium
@@ -99,10 +101,11 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         forces = values[_load(k)]
         sizes = np.linalg.norm(forces, axis=1)
         total = forces.sum(axis=0)
-        everywhere = load.kind == "acceleration"
+        everywhere = load.everywhere
         place = middle if everywhere or not sizes.any() else sizes @ surface.points / sizes.sum()
         size = float(np.linalg.norm(total))
         direction = total / size if size > 0.0 else total
+        direction = -direction if load.moves_supports else direction  # of the supports
         group = "" if everywhere else f' on "{load.place.group}"' if load.place.group else ""
         name = f"{load.kind}{group}"
         name = name if name not in loads else f"{name} ({k + 1})"
@@ -116,7 +119,7 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
         contacts[label] = places[mine], in_space(points.frame[mine, 0])
     probe = None if scene.contacts or np.isnan(solid.probe_position).any() else solid.probe_position
-    return Marks(values[CLAMPED][:, 0] > 0.5, loads, contacts, probe)
+    return Marks(values[CLAMPED].max(axis=1) > 0.5, loads, contacts, probe)
 
 
 def _title(scene: Scene) -> str:

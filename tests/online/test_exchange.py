@@ -220,6 +220,16 @@ def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
         ({"superelement": {}}, ErrorKind.MISSING, "superelement.dimension"),
         ({"superelement": {"dimension": 3}}, ErrorKind.CONFLICT, "nodes[0].position"),
         (
+            {"supports": [{"group": "tip", "normal": [0.0, 1.0]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].normal",
+        ),
+        (
+            {"supports": [{"group": "tip", "components": ["y"]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].components",
+        ),
+        (
             {"nodes": [{"name": "tip", "position": [0.0, 0.0]}]},
             ErrorKind.CONFLICT,
             "nodes[0].coordinates",
