@@ -140,13 +140,13 @@ DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for t
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
-MODEL = Argument("model", help="the reduced_model.npz of an earlier run")
+MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
     "--format",
     required=True,
-    choices=("mat", "dmig", "op4", "jax"),
+    choices=("mat", "dmig", "op4", "jax", "inp"),
     help="mat (MATLAB and Octave) and jax (a Python module) hold the nonlinear model; dmig and op4 "
-    "(Nastran) hold its linear part",
+    "(Nastran) hold its linear part; inp is the CalculiX deck of a scene",
 )
 MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")
 INTERFACE_SCENE = Argument(
@@ -220,9 +220,9 @@ COMMANDS = (
     ),
     Command(
         "export",
-        "write a stored reduced model for MATLAB, Nastran, or numpy and jax",
+        "write a stored reduced model for MATLAB, Nastran or jax, or a scene for CalculiX",
         exchange_commands.export,
-        (MODEL, FORMAT, FILE),
+        (MODEL, FORMAT, SET, FILE),
     ),
     Command(
         "import",
