@@ -18,15 +18,17 @@ def inspect(options: argparse.Namespace) -> int:
         SceneError: the file cannot be read, or its mesh cannot be used.
     """
     from fenicsrom.post import mesh_report
+    from fenicsrom.post.pictures import draw_pictures
 
     density = _positive(options.density, "--density")
     found = _inspect(options)
-    files = []
+    warnings, files = list(found.warnings), []
     if found.refusal is None:
-        picture = Path(options.output or f"out/{Path(options.mesh).stem}") / "mesh.png"
-        files = [path for path in [mesh_report.write_picture(found, picture)] if path]
+        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
+        picture = mesh_report.group_picture(found)
+        files = [path for _, path in draw_pictures([picture], folder, warnings)]
     lines = mesh_report.lines(found, density)
-    print_results(None, "\n".join(lines), found.warnings, files=files)
+    print_results(None, "\n".join(lines), warnings, files=files)
     if found.refusal is not None:
         raise found.refusal
     return 0
