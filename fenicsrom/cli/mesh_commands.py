@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind, SceneError
 
@@ -25,6 +26,7 @@ def inspect(options: argparse.Namespace) -> int:
     warnings, files = list(found.warnings), []
     if found.refusal is None:
         folder = Path(options.output or f"out/{Path(options.mesh).stem}")
+        require_lasting(folder)
         picture = mesh_report.group_picture(found)
         files = [path for _, path in draw_pictures([picture], folder, warnings)]
     lines = mesh_report.lines(found, density)
@@ -44,6 +46,7 @@ def init(options: argparse.Namespace) -> int:
     from fenicsrom.post.starter import starter_scene
 
     path = Path(options.output or f"{Path(options.mesh).stem}.toml")
+    require_lasting(path)
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
         raise SceneError(f"{path}: {reason}", kind=ErrorKind.FILE, key="output", source=str(path))

@@ -83,14 +83,16 @@ def body_pictures(study: Study) -> list[Picture]:
     return pictures
 
 
-def setup_picture(solid: Solid, scene: Scene) -> Picture | None:
-    """The picture of the set-up; None on ranks other than the first. Collective."""
-    fields = {name: solid.field(values) for name, values in _marked_fields(solid).items()}
+def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
+    """The picture of the set-up to a file; None on ranks other than the first. Collective."""
+    fields = {label: solid.field(values) for label, values in _marked_fields(solid).items()}
     found = gathered_surface(solid.space, fields)
-    return _setup(solid, scene, *found) if found is not None else None
+    return _setup(solid, scene, *found, name) if found is not None else None
 
 
-def _setup(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array]) -> Picture:
+def _setup(
+    solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array], name: str = "setup.png"
+) -> Picture:
     """The picture of the set-up from the fields of `_marked_fields` on the whole surface."""
 
     def draw() -> Figure:
@@ -98,7 +100,7 @@ def _setup(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array
         shown, kept = simplified(surface)
         return setup_figure(shown, marks.at(kept), _title(scene))
 
-    return Picture("Set-up", "setup.png", draw)
+    return Picture("Set-up", name, draw)
 
 
 def _marked_fields(solid: Solid) -> dict[str, Array]:

@@ -23,6 +23,7 @@ from fenicsrom.post.figures import (
     plot_points,
 )
 from fenicsrom.post.film import write_film
+from fenicsrom.post.mode_agreement import agreement_figure
 from fenicsrom.post.motion_figures import (
     plot_coordinates,
     plot_energy_per_period,
@@ -176,9 +177,18 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
         return []
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
     motions = motion_pictures(study.motions, natural) if study.motions else []
-    return draw_pictures(
-        [*bodies[:1], *motions, *coordinates, *bodies[1:], *along], folder, study.warnings
-    )
+    listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
+    return draw_pictures(listed, folder, study.warnings)
+
+
+def _agreement(study: Study) -> list[Picture]:
+    """The picture of the modes of the reduced and the full model, if they were compared."""
+    found = study.agreement
+    if found is None:
+        return []
+    return [
+        Picture("MAC of the reduced and the full modes", "mac.png", lambda: agreement_figure(found))
+    ]
 
 
 def _coordinates(study: Study) -> list[Picture]:

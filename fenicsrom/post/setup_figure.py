@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.body_drawing import GREY, body_panel, draw_body
-from fenicsrom.post.body_surface import Ints, Surface, normals
+from fenicsrom.post.body_surface import Ints, Surface, areas, normals
 from fenicsrom.post.body_view import View, frame_of, view_of
 from fenicsrom.post.style import styled
 
@@ -50,11 +50,14 @@ MARK_COLOURS = {"support": "#56585A", "load": "#D55E00", "contact": "#0072B2", "
 
 @styled
 def setup_figure(surface: Surface, marks: Marks, title: str) -> Figure:
-    """Draw the undeformed body with its supports, loads, contacts and probe."""
+    """Draw the undeformed body with its supports, loads, contacts and probe.
+
+    The viewer sees the side on which the loads act.
+    """
     from matplotlib.colors import to_rgba
     from matplotlib.patches import Patch
 
-    view = view_of(surface.points, surface.triangles)
+    view = view_of(surface.points, surface.triangles, _loaded_side(surface, marks))
     reach = 0.14 * view.length
     ends = [surface.points, *(p - reach * n for p, n, _ in (v for v in marks.loads.values()))]
     ends += [places + 0.5 * reach * out for places, out in marks.contacts.values()]
@@ -87,6 +90,13 @@ def setup_figure(surface: Surface, marks: Marks, title: str) -> Figure:
     axis.set_title(title)
     figure.legend(handles=handles, loc="outside lower center", ncols=min(4, max(1, len(handles))))
     return figure
+
+
+def _loaded_side(surface: Surface, marks: Marks) -> Array:
+    """(3,) mean normal of the loaded parts of the surface, times their area."""
+    sizes = areas(surface.points, surface.triangles)
+    loaded = [on[surface.triangles].all(axis=1) for _, _, on in marks.loads.values()]
+    return np.sum([sizes[found].sum(axis=0) for found in loaded], axis=0) + np.zeros(3)
 
 
 def _draw_wires(axis: Axes, surface: Surface, view: View) -> None:

@@ -22,6 +22,7 @@ from fenicsrom.online.measures import (
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.fields import contact_places
+from fenicsrom.post.mode_agreement import agreement_summary
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.writers import write_arrays, write_summary
@@ -53,6 +54,8 @@ def summary(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": study.left_out,
     }
+    if study.agreement is not None:
+        found["modes"] = agreement_summary(study.agreement)
     if study.deflection is not None:
         found["equilibrium"] = {
             "displacement_m": study.deflection,

@@ -147,3 +147,18 @@ def test_groups_are_drawn_in_their_colours_with_small_ones_in_front(plate, tmp_p
     (dots,) = figure.axes[0].lines
     assert to_rgb(dots.get_color()) == to_rgb(MORE_COLOURS[2])
     drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_setup_shows_the_loaded_side(plate, side):
+    """The faces of the load have its colour in the picture, which shows no face from behind."""
+    from matplotlib.colors import to_rgba
+
+    surface, normal = plate
+    across = side * (surface.points @ normal)
+    on = across > across.mean()
+    marks = setup_figure.Marks(on & False, {"load": (surface.points[0], normal, on)}, {}, None)
+    figure = setup_figure.setup_figure(surface, marks, "a plate")
+    colours = figure.axes[0].collections[0].get_facecolors()
+    red, _, blue, _ = np.array(to_rgba("#F3C6A5"))
+    assert np.mean(colours[:, 0] / colours[:, 2] > 0.99 * red / blue) > 0.5
