@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
-from fenicsrom.cli.output import opened
+from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
@@ -60,10 +60,23 @@ def _rerun(options: argparse.Namespace) -> int:
 
 
 def plan(options: argparse.Namespace) -> int:
-    """List the stages of a scene; the parts of a stage are indented."""
-    for item in study.plan(read_scene(options.scene, options.overrides)):
+    """List the stages of a scene; the parts of a stage are indented. Draw the set-up if asked to.
+
+    Raises:
+        SceneError: the scene or the file of the picture cannot be used.
+    """
+    scene = read_scene(options.scene, options.overrides)
+    for item in study.plan(scene):
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
         print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
+    if options.picture is not None:
+        from fenicsrom.post.pictures import draw_pictures
+
+        path = Path(options.picture)
+        require_lasting(path, "--picture")
+        picture, warnings = study.setup_picture(scene, path.name, progress)
+        files = [path for _, path in draw_pictures([picture], path.parent, warnings)]
+        print_results(None, "", warnings, files=files)
     return 0
 
 
@@ -269,6 +282,7 @@ def schema(options: argparse.Namespace) -> int:
         return 0
     from fenicsrom.files import atomic_write
 
+    require_lasting(Path(options.output))
     with atomic_write(options.output) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     return 0

@@ -131,6 +131,11 @@ SET = Argument(
     help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
     "may be repeated",
 )
+PICTURE = Argument(
+    "--picture",
+    metavar="FILE",
+    help="make the mesh, and draw it with its supports, loads and contacts to this PNG file",
+)
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
@@ -168,7 +173,7 @@ COMMANDS = (
         "plan",
         "list the stages of a scene: which ones run, which ones are left out, and why",
         commands.plan,
-        (SCENE, SET),
+        (SCENE, SET, PICTURE),
     ),
     Command(
         "modes",
