@@ -129,6 +129,22 @@ def test_axial_load_adds_its_static_response() -> None:
     np.testing.assert_allclose(structure.stiffness @ modes.loads.vectors, load, atol=1e-6)
 
 
+def test_oblique_load_adds_its_static_response() -> None:
+    """The modes hold the work of the load, which is bending, and nothing of its axial part."""
+    _, slightly = modes_of("loads.0.direction=[0.01, 1.0]", **OPEN)
+    assert slightly.loads.labels == ()
+    scene = scene_with("loads.0.direction=[0.3, 1.0]", "basis.derivatives='none'", **OPEN)
+    structure = beam_structure(scene)
+    basis = Reduction(structure, scene, lambda stage: nullcontext()).basis
+    assert basis.labels == ("1V", "2V", "3V", "1L")
+    r, load = basis.vectors, structure.load_vectors[:, 0]
+    reduced = r @ np.linalg.solve(r.T @ structure.stiffness @ r, r.T @ load)
+    exact = np.linalg.solve(structure.stiffness, load)
+    axial, across = structure.probe_rows
+    assert axial @ reduced == pytest.approx(axial @ exact, rel=1e-6)
+    assert abs(axial @ exact) < 1e-3 * abs(across @ exact)
+
+
 def test_share_left_out_is_the_static_error_of_the_projection() -> None:
     structure, modes = modes_of("basis.modes=1", **OPEN)
     load = structure.load_vectors[:, 0]
