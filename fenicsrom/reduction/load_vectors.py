@@ -46,7 +46,8 @@ class LoadVectors:
     Attributes:
         labels: (k,) labels: 1L is the response to the first load of the scene.
         vectors: (local, k) responses to unit loads.
-        shares: largest share, (1) or (2), that the modes leave out, by the label of each load that varies.
+        shares: largest share, (1) or (2), that the modes leave out, by the label of each load that
+            varies.
     """
 
     labels: tuple[str, ...]
