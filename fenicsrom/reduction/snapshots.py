@@ -120,8 +120,8 @@ def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes)
     orders = structure.load_histories.sines[:, OMEGA] * scene.period / (2.0 * np.pi)
     meeting = np.outer(modes.frequencies_hz, 1.0 / np.unique(orders[orders > 0.0])).ravel()
     between = meeting[(meeting > response.first) & (meeting < response.last)]
-    inner = sorted(between.tolist())[:MOST_RESONANCES]
-    return [value for value in (response.first, *inner, response.last) if value > 0.0]
+    inner = np.sort(between)[:MOST_RESONANCES]
+    return [float(value) for value in (response.first, *inner, response.last) if value > 0.0]
 
 
 def linear_snapshots(
