@@ -28,9 +28,9 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
 A file may hold a larger model beside this one, which judges it
-(`fenicsrom.assess.enrichment`): its mass, force, stiffness, quadratic, cubic, velocity_matrix,
-loads, contact_rows and probe, under these names with the prefix `candidates_`. Its first n
-coordinates are those of the model.
+(`fenicsrom.assess.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
+velocity_matrix, loads, contact_rows and probe, under these names with the prefix `candidates_`.
+Its first n coordinates are those of the model.
 
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
