@@ -188,12 +188,16 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.assess.processes import available_cores
-    from fenicsrom.assess.sweep_runs import FAILED
-    from fenicsrom.post import sweep_report
+    from fenicsrom.assess.processes import available_cores, start_server
     from fenicsrom.scene.variations import make_axes
 
     axes = make_axes(options.over, options.together)
+    comm, workers = _ranks(), available_cores()
+    if workers > 1 and (comm is None or comm.size == 1):
+        start_server()
+    from fenicsrom.assess.sweep_runs import FAILED
+    from fenicsrom.post import sweep_report
+
     if options.stored:
         from fenicsrom.online import archive
 
@@ -209,7 +213,6 @@ def sweep(options: argparse.Namespace) -> int:
             return read_scene(options.scene, [*options.overrides, *overrides])
         return archive.changed_scene(model.scene, [*options.overrides, *overrides])
 
-    comm = _ranks()
     first = comm is None or comm.rank == 0
     with opened(options, scene, comm) as folder:
         found = study.sweep(
@@ -220,7 +223,7 @@ def sweep(options: argparse.Namespace) -> int:
             stored=Path(source) if source else None,
             comm=comm,
             say=progress if first else lambda line: None,
-            workers=available_cores(),
+            workers=workers,
             resume=options.resume,
             stop=is_terminated,
         )
