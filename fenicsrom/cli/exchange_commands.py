@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind, SceneError
 
@@ -33,6 +34,7 @@ def export(options: argparse.Namespace) -> int:
         return _export_scene(options)
     stored = archive.load_model(model).with_overrides(options.overrides)
     path = Path(options.output or f"{model.stem}{SUFFIXES[options.format]}")
+    require_lasting(path)
     found = write(stored, path, options.format)
     print_results(stored.scene, "", [], found.notes, found.files)
     return 0
@@ -65,6 +67,7 @@ def import_matrices(options: argparse.Namespace) -> int:
 
     matrices, scene = Path(options.matrices), options.superelement_scene
     path = Path(options.output or f"{matrices.stem}.npz")
+    require_lasting(path)
     given = read_superelement_scene(scene, matrices)
     stored = superelement_model(read_matrices(matrices), given)
     archive.save_model(path, stored)

@@ -282,6 +282,16 @@ def test_damping_that_cannot_be_is_refused() -> None:
         ({"superelement": {}}, ErrorKind.MISSING, "superelement.dimension"),
         ({"superelement": {"dimension": 3}}, ErrorKind.CONFLICT, "nodes[0].position"),
         (
+            {"supports": [{"group": "tip", "normal": [0.0, 1.0]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].normal",
+        ),
+        (
+            {"supports": [{"group": "tip", "components": ["y"]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].components",
+        ),
+        (
             {"nodes": [{"name": "tip", "position": [0.0, 0.0]}]},
             ErrorKind.CONFLICT,
             "nodes[0].coordinates",
