@@ -17,7 +17,7 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import SUPERELEMENT, StoredModel, provenance
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.exchange.abaqus import read_mtx
 from fenicsrom.online.exchange.arrays import read_mat, read_npz
@@ -43,8 +43,6 @@ READERS: Mapping[str, Callable[[Path], MatrixSet]] = {
     ".npz": read_npz,
 }
 """Readers by the suffix of the file."""
-
-METHOD = "superelement"
 
 SOFTEST = 1e-12
 """Smallest eigenvalue of a matrix, scaled to a unit diagonal, that is not a rounding error."""
@@ -134,7 +132,9 @@ class _Builder:
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
         labels = tuple(f"q{k + 1}" for k in self.kept)
-        return StoredModel(model, scene, METHOD, labels, len(labels), frequencies, provenance())
+        return StoredModel(
+            model, scene, SUPERELEMENT, labels, len(labels), frequencies, provenance()
+        )
 
     def _damping(self) -> tuple[float, Array | None]:
         """The factor α of the file and of the scene, and the matrix (n, n) of other damping.
