@@ -179,6 +179,30 @@ def _end_of_mode(found: Any, comm: Any, folder: Path) -> int:
     return _end(comm, found.unfinished)
 
 
+def statics(options: argparse.Namespace) -> int:
+    """Follow the static equilibria of a scene over a load factor.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError: the path was lost.
+    """
+    comm, say, scene = _start(options)
+    from fenicsrom.assess.equilibrium_path import equilibrium_path, varied_loads
+
+    varied_loads(scene)
+    with opened(options, scene, comm) as folder:
+        found = equilibrium_path(scene, comm, say, is_terminated)
+        if found.points and comm.rank == 0:
+            from fenicsrom.post import equilibrium_report
+
+            files = equilibrium_report.write(found, folder)
+            table = equilibrium_report.terminal(found)
+            print_results(scene, table, found.warnings, files=files)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        return _end(comm, found.unfinished)
+
+
 def sweep(options: argparse.Namespace) -> int:
     """Run a scene or a stored model for lists or ranges of values of its keys.
 

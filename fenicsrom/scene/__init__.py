@@ -41,6 +41,7 @@ from fenicsrom.scene.schema import (
     Scene,
     Surface,
 )
+from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.times import (
     Duration,
     EquilibriumOnly,
@@ -94,6 +95,7 @@ __all__ = [
     "Rotation",
     "Scene",
     "Static",
+    "Statics",
     "StepsPerPeriod",
     "Support",
     "Surface",

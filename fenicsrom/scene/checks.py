@@ -64,6 +64,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from _time_problems(scene)
     yield from _response_problems(scene)
     yield from _backbone_problems(scene)
+    yield from _statics_problems(scene)
 
 
 def _acts_at_a_place(load: Load) -> bool:
@@ -370,6 +371,16 @@ def _backbone_problems(scene: Scene) -> Problems:
     if factors and scene.period is None:
         allowed = "only allowed in a scene whose loads repeat"
         yield Problem("backbone.load_factors", list(factors), allowed)
+
+
+def _statics_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [statics]."""
+    for index, number in enumerate(scene.statics.loads or ()):
+        if number >= len(scene.loads):
+            allowed = f"must be below the number of loads, {len(scene.loads)}"
+            yield Problem(f"statics.loads[{index}]", number, allowed, ErrorKind.RANGE)
+        elif not scene.loads[number].static:
+            yield Problem(f"statics.loads[{index}]", number, "must be the number of a static load")
 
 
 def _has_radius(scene: Scene, index: int) -> bool:
