@@ -30,9 +30,14 @@ def support_problems(scene: Scene) -> Problems:
             if axis not in known:
                 allowed = f"must be {' or '.join(known)} in {len(known)}D"
                 yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
-        if support.components is not None and scene.reference.beam is not None:
-            allowed = "not allowed with reference.beam, whose end is clamped"
-            yield Problem(f"supports[{index}].components", list(support.components), allowed)
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None and scene.reference.beam is not None:
+                allowed = "not allowed with reference.beam, whose end is clamped"
+                yield Problem(f"supports[{index}].{name}", list(value), allowed)
+        if support.normal is not None and support.components is not None:
+            yield Problem(
+                f"supports[{index}].normal", support.normal, "not allowed with components"
+            )
 
 
 def attachment_problems(scene: Scene) -> Problems:
