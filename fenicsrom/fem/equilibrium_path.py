@@ -133,8 +133,8 @@ class PathFollower:
         matrix = body.tangent(body.equilibrium)
         self._factor = Factorisation(matrix, "fenicsrom_path", counting=True)
         first, _ = matrix.getOwnershipRange()
-        self._soft = np.sin(1.0 + first + np.arange(body.local, dtype=np.float64))
-        self._soft[body.clamped] = 0.0
+        start = np.sin(1.0 + first + np.arange(body.local, dtype=np.float64))
+        self._soft = body.without_held(start)
         self._slope = self._solve(force)
         self._linear = last * np.sqrt(body.dot(self._slope, self._slope))
         self._size = self._linear
