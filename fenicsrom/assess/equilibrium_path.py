@@ -55,7 +55,9 @@ class EquilibriumPath:
         scene: the scene.
         unknowns: free unknowns of the mesh.
         direction: the probe's component with the largest displacement on the path.
+        body: the body.
         points: the equilibria in the order of the path, special points among them.
+        shapes: label -> displacement (local,) at each special point and at the last point, m.
         reason: why the path ends: "end of the range", "displacement of the probe", "number of
             points", "no convergence" or "interrupted".
         seconds: run time.
@@ -66,7 +68,9 @@ class EquilibriumPath:
 
     scene: Scene
     unknowns: int
+    body: Solid | None = None
     points: list[Equilibrium] = field(default_factory=list)
+    shapes: dict[str, Array] = field(default_factory=dict)
     reason: str = "interrupted"
     seconds: float = 0.0
     warnings: list[str] = field(default_factory=list)
@@ -140,7 +144,7 @@ def equilibrium_path(
     varied = varied_loads(scene)
     body = _body(scene, varied, comm, say)
     sizes = np.array([load.size if load in varied else 0.0 for load in scene.loads])
-    found = EquilibriumPath(scene, body.free, warnings=list(body.warnings))
+    found = EquilibriumPath(scene, body.free, body, warnings=list(body.warnings))
     if dropped := sum(not load.static for load in scene.loads):
         found.warnings.append(f"{dropped} of the loads vary in time and do not act on the path")
     lowest = -table.last if table.lowest is None else table.lowest
@@ -197,6 +201,9 @@ def _follow(
                 point.kind,
             )
         )
+        found.shapes.pop("end", None)
+        label = f"{point.kind} {len(found.shapes) + 1}" if point.kind else "end"
+        found.shapes[label] = point.displacement
         if point.kind:
             say(f"  {point.kind} at the load factor {point.load_factor:.6g}")
         elif clock.perf_counter() - last > REPORT_INTERVAL:

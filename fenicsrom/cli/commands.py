@@ -216,12 +216,14 @@ def statics(options: argparse.Namespace) -> int:
     varied_loads(scene)
     with opened(options, scene, comm) as folder:
         found = equilibrium_path(scene, comm, say, is_terminated)
-        if found.points and comm.rank == 0:
+        if found.points:
             from fenicsrom.post import equilibrium_report
 
-            files = equilibrium_report.write(found, folder)
-            table = equilibrium_report.terminal(found)
-            print_results(scene, table, found.warnings, files=files)
+            shapes = equilibrium_report.write_shapes(found, folder)
+            if comm.rank == 0:
+                files = [*equilibrium_report.write(found, folder), *shapes]
+                table = equilibrium_report.terminal(found)
+                print_results(scene, table, found.warnings, files=files)
         if found.interrupted:
             raise KeyboardInterrupt
         return end(comm, found.unfinished)

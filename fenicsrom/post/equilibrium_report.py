@@ -134,6 +134,23 @@ def write(found: EquilibriumPath, folder: Path) -> list[Path]:
     return [*(folder / name for name in names), *(path for _, path in pictures)]
 
 
+def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
+    """Write the displacements at special points and at the end for ParaView. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if found.body is None or not found.scene.output.paraview:
+        return []
+    from fenicsrom.post.vtk import write_fields
+
+    fields = {
+        f"{label.replace(' ', '_')}_m": found.body.field(shape)
+        for label, shape in found.shapes.items()
+    }
+    return [write_fields(folder, "equilibria", found.body.space, fields)]
+
+
 def terminal(found: EquilibriumPath) -> str:
     """The table of special points and the sentences, for the terminal."""
     table = special_table(found)

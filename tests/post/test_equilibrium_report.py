@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,8 @@ def test_statics_command_writes_path_and_summary(tmp_path: Path) -> None:
     kinds = [point["kind"] for point in written["special_points"]]
     assert kinds[0] == kinds[-1] == "limit point"
     assert {path.name for path in folder.iterdir()} >= {"equilibria.png", "report.html"}
+    fields = set(re.findall(r'Name="(\w+)"', (folder / "equilibria.vtu").read_text("latin-1")))
+    assert fields >= {"limit_point_1_m", "end_m"}
 
 
 def test_statics_of_a_scene_without_static_loads_is_refused(
