@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 NARROW = 4  # largest number of intervals between the ticks of a narrow panel
+LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
 
 
 @styled
@@ -178,13 +179,15 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
     Normal modes, static modes and derivatives have one row each. Every shape is divided by its
-    largest component.
+    largest component. A component below `LEAST_COMPONENT` is not drawn: its line would hide others.
 
     Args:
         labels: one per shape, such as 1V, 2S, 1V1S.
         positions: (k,) positions along the axis, m.
         shapes: (n_labels, k, d) components, the axial one first.
     """
+    from matplotlib.lines import Line2D
+
     shapes = np.asarray(shapes, dtype=float)
     largest = np.abs(shapes).max(axis=(1, 2), keepdims=True)
     shapes = shapes / np.where(largest > 0, largest, 1.0)
@@ -206,12 +209,19 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
     names = ["axial", "transverse"] if columns == 2 else ["axial", "transverse 1", "transverse 2"]
     for row, (kind, members) in zip(axes, kinds.items(), strict=True):
         styles = line_styles(labels[i] for i in members)
-        for i in members:
-            for k, axis in enumerate(row):
-                axis.plot(positions, shapes[i, :, k], label=labels[i], **styles[labels[i]])
+        for k, axis in enumerate(row):
+            seen = [i for i in members if np.abs(shapes[i, :, k]).max() >= LEAST_COMPONENT]
+            for i in seen:
+                axis.plot(positions, shapes[i, :, k], **styles[labels[i]])
+            if not seen:
+                middle = {"x": 0.5, "y": 0.6, "transform": axis.transAxes, "ha": "center"}
+                axis.text(s=f"all below {100.0 * LEAST_COMPONENT:g} %", color="#5b636b", **middle)
         row[0].set_ylabel(f"{kind}\ndisplacement / largest")
         row[-1].legend(
-            loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(members) - 1) // 9
+            handles=[Line2D([], [], label=labels[i], **styles[labels[i]]) for i in members],
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            ncols=1 + (len(members) - 1) // 9,
         )
     for axis, name in zip(axes[0], names, strict=True):
         axis.set_title(name)
