@@ -233,6 +233,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 @styled
 def plot_energy(motion: Motion) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, stored energy and imbalance."""
+    touching = has_contact(motion)
     figure = new_figure(8.6, 4.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     periodic = motion.load_period is not None
@@ -240,9 +241,12 @@ def plot_energy(motion: Motion) -> Figure:
     stored = motion.kinetic + motion.elastic + motion.contact_energy
     above.plot(time, motion.work, color="#000000", label="work of the loads")
     above.plot(time, motion.damping_dissipation, color="#0072B2", label="dissipated by damping")
-    above.plot(time, motion.friction_dissipation, color="#D55E00", label="dissipated by friction")
+    if touching:
+        friction = motion.friction_dissipation
+        above.plot(time, friction, color="#D55E00", label="dissipated by friction")
+    kinds = "kinetic, elastic, contact springs" if touching else "kinetic, elastic"
     for part in motion.parts:
-        label = "stored (kinetic, elastic, contact springs)" if part.start == 0 else None
+        label = f"stored ({kinds})" if part.start == 0 else None
         above.plot(time[part], stored[part], color="#009E73", linewidth=1.0, label=label)
         below.plot(time[part], motion.imbalance[part], color="#555B61")
         if part.start > 0:

@@ -1,6 +1,7 @@
 """Figures of motions known in closed form."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -197,6 +198,11 @@ def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     assert len(above.lines) == 4
     assert below.lines[0].get_ydata()[-1] == pytest.approx(-1e-3)
     drawn(figure, tmp_path)
+    touching = jenkins()
+    none = {name: getattr(touching, name)[:, :0] for name in ("state", "force", "gap")}
+    free = figures.plot_energy(replace(touching, **none))
+    labels = [text.get_text() for text in free.legends[0].get_texts()]
+    assert len(labels) == 3 and not any("friction" in name or "contact" in name for name in labels)
 
 
 def test_line_styles_are_distinct_and_fixed_for_models():
