@@ -76,7 +76,7 @@ def check_stability(body: Solid) -> int:
     Raises:
         ConvergenceError: the tangent stiffness is singular.
     """
-    unstable = negative_eigenvalues(body.stiffness)
+    unstable = body.factor.negative_eigenvalues()
     if not unstable:
         return 0
     directions = counted(unstable, "direction")
