@@ -227,6 +227,18 @@ class Solid(ElasticBody):
             Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
         return factor
 
+    def destroy(self) -> None:
+        """Free the matrices and the factor; PETSc frees nothing itself in parallel. Collective."""
+        made = vars(self)  # without those that were not made
+        if "factor" in made:
+            self.factor.destroy(matrix=True)
+        matrices = [made.get("mass"), made.get("gyroscopic"), self._tangent_workspace]
+        if self.rotation is not None:
+            matrices += self.rotation.matrices
+        for matrix in matrices:
+            if matrix is not None:
+                matrix.destroy()
+
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs and the concentrated masses."""
         for k, found in enumerate(attachments):
