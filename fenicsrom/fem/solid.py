@@ -37,8 +37,8 @@ from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
 from fenicsrom.fem.statics import Statics
 from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
@@ -142,7 +142,7 @@ class Solid(ElasticBody):
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
             materials: materials of groups of cells.
-            attachments: masses and springs.
+            attachments: masses, springs and dashpots.
             known: the equilibrium of an equal solid; None computes it.
 
         Raises:
@@ -163,7 +163,7 @@ class Solid(ElasticBody):
         self._set_contacts(contacts)
         self._set_loads()
         observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
-        observed += [load.place for load in loads if load.kind != "acceleration"]
+        observed += [load.place for load in loads if not load.everywhere]
         self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
         if observed:
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
@@ -240,7 +240,7 @@ class Solid(ElasticBody):
                 matrix.destroy()
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
-        """Set the springs and the concentrated masses."""
+        """Set the springs, the dashpots and the concentrated masses."""
         for k, found in enumerate(attachments):
             shares, area = self._places.shares(found.place, f"attachments[{k}]")
             each = np.repeat(shares, self.dimension)
@@ -249,6 +249,7 @@ class Solid(ElasticBody):
                 raise self._places.clamped(f"attachments[{k}]")
             self.point_masses += found.mass * each
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
+            self.dashpots += (found.damping + found.damping_per_area * area) * each
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -272,11 +273,11 @@ class Solid(ElasticBody):
         self.load_vectors = np.zeros((self.local, len(self.loads)))
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
-        self.load_vectors[self.clamped] = 0.0
+        self.without_held(self.load_vectors)
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
-        self.load_histories = of_loads(self.loads)
+        self.load_histories = histories_of(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)
 
@@ -301,7 +302,7 @@ class Solid(ElasticBody):
     def viscous(self) -> ViscousDamping | None:
         """The damping besides α M at the equilibrium, or None."""
         if self._viscous is None:
-            self._viscous = viscous_damping(self, self._damping)
+            self._viscous = viscous_damping(self, self._damping, self.dashpots)
         return self._viscous
 
     def stiffness_times(self, block: Array) -> Array:
@@ -341,8 +342,7 @@ class Solid(ElasticBody):
         plus = self.tangent_times(self.equilibrium + h * x, y)
         minus = self.tangent_times(self.equilibrium - h * x, y)
         difference = (plus - minus) / (2.0 * h)
-        difference[self.clamped] = 0.0
-        return difference
+        return self.without_held(difference)
 
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""

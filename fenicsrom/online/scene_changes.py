@@ -86,7 +86,15 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = ("geometrically_nonlinear", "material", "rotation", "damping", "loads", "contacts")
+    names = (
+        "geometrically_nonlinear",
+        "material",
+        "attachments",
+        "rotation",
+        "damping",
+        "loads",
+        "contacts",
+    )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     settings = ("scheme", "spectral_radius", "steps_per_period", "tolerance", "step")

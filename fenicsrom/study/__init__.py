@@ -11,7 +11,7 @@ or a stored model for many values of its keys.
 
 from fenicsrom.study.backbones import backbone, backbone_of_model
 from fenicsrom.study.curves import response, response_of_model
-from fenicsrom.study.execution import build_model, execute, offline, run
+from fenicsrom.study.execution import build_model, execute, offline, run, setup_picture
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
@@ -38,6 +38,7 @@ __all__ = [
     "response",
     "response_of_model",
     "run",
+    "setup_picture",
     "stages",
     "sweep",
 ]

@@ -16,9 +16,14 @@ from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh_data import Mesh
     from fenicsrom.online.archive import StoredModel
+    from fenicsrom.post.picture import Picture
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
+
+
+SETUP = ("mesh", "solid")
+"""The stages that the picture of the set-up needs."""
 
 
 def run(
@@ -96,6 +101,31 @@ def offline(
     run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
+
+
+def setup_picture(
+    scene: Scene, name: str, say: Callable[[str], None] | None = None
+) -> tuple[Picture, list[str]]:
+    """Make the mesh and the solid of a scene, for the picture of its set-up. On one rank.
+
+    Args:
+        scene: the scene.
+        name: name of the file of the picture.
+        say: receives the progress, one line at a time; by default nobody.
+
+    Returns:
+        The picture, not drawn yet, and the warnings of the mesh and the solid.
+    """
+    from mpi4py import MPI
+
+    from fenicsrom.post import body_pictures
+    from fenicsrom.post.record import Study
+
+    run = Run(Study(scene), MPI.COMM_SELF, Stopwatch(say))
+    execute(run, [stage for stage in offline_stages(scene, False) if stage.name in SETUP])
+    picture = body_pictures.setup_picture(run.study.solid, scene, name)
+    assert picture is not None
+    return picture, run.study.warnings
 
 
 def build_model(
