@@ -30,6 +30,7 @@ from fenicsrom.online.load_histories import factors
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial, pairs
+from fenicsrom.online.pressure import transformed_pressure, unit_forces
 
 SAMPLES = 4096  # most instants at which the residual is taken
 DIRECTIONS = 8  # most combinations of candidates that are added to a nonlinear model
@@ -67,14 +68,15 @@ def directions(candidates: ReducedModel, size: int, motion: Motion) -> Array:
         motion: a motion of the reduced model with its coordinates.
     """
     time, q, residual = residuals(candidates, size, motion)
-    stiffness = candidates.elastic.stiffness[size:, size:]
+    stiffness = candidates.rest_stiffness()[size:, size:]
     squares, axes = np.linalg.eigh(0.5 * (stiffness + stiffness.T))  # the mass matrix is identity
     omega = np.sqrt(np.maximum(np.abs(squares), np.finfo(float).tiny))
     response = _response(time, residual @ axes, omega, candidates.damping)
     energetic = [response * omega]
     if not candidates.linear:
         bounded = response @ axes.T
-        force = elastic_residual(candidates, size, q, bounded) - bounded @ stiffness.T
+        linear = candidates.elastic.stiffness[size:, size:]
+        force = elastic_residual(candidates, size, q, bounded) - bounded @ linear.T
         force -= elastic_residual(candidates, size, q, np.zeros_like(bounded))
         energetic.append(_response(time, force @ axes, omega, candidates.damping) * omega)
     least = NOISE * float(np.sum(energetic[0] ** 2))
@@ -131,6 +133,11 @@ def residuals(candidates: ReducedModel, size: int, motion: Motion) -> tuple[Arra
     residual = acceleration @ mass.T + velocity @ damping.T
     residual += elastic_residual(candidates, size, q, np.zeros((count, mass.shape[0])))
     residual -= loads @ candidates.loads[size:].T
+    if candidates.pressure.numbers.size:
+        x = np.pad(q, ((0, 0), (0, candidates.size - size)))
+        for k, number in enumerate(candidates.pressure.numbers):
+            forces = unit_forces(candidates.pressure, k, x)[:, size:]
+            residual -= loads[:, number, None] * forces
     if candidates.contact_rows.size:
         flat = motion.force.reshape(motion.time.size, -1)
         force = np.array([np.interp(time, motion.time, column) for column in flat.T]).T
@@ -182,6 +189,7 @@ def transformed(model: ReducedModel, t: Array) -> ReducedModel:
         model.probe @ t,
         model.probe_offset,
         velocity,
+        transformed_pressure(model.pressure, t),
     )
 
 
