@@ -129,6 +129,14 @@ def slope(steps: Any, errors: Any) -> float:
 
 # ------------------------------------------------------------------ scenes
 
+KINDS_OF_CELLS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "plane stress": (2, ()),
+    "plane strain": (2, ("geometry.plane='strain'",)),
+    "triangles": (2, ("geometry.cells='simplex'",)),
+    "hexahedra": (3, ("geometry.parameters.width=0.15",)),
+    "tetrahedra": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'")),
+}
+
 STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0, "mass_damping": 5.0}
 
 
@@ -286,23 +294,45 @@ def linear_model(
     )
 
 
-def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
-    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+def loaded_duffing(
+    damping: float, cubic: float, load: LoadHistories, gain: float = 1.0
+) -> ReducedModel:
+    """q'' + damping q' + q + cubic q^3 = load; the probe moves along x by gain times q."""
     elastic = ElasticPolynomial(
         np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
     )
-    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
-    model = reduced_model(
+    return reduced_model(
         np.ones((1, 1)),
         damping,
         elastic,
         np.ones((1, 1)),
         load,
         *first(0, 1),
-        np.eye(2, 1),
+        gain * np.eye(2, 1),
         np.zeros(2),
     )
-    return model, 2.0 * np.pi / omega
+
+
+def duffing(damping: float, cubic: float, force: float, omega: float) -> tuple[ReducedModel, float]:
+    """x'' + damping x' + x + cubic x^3 = force cos(omega t), and the period of the load."""
+    load = harmonic(np.array([force]), np.array([omega]), np.array([0.5 * np.pi]))
+    return loaded_duffing(damping, cubic, load), 2.0 * np.pi / omega
+
+
+def uncoupled(scene: Scene, *squares: float) -> ReducedModel:
+    """A linear model of up to two coordinates with the load and the damping of a scene.
+
+    Args:
+        scene: its loads and its mass-proportional damping.
+        squares: of the natural frequencies in rad/s.
+    """
+    return linear_model(
+        np.eye(len(squares)),
+        np.diag(squares),
+        damping=scene.material.mass_damping,
+        loads=[[1.0], [0.3]][: len(squares)],
+        load_histories=load_histories(scene),
+    )
 
 
 def excited_stiffness(damping: float, coupling: float, load: LoadHistories) -> ReducedModel:

@@ -125,8 +125,7 @@ class FollowerPressures:
         found = np.zeros((self._body.local, len(self._surfaces)))
         for k, surface in enumerate(self._surfaces):
             found[:, k] = self._body.assembled(surface.force)
-        found[self._body.clamped] = 0.0
-        return found
+        return self._body.without_held(found)
 
     def static_force(self, u: Array) -> Array:
         """The force (local,) of the part of the static pressures at u (local,), N."""
@@ -138,7 +137,7 @@ class FollowerPressures:
         """Subtract the tangents (2) times factors (k,) from an assembled stiffness matrix.
 
         Args:
-            matrix: the matrix; the diagonal of its clamped rows becomes 1.
+            matrix: the matrix, which stays regular on the clamped rows.
             u: (local,) displacement, m.
             factors: (k,) Pa.
             symmetric: take the symmetric part of the tangents.
@@ -149,8 +148,7 @@ class FollowerPressures:
                 continue
             surface.weight.value = -factor
             form = surface.symmetric if symmetric else surface.tangent
-            dolfinx.fem.petsc.assemble_matrix(matrix, form, self._body.conditions, 1.0)
-            matrix.assemble()
+            self._body.add_form(matrix, form)
             surface.weight.value = 1.0
 
     def tangent_times(
@@ -199,5 +197,4 @@ class FollowerPressures:
         matrix.assemble()
         found = np.asarray(multiply(matrix, block))
         matrix.destroy()
-        found[self._body.clamped] = 0.0
-        return found
+        return self._body.without_held(found)

@@ -56,31 +56,15 @@ def no_pressure(n: int) -> PressurePolynomial:
     )
 
 
-def transformed_pressure(pressure: PressurePolynomial, t: Array) -> PressurePolynomial:
-    """The polynomial in the coordinates y (m,) of q = T y, with T (n, m)."""
-    quadratic = t.T @ pressure.quadratic @ t
-    if quadratic.shape[1]:
-        quadratic = np.einsum("ca,kcij->kaij", t, quadratic)
-    return PressurePolynomial(
-        pressure.numbers,
-        np.ascontiguousarray(t.T @ pressure.linear @ t),
-        np.ascontiguousarray(quadratic),
-    )
-
-
 def unit_tangent(pressure: PressurePolynomial, k: int, q: Array) -> Array:
     """G + H q (n, n) of pressure k at q (n,)."""
     quadratic = pressure.quadratic[k]
     return np.asarray(pressure.linear[k] + np.tensordot(q[: len(quadratic)], quadratic, 1))
 
 
-def unit_forces(pressure: PressurePolynomial, k: int, q: Array) -> Array:
-    """G q + 1/2 H q q (r, n) of pressure k at the rows of q (r, n)."""
-    linear, quadratic = pressure.linear[k], pressure.quadratic[k]
-    force = q @ linear.T
-    if len(quadratic):
-        force = force + 0.5 * np.einsum("rc,cij,rj->ri", q, quadratic, q, optimize=True)
-    return np.asarray(force)
+def unit_force(pressure: PressurePolynomial, k: int, q: Array) -> Array:
+    """G q + 1/2 H q q (n,) of pressure k at q (n,)."""
+    return np.asarray(0.5 * (pressure.linear[k] + unit_tangent(pressure, k, q)) @ q)
 
 
 @kernel

@@ -39,6 +39,8 @@ UNITS = {
     "traction": "Pa",
     "pressure": "Pa",
     "acceleration": "m/s²",
+    "support_acceleration": "m/s²",
+    "support_displacement": "m",
     "mass_damping": "1/s",
     "gap": "m",
     "friction": "",

@@ -16,7 +16,7 @@ from fenicsrom.scene.body_checks import (
     material_problems,
     support_problems,
 )
-from fenicsrom.scene.loads import Load
+from fenicsrom.scene.loads import Load, SupportDisplacement
 from fenicsrom.scene.places import Place, Region
 from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.response import parameter_of
@@ -58,6 +58,8 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
+        if load.moves_supports:
+            yield from _support_motion_problems(load, f"loads[{index}]", scene.rotation)
     seen = scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))
     if not seen and not unloaded:
         what = "without contacts and without a load at a place"
@@ -69,7 +71,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
 
 
 def _acts_at_a_place(load: Load) -> bool:
-    return load.kind != "acceleration"
+    return not load.everywhere
 
 
 def _places(scene: Scene) -> list[tuple[str, Place]]:
@@ -90,7 +92,7 @@ def _regions(scene: Scene) -> list[tuple[str, Region]]:
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
     """Yield every vector of a scene, or None, with its key."""
     for key, region in _regions(scene):
-        for name in ("node", "nearest"):
+        for name in ("node", "nearest", "normal"):  # the normal of a support
             yield f"{key}.{name}", getattr(region, name, None)
         for index, corner in enumerate(region.box or ()):
             yield f"{key}.box[{index}]", corner
@@ -179,7 +181,7 @@ def _load_problems(load: Load, key: str) -> Problems:
     """Yield the keys of a place on which this kind of load cannot act."""
     if load.kind == "force":
         return
-    whole = load.kind == "acceleration"
+    whole = load.everywhere
     where = "the whole body" if whole else "facets"
     why = f"not allowed with {load.kind}, which acts on {where}"
     for name in REGION_KEYS if whole else ("node", "nearest"):
@@ -187,6 +189,22 @@ def _load_problems(load: Load, key: str) -> Problems:
             yield Problem(f"{key}.{name}", plain(value), why)
     if load.place.at != "mean":
         yield Problem(f"{key}.at", load.place.at, why)
+
+
+def _support_motion_problems(load: Load, key: str, rotation: Rotation | None) -> Problems:
+    """Yield the keys that do not agree with a motion of the supports."""
+    if load.static:
+        allowed = "must vary in time; use acceleration for a constant one"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
+    if load.transient and isinstance(load.action, SupportDisplacement):
+        allowed = (
+            "must have a frequency or harmonics, so that its acceleration is known; use "
+            "support_acceleration"
+        )
+        yield Problem(f"{key}.support_displacement", load.size, allowed)
+    if rotation is not None:
+        allowed = "not allowed with [rotation], whose axis is at rest"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
 
 
 def _geometry_problems(geometry: Geometry) -> Problems:

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, first
+from support import beam_scene, loaded_duffing
 
 from fenicsrom.assess import backbone as module
 from fenicsrom.assess.backbone import backbone, check_backbone
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
-from fenicsrom.online.model import reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import load_histories
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
@@ -44,19 +42,7 @@ def scene_with(*overrides: str) -> Scene:
 def oscillator(*overrides: str) -> StoredModel:
     """x'' + damping x' + x + cubic x^3 = force sin t; the probe moves by 2 x."""
     scene = scene_with(*overrides)
-    elastic = ElasticPolynomial(
-        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * CUBIC)
-    )
-    model = reduced_model(
-        np.ones((1, 1)),
-        scene.material.mass_damping,
-        elastic,
-        np.ones((1, 1)),
-        load_histories(scene),
-        *first(0, 1),
-        2.0 * np.eye(2, 1),
-        np.zeros(2),
-    )
+    model = loaded_duffing(scene.material.mass_damping, CUBIC, load_histories(scene), gain=2.0)
     return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([0.5 / np.pi]), {})
 
 

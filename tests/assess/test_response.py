@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, first, linear_model
+from support import beam_scene, first, linear_model, loaded_duffing
 
 from fenicsrom.assess.response import response
 from fenicsrom.assess.response_problem import check_response, family_of
@@ -19,8 +19,6 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
 from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.model import reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import load_histories
 from fenicsrom.post.response_figures import in_order, stretches
 from fenicsrom.scene import Scene
@@ -45,19 +43,7 @@ def scene_with(*overrides: str) -> Scene:
 def oscillator(*overrides: str) -> StoredModel:
     """x'' + damping x' + x + cubic x^3 = force sin(omega t), moving along x."""
     scene = scene_with(*overrides)
-    elastic = ElasticPolynomial(
-        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * CUBIC)
-    )
-    model = reduced_model(
-        np.ones((1, 1)),
-        scene.material.mass_damping,
-        elastic,
-        np.ones((1, 1)),
-        load_histories(scene),
-        *first(0, 1),
-        np.eye(2, 1),
-        np.zeros(2),
-    )
+    model = loaded_duffing(scene.material.mass_damping, CUBIC, load_histories(scene))
     return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([1.0 / (2.0 * np.pi)]), {})
 
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, uncoupled
 
 from fenicsrom.assess.unsteady import why_unsteady
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.simulate import simulate
 from fenicsrom.online.state import PeriodicSearch
 
 NOT_FOUND = PeriodicSearch(
@@ -35,13 +35,7 @@ def short_run(*overrides: str) -> tuple[Any, Any, Any]:
         contacts=None,
         probe={"group": "tip"},
     )
-    model = linear_model(
-        np.eye(1),
-        np.eye(1) * 500.0,
-        damping=scene.material.mass_damping,
-        loads=[[1.0]],
-        load_histories=load_histories(scene),
-    )
+    model = uncoupled(scene, 500.0)
     return model, scene, simulate(model, scene)
 
 

@@ -31,7 +31,7 @@ from mpi4py import MPI
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import build_solid
-from fenicsrom.online.pressure import unit_forces, unit_tangent
+from fenicsrom.online.pressure import unit_force, unit_tangent
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.projection import project
@@ -144,7 +144,7 @@ def test_reduced_coefficients_equal_the_projected_force(solid: Any) -> None:
         for k in (ALL, TIP):
             expected = vectors.T @ change[:, k]
             np.testing.assert_allclose(
-                unit_forces(found, k, q[None])[0],
+                unit_force(found, k, q),
                 expected,
                 rtol=0,
                 atol=1e-12 * np.abs(expected).max(),

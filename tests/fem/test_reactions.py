@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from fenicsrom.online.reactions import (
 )
 from fenicsrom.online.simulate import simulate
 from fenicsrom.online.stress import StressLaw
-from fenicsrom.reduction.stages import reduce
+from fenicsrom.reduction.stages import Reduction
 
 Array = NDArray[np.float64]
 
@@ -129,16 +130,9 @@ def moving(*overrides: str, **tables: Any) -> tuple[Any, Any, Any, Motion]:
     """A solid, its scene, its reduced model with the table of its reactions, and its motion."""
     solid = make_solid(beam_scene(2, (*MOVING, *overrides), **tables))
     scene = scene_of(solid)
-    from fenicsrom.reduction.modes import component_modes
-    from fenicsrom.reduction.stages import choose, differentiate, enrich
-
-    modes = component_modes(solid, scene.basis)
-    chosen = choose(solid, scene, modes)
-    basis = enrich(
-        solid, modes, chosen, differentiate(solid, scene.basis, modes, chosen.derivatives)
-    )
-    model = reduce(solid, scene.basis, basis)
-    table = reaction_table(solid, scene, basis.vectors)
+    found = Reduction(solid, scene, lambda stage: nullcontext())
+    model = found.model
+    table = reaction_table(solid, scene, found.basis.vectors)
     return solid, model, table, simulate(model, scene, keep_coordinates=True)
 
 

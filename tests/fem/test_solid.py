@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from support import (
+    KINDS_OF_CELLS,
     STOCKY,
     assert_force_of_energy,
     assert_tangent,
@@ -32,19 +33,12 @@ from fenicsrom.scene import Basis, Place
 Array = NDArray[np.float64]
 
 TINY = (*STOCKY, "geometry.parameters.elements_along=2")
-KINDS = {
-    "plane stress": (2, ()),
-    "plane strain": (2, ("geometry.plane='strain'",)),
-    "triangles": (2, ("geometry.cells='simplex'",)),
-    "hexahedra": (3, ("geometry.parameters.width=0.15",)),
-    "tetrahedra": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'")),
-}
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=KINDS_OF_CELLS)
 def tiny(request: pytest.FixtureRequest) -> Any:
     """A stocky cantilever of two elements, of each kind of cell."""
-    dimension, overrides = KINDS[request.param]
+    dimension, overrides = KINDS_OF_CELLS[request.param]
     return make_solid(beam_scene(dimension, (*TINY, *overrides)))
 
 

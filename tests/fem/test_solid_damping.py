@@ -6,14 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, dense, free_unknowns, make_solid
+from support import STOCKY, beam_scene, dense, enriched, free_unknowns, make_solid
 
 from fenicsrom.fem.full import full_model
 from fenicsrom.online.simulate import simulate
-from fenicsrom.reduction.basis import build_basis
-from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project
-from fenicsrom.scene import Basis
 
 DAMPING = {"stiffness": 2e-5, "ratios": [0.03, 0.0, 0.02]}
 LINEAR = ("geometrically_nonlinear=false", "time.steady='march'", "time.periods=3")
@@ -44,16 +41,7 @@ def test_full_model_moves_as_its_reduced_model_of_all_modes(overrides: Any) -> N
     """Thirty modes of a stocky beam resolve its motion."""
     scene = beam_scene(2, (*STOCKY, *overrides, *STEPS, "contacts.0.preload=0"), damping=DAMPING)
     solid = make_solid(scene)
-    modes = component_modes(solid, Basis(modes=30))
-    basis = build_basis(
-        "rubin",
-        modes.masters,
-        modes.rows,
-        modes.normal,
-        list(modes.labels[:30]),
-        solid.mass_inner,
-        solid.comm.allreduce,
-    )
+    basis = enriched(solid, modes=30, wanted=())[2]
     reduced = simulate(project(solid, basis), scene)
     full = simulate(full_model(solid), scene)
     assert reduced.relative_imbalance < 1e-10 and full.relative_imbalance < 1e-10

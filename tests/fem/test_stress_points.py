@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import STOCKY, beam_scene, enriched, make_solid, random_field, scene_of
+from support import KINDS_OF_CELLS, STOCKY, beam_scene, enriched, make_solid, random_field, scene_of
 
 pytest.importorskip("dolfinx")
 
@@ -28,14 +28,7 @@ from fenicsrom.online.stress import (
 Array = NDArray[np.float64]
 
 SHORT = ("geometry.parameters.length=1.0", "geometry.parameters.height=0.05")
-KINDS = {
-    "plane stress": (2, ()),
-    "plane strain": (2, ("geometry.plane='strain'",)),
-    "triangles": (2, ("geometry.cells='simplex'",)),
-    "hexahedra": (3, ("geometry.parameters.width=0.15",)),
-    "tetrahedra": (3, ("geometry.parameters.width=0.15", "geometry.cells='simplex'")),
-    "linear elements": (2, ("geometry.degree=1",)),
-}
+KINDS = KINDS_OF_CELLS | {"linear elements": (2, ("geometry.degree=1",))}
 
 
 def without_basis(solid: Any) -> StressTable:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, refusal
+from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.measures import amplitude
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene
 
 SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")
@@ -27,13 +27,7 @@ def scene_with(*overrides: str) -> Scene:
 def stored() -> StoredModel:
     """A linear model of two coordinates under the load and damping of the paper's beam."""
     scene = scene_with("loads.0.force=111.0", "material.mass_damping=5.0")
-    model = linear_model(
-        np.eye(2),
-        np.diag([500.0, 900.0]),
-        damping=5.0,
-        loads=[[1.0], [0.3]],
-        load_histories=load_histories(scene),
-    )
+    model = uncoupled(scene, 500.0, 900.0)
     return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.array([3.6, 4.8]), {})
 
 

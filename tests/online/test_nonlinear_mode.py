@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from numpy.typing import NDArray
-from support import NO_LOADS, assert_tangent, first, linear_model, one_contact
+from support import NO_LOADS, assert_tangent, first, linear_model, loaded_duffing, one_contact
 
 from fenicsrom.online.crest import half_range
 from fenicsrom.online.curve import CurvePoint
@@ -40,20 +40,7 @@ def settings(steps: int, scheme: str = "discrete-gradient") -> Time:
 
 def duffing(damping: float = 0.0, cubic: float = 1.0) -> ReducedModel:
     """q'' + damping q' + q + cubic q^3 = sin t, moving along x."""
-    elastic = ElasticPolynomial(
-        np.zeros(1), np.ones((1, 1)), np.zeros((1, 1)), np.full((1, 1), 3.0 * cubic)
-    )
-    load = harmonic(np.ones(1), np.ones(1), np.zeros(1))
-    return reduced_model(
-        np.ones((1, 1)),
-        damping,
-        elastic,
-        np.ones((1, 1)),
-        load,
-        *first(0, 1),
-        np.eye(2, 1),
-        np.zeros(2),
-    )
+    return loaded_duffing(damping, cubic, harmonic(np.ones(1), np.ones(1), np.zeros(1)))
 
 
 def path_of(

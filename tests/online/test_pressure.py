@@ -18,7 +18,6 @@ from support import (
     refusal,
 )
 
-from fenicsrom.assess.enrichment import transformed
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.checkpoints import fingerprint
@@ -29,7 +28,7 @@ from fenicsrom.online.march import integrate
 from fenicsrom.online.matrices import model_arrays
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.period_map import PeriodMap
-from fenicsrom.online.pressure import PressurePolynomial, unit_forces, unit_tangent
+from fenicsrom.online.pressure import PressurePolynomial, unit_force, unit_tangent
 from fenicsrom.online.scheme import scheme
 from fenicsrom.scene import Scene, Time
 
@@ -93,7 +92,7 @@ def test_force_of_a_step_is_its_mean_and_its_tangent(name: str, depth: int | Non
         both = (1.0 - s) * factors(*begin) + s * factors(*end)
         for k, number in enumerate(model.pressure.numbers):
             q = q0 + s * dq
-            expected += weight * both[number] * unit_forces(model.pressure, k, q[None])[0]
+            expected += weight * both[number] * unit_force(model.pressure, k, q)
     np.testing.assert_allclose(
         over_step(without, dq)[0] - over_step(model, dq)[0], expected, rtol=1e-12
     )
@@ -108,14 +107,6 @@ def test_model_at_rest_feels_the_static_pressure_only() -> None:
     expected = model.elastic.stiffness - STATIC * unit_tangent(model.pressure, 1, zero)
     np.testing.assert_allclose(tangent, expected, rtol=1e-14)
     np.testing.assert_allclose(model.rest_stiffness(), expected, rtol=1e-14)
-
-
-def test_transformed_model_has_the_transformed_force() -> None:
-    model, t = pressed(), np.random.default_rng(1).standard_normal((3, 2))
-    other, y = transformed(model, t), np.array([0.4, -0.7])
-    for of in (model, other):
-        of.set_interval(0.1, 0.6)
-    np.testing.assert_allclose(other.elastic_at(y)[0], t.T @ model.elastic_at(t @ y)[0], rtol=1e-12)
 
 
 # ------------------------------------------------------------------ motions

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support import beam_scene, linear_model, refusal
+from support import beam_scene, refusal, uncoupled
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.archive import FORMAT, StoredModel, load_model, save_model
 from fenicsrom.online.reactions import ReactionTable
 from fenicsrom.online.recovery import REACTION_ARRAYS, STRESS_ARRAYS, Recovery
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.simulate import simulate
 from fenicsrom.online.stress import StressLaw, StressTable, von_mises
 from fenicsrom.online.stress_peaks import find_stresses, modal_peaks, reduced_modes
 from fenicsrom.scene import Scene
@@ -73,13 +73,7 @@ def two_cells(scene: Scene, n: int = 2) -> Recovery:
 def stored() -> StoredModel:
     """A linear model of two coordinates with stresses."""
     scene = scene_with("loads.0.force=111.0")
-    model = linear_model(
-        np.eye(2),
-        np.diag([500.0, 900.0]),
-        damping=5.0,
-        loads=[[1.0], [0.3]],
-        load_histories=load_histories(scene),
-    )
+    model = uncoupled(scene, 500.0, 900.0)
     frequencies = np.sqrt([500.0, 900.0]) / (2.0 * np.pi)
     recovery = two_cells(scene)
     return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, frequencies, {}, recovery)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from support import beam_scene, fixed_steps, refusal
+from support import beam_scene, enriched, fixed_steps, refusal
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
@@ -18,15 +18,14 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import simulate
 from fenicsrom.online.surfaces import no_contacts
-from fenicsrom.reduction.basis import ReducedBasis, build_basis
+from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
-from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import (
     project_intrusively,
     projected_terms,
     projected_velocity_matrix,
 )
-from fenicsrom.scene import Basis, Scene
+from fenicsrom.scene import Scene
 
 SECTION = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
 
@@ -40,16 +39,7 @@ def damped_scene(damping: dict[str, Any], *overrides: str, **tables: Any) -> Sce
 
 def basis_of(beam: BeamStructure, method: str, modes: int) -> ReducedBasis:
     """Component modes without derivatives."""
-    found = component_modes(beam, Basis(method=method, modes=modes))
-    return build_basis(
-        method,
-        found.masters,
-        found.rows,
-        found.normal,
-        list(found.labels[:modes]),
-        beam.mass_inner,
-        beam.comm.allreduce,
-    )
+    return enriched(beam, method, modes, wanted=())[2]
 
 
 def damping_ratios(mass: Array, velocity: Array, stiffness: Array) -> tuple[Array, Array]:

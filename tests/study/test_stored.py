@@ -9,13 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, refusal
+from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.scene_changes import changed_key
-from fenicsrom.online.simulate import load_histories
 from fenicsrom.post.sentences import UNJUDGED
 
 SHORT = (
@@ -30,13 +29,7 @@ SHORT = (
 def stored(*overrides: str) -> StoredModel:
     """A linear model of one coordinate that does not become periodic within two periods."""
     scene = beam_scene(2, (*SHORT, *overrides), contacts=None, probe={"group": "tip"})
-    model = linear_model(
-        np.eye(1),
-        np.eye(1) * 500.0,
-        damping=scene.material.mass_damping,
-        loads=[[1.0]],
-        load_histories=load_histories(scene),
-    )
+    model = uncoupled(scene, 500.0)
     return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6, 22.0]), {})
 
 
