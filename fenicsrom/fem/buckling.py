@@ -167,6 +167,7 @@ def check_snap(body: Solid, linear: Array) -> None:
     except ConvergenceError:  # at the limit load itself
         return
     finally:
+        factor.destroy(matrix=True)
         if body.pressures is not None:
             body.pressures.part = 1.0
 
@@ -191,19 +192,22 @@ def _stable_equilibrium(body: Solid, unstable: int) -> Array | None:
     u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
     matrix = body.stiffness.duplicate(copy=True)
     factor = Factorisation(matrix, "fenicsrom_buckling")
-    for _ in range(STEPS):
-        trial = _step(body, u, c, matrix, factor)
-        if trial is None:
-            c *= 4.0
-            continue
-        u = trial
-        if negative_eigenvalues(body.tangent(u, matrix)):
-            continue
-        found = _step(body, u, 0.0, matrix, factor)
-        if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
-            return found
-        c *= 0.25
-    return None
+    try:
+        for _ in range(STEPS):
+            trial = _step(body, u, c, matrix, factor)
+            if trial is None:
+                c *= 4.0
+                continue
+            u = trial
+            if negative_eigenvalues(body.tangent(u, matrix)):
+                continue
+            found = _step(body, u, 0.0, matrix, factor)
+            if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
+                return found
+            c *= 0.25
+        return None
+    finally:
+        factor.destroy(matrix=True)
 
 
 def _side(body: Solid, shape: Array) -> float:

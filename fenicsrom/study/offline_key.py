@@ -28,6 +28,7 @@ ONLINE_TABLES = (
     "damping",
     "response",
     "backbone",
+    "statics",
     "loads",
     "contacts",
     "time",
@@ -79,7 +80,7 @@ def model_table(scene: Scene) -> dict[str, Any]:
     }
     if scene.geometrically_nonlinear and basis.derivatives in ("mmi", "mmi-nls"):
         whole = scene_table(scene)
-        table |= {name: whole[name] for name in ("loads", "contacts", "material")}
+        table |= {name: whole.get(name) for name in ("loads", "contacts", "material", "response")}
         table["time"] = plain(transient_time(scene))
         table["excitation"] = highest_frequency(scene)
     return table
