@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.assess.mode_agreement import ModeAgreement
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
+from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
@@ -17,6 +19,7 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+    support_sentence,
     unreliable_sentence,
 )
 from fenicsrom.post.stress_tables import (
@@ -46,6 +49,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
         *_stresses(study.stresses),
+        ("Modes of the reduced and of the full model", _agreement(study.agreement)),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
@@ -66,6 +70,8 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         RESPONSE_NOTE,
         *_periodic(motion),
     ]
+    if sentence := support_sentence(scene, found.stored.model.points, {"reduced": motion}):
+        results.append(sentence)
     if found.errors:
         results.append(estimate_sentence(found.errors, motion))
     if found.unfinished:
@@ -93,6 +99,13 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
     ]
 
 
+def _agreement(found: ModeAgreement | None) -> list[Any]:
+    """Compose the table of the modes of both models, if they were compared."""
+    if found is None:
+        return []
+    return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]
+
+
 def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
@@ -100,6 +113,10 @@ def _results(study: Study) -> list[Any]:
         found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
+    if study.motions and (
+        sentence := support_sentence(study.scene, study.solid.points, study.motions)
+    ):
+        found.append(sentence)
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if errors := errors_of(study.motions):

@@ -30,7 +30,7 @@ from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, Time
 
 SNAPSHOTS = 200
 """Largest number of snapshots of the linear transient."""
@@ -152,12 +152,8 @@ def linear_snapshots(
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    time = scene.time
-    if scene.period is not None:
-        steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
-        time = time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
     model = project(structure, basis, nonlinear=False)
-    scene = replace(scene, time=time)
+    scene = replace(scene, time=transient_time(scene))
     if frequency is None:
         motion = simulate(model, scene, keep_coordinates=True)
     else:
@@ -168,7 +164,7 @@ def linear_snapshots(
         motion = integrate(
             problem.model,
             problem.contacts,
-            time,
+            scene.time,
             problem.period,
             dimension=scene.geometry.dimension,
             keep_coordinates=True,
@@ -177,6 +173,15 @@ def linear_snapshots(
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return basis.vectors @ motion.coordinates[rows].T
+
+
+def transient_time(scene: Scene) -> Time:
+    """The time integration of the linear transient of a scene."""
+    time = scene.time
+    if scene.period is None:
+        return time
+    steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
+    return time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
 
 
 def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray[np.int64]:
