@@ -36,6 +36,7 @@ COMMANDS = {
     "blade_pressed": "run",
     "blade_campbell": "campbell",
     "response_2d": "response",
+    "shaker_2d": "response",
     "backbone_2d": "backbone",
     "arch_snap": "statics",
     "blade_rub": "run",
@@ -389,12 +390,12 @@ def draw_response(
         axes.plot(place[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
 
 
-def response_picture(folder: Path) -> Figure:
-    """Draw the amplitudes of the clamped beam over the frequency."""
+def response_picture(folder: Path, family: str, title: str) -> Figure:
+    """Draw the amplitudes of the clamped beam over the frequency; `title` names the family."""
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
-    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", "loads.0.force_N")
+    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", family)
     axes.set(xlabel="frequency, Hz", ylabel="amplitude, mm")
-    axes.legend(fontsize=7, title="force, N", title_fontsize=7)
+    axes.legend(fontsize=7, title=title, title_fontsize=7)
     return figure
 
 
@@ -470,7 +471,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["blade_modes"] = modes_picture(runs / "blade_modes")
         figures["blade_pressed"] = pressed_picture(runs / "blade_pressed")
         figures["blade_campbell"] = campbell_picture(runs / "blade_campbell")
-        figures["response_2d"] = response_picture(runs / "response_2d")
+        figures["response_2d"] = response_picture(
+            runs / "response_2d", "loads.0.force_N", "force, N"
+        )
+        figures["shaker_2d"] = response_picture(
+            runs / "shaker_2d", "loads.0.support_acceleration_m/s2", "supports, m/s²"
+        )
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["arch_snap"] = path_picture(runs / "arch_snap")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")

@@ -70,6 +70,14 @@ def test_motion_of_the_supports_is_minus_an_acceleration_of_the_body(dimension: 
     assert along @ vectors[1] == pytest.approx(-mass, rel=1e-10)
 
 
+def unclamped(solid: Any, form: Any) -> Array:
+    """A bilinear form as an array, with the rows of the clamped unknowns."""
+    matrix = fem.petsc.create_matrix(form)
+    fem.petsc.assemble_matrix(matrix, form)
+    matrix.assemble()
+    return dense(matrix, np.arange(solid.local))
+
+
 def absolute_march(solid: Any, steps: int, duration: float) -> Array:
     """Absolute displacement (2,) of the probe after a time, by central differences.
 
@@ -77,10 +85,7 @@ def absolute_march(solid: Any, steps: int, duration: float) -> Array:
     absolute displacement of all nodes, the clamped ones included.
     """
     count = solid.local
-    form = fem.petsc.create_matrix(solid.mass_form)
-    fem.petsc.assemble_matrix(form, solid.mass_form)
-    form.assemble()
-    mass = dense(form, np.arange(count))
+    mass = unclamped(solid, solid.mass_form)
     free = np.setdiff1d(np.arange(count), solid.clamped)
     inverse = np.linalg.inv(mass[np.ix_(free, free)])
     omega, translation = 2.0 * np.pi * FREQUENCY, np.tile(ALONG, count // 2)
@@ -176,3 +181,49 @@ def test_slow_shaking_moves_the_body_with_its_supports() -> None:
     moved = support_displacement(scene.loads, motion.time, 2)
     absolute = absolute_displacement(scene, solid.points, motion)[:, 0]
     np.testing.assert_allclose(absolute, moved, atol=1e-3 * np.abs(moved).max())
+
+
+def test_stiff_spring_moves_one_of_two_supports() -> None:
+    """The end on a spring of 1e15 N/m³ is pulled by 1 mm; the exact motion has it prescribed."""
+    spring, size, damping = 1e15, 1e-3, 200.0
+    frequency = 250.0
+    sizes = (
+        *STOCKY,
+        f"material.mass_damping={damping}",
+        "time.steps_per_period=200",
+        "time.periods=60",
+        "basis.modes=4",
+    )
+    pull = {"group": "tip", "direction": list(ALONG), "traction": spring * size}
+    tables = {"geometrically_nonlinear": False, "contacts": None, "probe": {"group": "load"}}
+    solid = make_solid(
+        beam_scene(
+            2,
+            sizes,
+            attachments=[{"group": "tip", "stiffness_per_area": spring}],
+            loads=[pull | {"frequency": frequency}],
+            **tables,
+        )
+    )
+    scene = scene_of(solid)
+    motion = simulate(Reduction(solid, scene, lambda name: nullcontext()).model, scene)
+    assert motion.steady
+    both = make_solid(
+        beam_scene(
+            2,
+            sizes,
+            supports=[{"group": "root"}, {"group": "tip"}],
+            loads=[{"acceleration": 1.0, "direction": [1.0, 0.0], "frequency": frequency}],
+            **tables,
+        )
+    )
+    omega = 2.0 * np.pi * frequency
+    both._set(both._u, np.zeros(both.local))
+    stiffness, mass = unclamped(both, both._tangent_form), unclamped(both, both.mass_form)
+    dynamic = stiffness + (1j * omega * damping - omega**2) * mass
+    free = np.setdiff1d(np.arange(both.local), both.clamped)
+    moved = np.setdiff1d(both.clamped, solid.clamped)
+    held = dynamic[np.ix_(free, moved)] @ np.tile(size * ALONG, moved.size // 2)
+    answer = both.probe_rows[:, free] @ np.linalg.solve(dynamic[np.ix_(free, free)], -held)
+    found = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2.0
+    np.testing.assert_allclose(found, np.abs(answer), rtol=2e-3)
