@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom import study
-from fenicsrom.cli.output import opened
+from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
@@ -30,7 +30,15 @@ def run(options: argparse.Namespace) -> int:
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
-        found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
+        found = study.run(
+            scene,
+            comm,
+            say,
+            folder=folder,
+            resume=resume,
+            stop=is_terminated,
+            fresh=options.fresh,
+        )
         if comm.rank == 0:
             table = sentences.response_table(found.motions, found.sizes, scene)
             lines = sentences.study_sentences(found)
@@ -60,10 +68,23 @@ def _rerun(options: argparse.Namespace) -> int:
 
 
 def plan(options: argparse.Namespace) -> int:
-    """List the stages of a scene; the parts of a stage are indented."""
-    for item in study.plan(read_scene(options.scene, options.overrides)):
+    """List the stages of a scene; the parts of a stage are indented. Draw the set-up if asked to.
+
+    Raises:
+        SceneError: the scene or the file of the picture cannot be used.
+    """
+    scene = read_scene(options.scene, options.overrides)
+    for item in study.plan(scene):
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
         print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
+    if options.picture is not None:
+        from fenicsrom.post.pictures import draw_pictures
+
+        path = Path(options.picture)
+        require_lasting(path, "--picture")
+        picture, warnings = study.setup_picture(scene, path.name, progress)
+        files = [path for _, path in draw_pictures([picture], path.parent, warnings)]
+        print_results(None, "", warnings, files=files)
     return 0
 
 
@@ -131,7 +152,7 @@ def response(options: argparse.Namespace) -> int:
     _require_scene(options)
     comm, say, scene = _start(options)
     with opened(options, scene, comm) as folder:
-        found = study.response(scene, comm, say, folder=folder, **settings)
+        found = study.response(scene, comm, say, folder=folder, fresh=options.fresh, **settings)
         return _end_of_curves(found, comm)
 
 
@@ -163,7 +184,9 @@ def backbone(options: argparse.Namespace) -> int:
     _require_scene(options)
     comm, say, scene = _start(options)
     with opened(options, scene, comm) as folder:
-        found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+        found = study.backbone(
+            scene, comm, say, folder=folder, stop=is_terminated, fresh=options.fresh
+        )
         return _end_of_mode(found, comm, folder)
 
 
@@ -188,12 +211,16 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.assess.processes import available_cores
-    from fenicsrom.assess.sweep_runs import FAILED
-    from fenicsrom.post import sweep_report
+    from fenicsrom.assess.processes import available_cores, start_server
     from fenicsrom.scene.variations import make_axes
 
     axes = make_axes(options.over, options.together)
+    comm, workers = _ranks(), available_cores()
+    if workers > 1 and (comm is None or comm.size == 1):
+        start_server()
+    from fenicsrom.assess.sweep_runs import FAILED
+    from fenicsrom.post import sweep_report
+
     if options.stored:
         from fenicsrom.online import archive
 
@@ -209,7 +236,6 @@ def sweep(options: argparse.Namespace) -> int:
             return read_scene(options.scene, [*options.overrides, *overrides])
         return archive.changed_scene(model.scene, [*options.overrides, *overrides])
 
-    comm = _ranks()
     first = comm is None or comm.rank == 0
     with opened(options, scene, comm) as folder:
         found = study.sweep(
@@ -220,9 +246,10 @@ def sweep(options: argparse.Namespace) -> int:
             stored=Path(source) if source else None,
             comm=comm,
             say=progress if first else lambda line: None,
-            workers=available_cores(),
+            workers=workers,
             resume=options.resume,
             stop=is_terminated,
+            fresh=options.fresh,
         )
         if first:
             print_results(scene, sweep_report.terminal(found), [], files=found.files)
@@ -261,6 +288,26 @@ def stability(options: argparse.Namespace) -> int:
     return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
+def cache(options: argparse.Namespace) -> int:
+    """Show the cache of offline results, or empty it."""
+    from fenicsrom.study import result_cache
+
+    folder = result_cache.cache_folder()
+    if folder is None:
+        print(f"{result_cache.VARIABLE} = {result_cache.OFF}: offline results are not kept")
+        return 0
+    if options.clear:
+        print(f"{result_cache.clear(folder)} files removed from {folder}")
+        return 0
+    found = result_cache.entries(folder)
+    size = sum(entry.size for entry in found)
+    print(
+        f"{folder}: {len(found)} files, {size / 1e6:.1f} MB of at most "
+        f"{result_cache.LIMIT / 1e6:.0f} MB; the oldest are removed first"
+    )
+    return 0
+
+
 def schema(options: argparse.Namespace) -> int:
     """Print or write the JSON schema of scene files."""
     text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
@@ -269,6 +316,7 @@ def schema(options: argparse.Namespace) -> int:
         return 0
     from fenicsrom.files import atomic_write
 
+    require_lasting(Path(options.output))
     with atomic_write(options.output) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     return 0

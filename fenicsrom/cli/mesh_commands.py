@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind, SceneError
 
@@ -18,15 +19,18 @@ def inspect(options: argparse.Namespace) -> int:
         SceneError: the file cannot be read, or its mesh cannot be used.
     """
     from fenicsrom.post import mesh_report
+    from fenicsrom.post.pictures import draw_pictures
 
     density = _positive(options.density, "--density")
     found = _inspect(options)
-    files = []
+    warnings, files = list(found.warnings), []
     if found.refusal is None:
-        picture = Path(options.output or f"out/{Path(options.mesh).stem}") / "mesh.png"
-        files = [path for path in [mesh_report.write_picture(found, picture)] if path]
+        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
+        require_lasting(folder)
+        picture = mesh_report.group_picture(found)
+        files = [path for _, path in draw_pictures([picture], folder, warnings)]
     lines = mesh_report.lines(found, density)
-    print_results(None, "\n".join(lines), found.warnings, files=files)
+    print_results(None, "\n".join(lines), warnings, files=files)
     if found.refusal is not None:
         raise found.refusal
     return 0
@@ -42,6 +46,7 @@ def init(options: argparse.Namespace) -> int:
     from fenicsrom.post.starter import starter_scene
 
     path = Path(options.output or f"{Path(options.mesh).stem}.toml")
+    require_lasting(path)
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
         raise SceneError(f"{path}: {reason}", kind=ErrorKind.FILE, key="output", source=str(path))

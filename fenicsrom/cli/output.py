@@ -30,7 +30,7 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
     from fenicsrom.online.compilation import announced
 
     folder = output_path(options)
-    _require_lasting(folder)
+    require_lasting(folder)
     quiet = comm is not None and comm.rank > 0
     try:
         with (
@@ -115,8 +115,12 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
     return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
 
 
-def _require_lasting(folder: Path) -> None:
-    """Check that the folder is on a mounted file system, inside a container.
+def require_lasting(path: Path, option: str = "--output") -> None:
+    """Check that a file or folder is on a mounted file system, inside a container.
+
+    Args:
+        path: the file or folder to be written.
+        option: the option that gives it.
 
     Raises:
         SceneError: it would vanish with the container.
@@ -124,13 +128,13 @@ def _require_lasting(folder: Path) -> None:
     if not os.environ.get(CONTAINER) or not MOUNTS.exists():
         return
     mounted = [Path(line.split()[4]) for line in MOUNTS.read_text("utf-8").splitlines()]
-    place = folder.resolve()
+    place = path.resolve()
     shared = [path for path in mounted if path != Path("/") and path in (place, *place.parents)]
     if not shared:
         raise SceneError(
-            f"--output {folder}: only mounted folders outlive the container, and {place} is in "
+            f"{option} {path}: only mounted folders outlive the container, and {place} is in "
             f"none of them; {os.environ[CONTAINER]}",
             kind=ErrorKind.FILE,
-            key="--output",
-            source=str(folder),
+            key=option,
+            source=str(path),
         )

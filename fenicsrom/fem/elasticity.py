@@ -78,6 +78,7 @@ class ElasticBody:
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
+        dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
 
@@ -123,7 +124,7 @@ class ElasticBody:
             self.slanted = Slanted(self.space, held)
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, geometry, material, materials, source)
-        self.springs, self.point_masses = np.zeros((2, self.local))
+        self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 

@@ -28,9 +28,9 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
 A file may hold a larger model beside this one, which judges it
-(`fenicsrom.assess.enrichment`): its mass, force, stiffness, quadratic, cubic, velocity_matrix,
-loads, contact_rows and probe, under these names with the prefix `candidates_`. Its first n
-coordinates are those of the model.
+(`fenicsrom.assess.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
+velocity_matrix, loads, contact_rows and probe, under these names with the prefix `candidates_`.
+Its first n coordinates are those of the model.
 
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
@@ -192,6 +192,11 @@ def save_model(path: Path, stored: StoredModel) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    write_archive(path, *model_contents(stored))
+
+
+def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The header and the arrays of the file of a reduced model."""
     header = {
         "format": FORMAT,
         "method": stored.method,
@@ -215,7 +220,7 @@ def save_model(path: Path, stored: StoredModel) -> None:
     if stored.candidates is not None:
         more = _matrices(stored.candidates)
         arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
-    write_archive(path, header, arrays)
+    return header, arrays
 
 
 def _matrices(model: ReducedModel) -> dict[str, Array]:
@@ -238,9 +243,18 @@ def load_model(path: Path) -> StoredModel:
             together.
     """
     with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
-        scene = parse_scene(header["scene"], str(header["source"]), None)
-        labels = tuple(str(label) for label in header["labels"])
-        return _assemble(path, data, header, scene, labels)
+        return model_of_contents(path, header, data)
+
+
+def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) -> StoredModel:
+    """The reduced model of a header and arrays; `path` names their file in messages.
+
+    Raises:
+        SceneError: the arrays do not fit together.
+    """
+    scene = parse_scene(header["scene"], str(header["source"]), None)
+    labels = tuple(str(label) for label in header["labels"])
+    return _assemble(path, data, header, scene, labels)
 
 
 def _assemble(

@@ -1,22 +1,37 @@
-"""The pictures of the body of a study: its set-up, its shapes and its static deflection."""
+"""The pictures of the body: set-up, shapes, static deflection, stresses and animation."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.body_drawing import Marks, deflection_figure, setup_figure, shape_figure
-from fenicsrom.post.body_surface import Surface, gathered_surface
-from fenicsrom.post.fields import contact_places, shapes
+from fenicsrom.online.stress import StressTable, von_mises
+from fenicsrom.online.stress_peaks import Peak
+from fenicsrom.post.body_figures import deflection_figure, shape_figure, stress_figure
+from fenicsrom.post.body_surface import Surface, gathered_surface, surface_of
+from fenicsrom.post.fields import (
+    about_equilibrium,
+    contact_places,
+    contact_points,
+    frame_coordinates,
+    frame_rows,
+    shapes,
+)
+from fenicsrom.post.film import Dots, Film
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.vtk_files import in_space
+from fenicsrom.post.setup_figure import Marks, setup_figure
+from fenicsrom.post.surface_detail import LEAST_OF_FILM, for_picture, simplified
+from fenicsrom.post.vtk_files import in_space, refined_grid
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from fenicsrom.fem.solid import Solid
     from fenicsrom.post.record import Study
 
@@ -39,26 +54,16 @@ def body_pictures(study: Study) -> list[Picture]:
         if kind != EQUILIBRIUM
         for label, field in fields.items()
     }
-    clamped = np.zeros(solid.local)
-    clamped[solid.clamped] = 1.0
-    if solid.slanted is not None:
-        clamped[solid.slanted.nodes * solid.dimension] = 1.0
-    fields = {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
+    fields = _marked_fields(solid)
     if solid.loaded:
         fields[EQUILIBRIUM] = solid.equilibrium
     filled = {name: solid.field(values) for name, values in fields.items()}
     found = gathered_surface(solid.space, filled | named)
     if found is None:
         return []
-    surface, values = found
     scene, titles = study.scene, shape_titles(study, named)
-    pictures = [
-        Picture(
-            "Set-up",
-            "setup.png",
-            lambda: setup_figure(surface, marks_of(solid, scene, surface, values), _title(scene)),
-        )
-    ]
+    pictures = [_setup(solid, scene, *found)]
+    surface, values = for_picture(*found)
     if named:
         drawn = {label: values[label] for label in named}
         pictures.append(
@@ -76,6 +81,82 @@ def body_pictures(study: Study) -> list[Picture]:
             )
         )
     return pictures
+
+
+def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
+    """The picture of the set-up to a file; None on ranks other than the first. Collective."""
+    fields = {label: solid.field(values) for label, values in _marked_fields(solid).items()}
+    found = gathered_surface(solid.space, fields)
+    return _setup(solid, scene, *found, name) if found is not None else None
+
+
+def _setup(
+    solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array], name: str = "setup.png"
+) -> Picture:
+    """The picture of the set-up from the fields of `_marked_fields` on the whole surface."""
+
+    def draw() -> Figure:
+        marks = marks_of(solid, scene, surface, values)
+        shown, kept = simplified(surface)
+        return setup_figure(shown, marks.at(kept), _title(scene))
+
+    return Picture("Set-up", name, draw)
+
+
+def _marked_fields(solid: Solid) -> dict[str, Array]:
+    """The fields that the picture of the set-up marks: what is clamped, and the loads."""
+    clamped = np.zeros(solid.local)
+    clamped[solid.clamped] = 1.0
+    if solid.slanted is not None:
+        clamped[solid.slanted.nodes * solid.dimension] = 1.0
+    return {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
+
+
+def film_of(study: Study) -> Film | None:
+    """The last period of the reduced model about its equilibrium, to be animated. Collective.
+
+    Returns:
+        The film; None on ranks other than the first.
+    """
+    motion, solid, basis = study.motions["reduced"], study.solid, study.basis
+    assert basis is not None
+    fields = {f"{k}": solid.field(vector) for k, vector in enumerate(basis.vectors.T)}
+    found = gathered_surface(solid.space, fields | {EQUILIBRIUM: solid.field(solid.equilibrium)})
+    marks = contact_points(study, motion) if study.scene.contacts else None
+    if marks is not None and solid.loaded:
+        marks = about_equilibrium(study, *marks)
+    if found is None:
+        return None
+    surface, values = for_picture(*found, LEAST_OF_FILM)
+    rest = replace(surface, points=surface.points + values.pop(EQUILIBRIUM))
+    moved = np.tensordot(frame_coordinates(motion), np.array(list(values.values())), 1)
+    dots = None if marks is None else Dots(marks[0], marks[1]["displacement"], marks[1]["state"])
+    return Film(rest, motion.time[frame_rows(motion)], moved, solid.loaded, dots)
+
+
+def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
+    """The picture of the von Mises stress of a state on the deformed body.
+
+    Args:
+        table: the table of the stresses.
+        peak: the state.
+        measure: the stress, one of `fenicsrom.online.stress.MEASURES`.
+    """
+    when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+    place = ", ".join(f"{x:.4g}" for x in peak.position)
+    title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
+
+    def draw() -> Figure:
+        grid, mean = refined_grid(table.vertex_position, table.cells)
+        stress = table.at_vertices(table.stress(peak.coordinates, measure))
+        values = {
+            "displacement": in_space(mean @ table.displacement(peak.coordinates)),
+            "von Mises": von_mises(mean @ stress),
+        }
+        surface, found = for_picture(surface_of(grid), values)
+        return stress_figure(surface, found["displacement"], found["von Mises"], title)
+
+    return Picture("Von Mises stress", "stress.png", draw)
 
 
 def shape_titles(study: Study, labels: Iterable[str]) -> dict[str, str]:

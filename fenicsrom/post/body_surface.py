@@ -107,10 +107,20 @@ def _rim(triangles: Ints) -> Ints:
     return edges[counts == 1]
 
 
+def is_flat(points: Array) -> bool:
+    """Whether points (n, 3) lie in the plane of x and y."""
+    return not np.ptp(points[:, 2])
+
+
+def areas(points: Array, triangles: Ints) -> Array:
+    """(k, 3) normals of triangles, as long as their areas, m²."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
+
+
 def normals(points: Array, triangles: Ints) -> Array:
     """(k, 3) unit normals of triangles; zero for one without area."""
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    across = np.cross(b - a, c - a)
+    across = areas(points, triangles)
     size = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across / np.where(size > 0.0, size, 1.0))
 

@@ -46,6 +46,12 @@ def frame_rows(motion: Motion) -> NDArray[np.int64]:
     return np.unique(np.interp(wanted, motion.time[rows], rows).round().astype(np.int64))
 
 
+def frame_coordinates(motion: Motion) -> Array:
+    """The coordinates (k, size) of a reduced motion at the rows of `frame_rows`."""
+    assert motion.coordinates is not None
+    return motion.coordinates[frame_rows(motion) - motion.time.size]
+
+
 def contact_places(points: ContactPoints) -> Array:
     """Positions (P, 3) of the contact points in the undeformed body, m; z = 0 in 2D."""
     places = np.zeros((points.position.shape[0], 3))
@@ -175,11 +181,11 @@ def moving_field(study: Study) -> Callable[[int], Array]:
     The frames are the rows of `frame_rows`; the displacement has the local and ghost unknowns, m.
     Collective.
     """
-    motion, basis, solid = study.motions["reduced"], study.basis, study.solid
-    assert basis is not None and motion.coordinates is not None
+    basis, solid = study.basis, study.solid
+    assert basis is not None
     vectors = np.array([solid.field(vector).x.array.copy() for vector in basis.vectors.T])
     rest = solid.field(solid.equilibrium).x.array.copy()
-    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    q = frame_coordinates(study.motions["reduced"])
     return lambda number: rest + q[number] @ vectors
 
 
@@ -229,9 +235,8 @@ def _stresses_of_frames(study: Study) -> Callable[[int], Attached]:
     """Make a function of the frame number that gives the stresses, if there are any. Collective."""
     if study.recovery is None:
         return lambda number: Attached()
-    motion, table, attach = study.motions["reduced"], study.recovery.stress, stress_fields(study)
-    assert motion.coordinates is not None
-    q = motion.coordinates[frame_rows(motion) - motion.time.size]
+    table, attach = study.recovery.stress, stress_fields(study)
+    q = frame_coordinates(study.motions["reduced"])
     measure = study.scene.output.stresses
     return lambda number: attach(table.stress(q[number], measure), "", "Pa")
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import tempfile
-import warnings
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.inspection import Group, Inspection
-from fenicsrom.files import atomic_write
-from fenicsrom.post.rendering import run_drawing
+from fenicsrom.post.group_drawing import group_figure
+from fenicsrom.post.picture import Picture
 from fenicsrom.post.tables import text_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLOURED = 12
 """Largest number of groups that the picture colours; the largest ones of all facets and nodes."""
@@ -78,35 +79,16 @@ def _point(place: Array) -> str:
     return f"({', '.join(f'{value:.4g}' for value in place)})"
 
 
-def write_picture(found: Inspection, path: Path) -> Path | None:
-    """Draw the mesh with its groups coloured.
+def group_picture(found: Inspection) -> Picture:
+    """The picture of a mesh that can be used, with its groups coloured."""
 
-    Args:
-        found: a mesh that can be used.
-        path: the PNG file to write.
+    def draw() -> Figure:
+        assert found.points is not None and found.boundary is not None
+        chosen = sorted(_shown(found), key=lambda group: group.number)[:COLOURED]
+        members = {group.name: np.asarray(group.members) for group in chosen}
+        return group_figure(found.points, found.boundary, members)
 
-    Returns:
-        The file, or None after a warning if this machine cannot draw.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    assert found.points is not None and found.boundary is not None
-    chosen = sorted(_shown(found), key=lambda group: group.number)[:COLOURED]
-    arrays = {"points": found.points, "boundary": found.boundary}
-    for k, group in enumerate(chosen):
-        arrays[f"{group.kind}_{k}"] = np.asarray(group.members)
-    with tempfile.TemporaryDirectory(prefix="fenicsrom-") as scratch:
-        source, drawn = Path(scratch) / "mesh.npz", Path(scratch) / "mesh.png"
-        np.savez(source, **arrays)  # type: ignore[arg-type]
-        task = {"source": str(source), "labels": [group.name for group in chosen]}
-        reason = run_drawing("draw_groups", drawn, task, module="group_drawing")
-        if reason:
-            warnings.warn(f"{path} was not drawn: {reason}.", stacklevel=2)
-            return None
-        with atomic_write(path) as temporary:
-            temporary.write_bytes(drawn.read_bytes())
-    return path
+    return Picture("Mesh", "mesh.png", draw)
 
 
 def _shown(found: Inspection) -> list[Group]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,15 +12,9 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.signals import LEAST_SAMPLES
 from fenicsrom.online.measures import is_unsteady, point_summaries
-from fenicsrom.post.body_pictures import body_pictures, is_slender
+from fenicsrom.post.body_pictures import body_pictures, film_of, is_slender, stress_picture
 from fenicsrom.post.centreline import centreline
-from fenicsrom.post.fields import (
-    about_equilibrium,
-    contact_points,
-    frame_rows,
-    moving_field,
-    shapes,
-)
+from fenicsrom.post.fields import shapes
 from fenicsrom.post.figures import (
     plot_contact,
     plot_energy,
@@ -29,6 +22,8 @@ from fenicsrom.post.figures import (
     plot_motion,
     plot_points,
 )
+from fenicsrom.post.film import write_film
+from fenicsrom.post.mode_agreement import agreement_figure
 from fenicsrom.post.motion_figures import (
     plot_coordinates,
     plot_energy_per_period,
@@ -38,7 +33,6 @@ from fenicsrom.post.motion_figures import (
 )
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.rendering import animate, picture_stress
 from fenicsrom.post.writers import write_figure
 from fenicsrom.progress import tracked
 
@@ -183,9 +177,18 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
         return []
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
     motions = motion_pictures(study.motions, natural) if study.motions else []
-    return draw_pictures(
-        [*bodies[:1], *motions, *coordinates, *bodies[1:], *along], folder, study.warnings
-    )
+    listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
+    return draw_pictures(listed, folder, study.warnings)
+
+
+def _agreement(study: Study) -> list[Picture]:
+    """The picture of the modes of the reduced and the full model, if they were compared."""
+    found = study.agreement
+    if found is None:
+        return []
+    return [
+        Picture("MAC of the reduced and the full modes", "mac.png", lambda: agreement_figure(found))
+    ]
 
 
 def _coordinates(study: Study) -> list[Picture]:
@@ -239,16 +242,15 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     Raises:
         OSError: the file cannot be written.
     """
-    motion, solid = study.motions["reduced"], study.solid
-    marks = contact_points(study, motion) if study.scene.contacts else None
-    times = motion.time[frame_rows(motion)]
-    rest = solid.field(solid.equilibrium) if solid.loaded else None
-    if marks is not None and rest is not None:
-        marks = about_equilibrium(study, *marks)
-    film = None
-    with softly("motion.gif", study.warnings), _kept(study.warnings):
-        film = animate(folder / "motion.gif", solid.space, times, moving_field(study), marks, rest)
-    return [("Animation", film)] if film is not None else []
+    if sentence := not_drawn(["motion.gif"]):
+        study.warnings.append(sentence)
+        return []
+    film = film_of(study)
+    if film is None:
+        return []
+    with softly("motion.gif", study.warnings):
+        return [("Animation", write_film(folder / "motion.gif", film))]
+    return []
 
 
 def write_stress_picture(
@@ -259,18 +261,5 @@ def write_stress_picture(
     Raises:
         OSError: the file cannot be written.
     """
-    picture = None
-    with softly("stress.png", notes), _kept(notes):
-        picture = picture_stress(
-            folder / "stress.png", recovery.stress, stresses.largest, stresses.measure
-        )
-    return [("Von Mises stress", picture)] if picture is not None else []
-
-
-@contextmanager
-def _kept(notes: list[str]) -> Iterator[None]:
-    """Add Python warnings to a list."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    notes.extend(str(warning.message) for warning in caught)
+    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
+    return draw_pictures([picture], folder, notes)

@@ -12,6 +12,7 @@ from fenicsrom.reduction.selection import Selection
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.assess.estimates import MotionErrors
+    from fenicsrom.assess.mode_agreement import ModeAgreement
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.model import ReducedModel
@@ -61,6 +62,7 @@ class Study:
         basis: the reduced basis.
         model: the reduced model.
         candidates: the larger model that judges the basis (`fenicsrom.reduction.candidates`).
+        agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
         left_out: sentences "NAME: REASON" on what was not computed.
@@ -83,6 +85,7 @@ class Study:
     basis: ReducedBasis | None = None
     model: Any = None
     candidates: ReducedModel | None = None
+    agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.assess.mode_agreement import ModeAgreement
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
+from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
@@ -47,6 +49,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
         *_stresses(study.stresses),
+        ("Modes of the reduced and of the full model", _agreement(study.agreement)),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
         ("Left out", [_left_out(study)] if study.left_out else []),
@@ -94,6 +97,13 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
         ("Stresses", tables),
         ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
     ]
+
+
+def _agreement(found: ModeAgreement | None) -> list[Any]:
+    """Compose the table of the modes of both models, if they were compared."""
+    if found is None:
+        return []
+    return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]
 
 
 def _results(study: Study) -> list[Any]:

@@ -18,6 +18,7 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.directions import direction_names
+from fenicsrom.post.mode_agreement import agreement_sentence
 from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
 from fenicsrom.post.tables import text_table
@@ -276,6 +277,8 @@ def study_sentences(study: Study) -> list[str]:
             found.append(estimate_sentence(study.errors, reduced))
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors))
+    if study.agreement is not None:
+        found.append(agreement_sentence(study.agreement))
     found.append(speed_sentence(study.motions))
     if study.stresses is not None:
         found += stress_sentences(study.stresses)

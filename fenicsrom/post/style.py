@@ -115,3 +115,8 @@ def magnification(largest: float, length: float) -> float:
     return float(
         max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)) * power
     )
+
+
+def scale_text(factor: float) -> str:
+    """Say in words how displacements are drawn that are multiplied by this factor."""
+    return "drawn to scale" if factor == 1.0 else f"drawn × {factor:g}"

@@ -29,6 +29,7 @@ from fenicsrom.online.support_motion import (
     support_displacement,
 )
 from fenicsrom.post.fields import contact_places
+from fenicsrom.post.mode_agreement import agreement_summary
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.stress_tables import stress_summary, write_stresses
 from fenicsrom.post.writers import write_arrays, write_summary
@@ -60,6 +61,8 @@ def summary(study: Study) -> dict[str, Any]:
         "seconds": study.seconds,
         "left_out": study.left_out,
     }
+    if study.agreement is not None:
+        found["modes"] = agreement_summary(study.agreement)
     if study.deflection is not None:
         found["equilibrium"] = {
             "displacement_m": study.deflection,

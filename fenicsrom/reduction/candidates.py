@@ -8,7 +8,8 @@ whose first n coordinates are those of the basis R. The candidates W are the nex
 static deflections under the loads (attachment modes), and combinations of the modal derivatives
 that the basis lacks, those of the next modes included. The projected force of the larger model
 contains the residual Wᵀ r of the full equations at every motion of the reduced model, as a
-polynomial, so that no mesh is needed to judge a stored model (`fenicsrom.assess.enrichment`).
+polynomial, so that no mesh is needed to judge a stored model
+(`fenicsrom.assess.estimates.basis_errors`).
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
 weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the

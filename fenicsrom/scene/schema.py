@@ -377,7 +377,7 @@ class Scene:
         material: the material of all cells that are in no group of `materials`.
         materials: materials of groups of cells.
         supports: the supports, at least one.
-        attachments: concentrated masses and springs.
+        attachments: concentrated masses, springs and dashpots.
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
@@ -433,7 +433,7 @@ class Scene:
     @property
     def viscous(self) -> bool:
         """Whether there is damping besides the mass-proportional one."""
-        return self.damping.stiffness > 0.0 or any(self.damping.modal)
+        return self.damping.viscous or any(found.viscous for found in self.attachments)
 
     @property
     def velocity_forces(self) -> bool:

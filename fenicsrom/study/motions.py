@@ -49,6 +49,17 @@ def check_beam(study: Study) -> None:
     beam_check.check_beam(study.solid, study.scene)
 
 
+def compare_modes(study: Study) -> None:
+    """Compare the modes of the reduced model with those of the full model. Collective."""
+    from fenicsrom.assess.mode_agreement import mode_agreement
+
+    assert study.basis is not None
+    try:
+        study.agreement = mode_agreement(study.solid, study.basis.vectors)
+    except (AccuracyError, ConvergenceError) as error:
+        study.warnings.append(f"the modes of the full model were not compared: {error}")
+
+
 def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":

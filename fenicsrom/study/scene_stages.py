@@ -47,6 +47,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
     moving, why_not = _moving(scene, modes_only)
     reference = scene.reference
     full, beam = reference.full, reference.beam is not None
+    full_reason = f"reference.full is {toml_text(full)}" if moving else why_not
     listed = [
         *offline_stages(scene, modes_only),
         Stage(
@@ -63,9 +64,15 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
             parts=(newton_item(scene),) if moving else (),
         ),
         Stage(
+            "full modes",
+            moving and full,
+            full_reason,
+            lambda run: motions.compare_modes(run.study),
+        ),
+        Stage(
             "full motion",
             moving and full,
-            f"reference.full is {toml_text(full)}" if moving else why_not,
+            full_reason,
             lambda run: motions.integrate(run, "full"),
         ),
         Stage(

@@ -19,6 +19,7 @@ from fenicsrom.post.origin import checksum
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
+BEAM = DEMOS.parent / "meshes" / "beam2d.geo"
 QUICK = ["--set", "time.periods=2", "--set", "basis.modes=1", "--set", "reference.full=false"]
 NO_PICTURES = ["--set", "output.pictures=false"]
 
@@ -269,9 +270,26 @@ def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, mo
     assert main(["run", str(SCENE), "--output", str(tmp_path / "out"), *QUICK]) == 2
     assert "give a mounted folder" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+    for command in (["inspect", str(BEAM)], ["plan", str(SCENE)], ["schema"]):
+        option = "--picture" if command[0] == "plan" else "--output"
+        assert main([*command, option, str(tmp_path / "out")]) == 2
+        assert f"{option} {tmp_path / 'out'}: " in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
     mounts.write_text(f"{mounts.read_text()}3 1 8:1 /b {tmp_path} rw - ext4 y rw\n")
     monkeypatch.setattr(study, "run", interrupted)
     assert main(["run", str(SCENE), "--output", str(tmp_path / "out")]) == 130
+
+
+def test_plan_draws_the_setup(tmp_path, capsys):
+    from matplotlib.image import imread
+
+    path = tmp_path / "plan.png"
+    assert main(["plan", str(SCENE), "--picture", str(path)]) == 0
+    said = capsys.readouterr()
+    assert "full motion" in said.out and said.out.splitlines()[-1].strip() == str(path)
+    assert said.err.splitlines() == ["mesh ..", "solid .."]
+    assert list(tmp_path.iterdir()) == [path] and (imread(path)[..., :3] < 0.9).any()
+    assert main(["plan", str(SCENE), "--picture", str(tmp_path)]) != 0
 
 
 def interrupted(*_, folder=None, **__):
@@ -453,6 +471,23 @@ def test_interrupt_during_the_imports_ends_with_a_sentence():
     )
     assert done.returncode == 130
     assert done.stderr == "fenicsrom: interrupted\n"
+
+
+def test_run_of_stored_model_imports_no_slow_module(results, tmp_path):
+    program = (
+        "import sys\n"
+        "from fenicsrom.cli import main\n"
+        "code = main(sys.argv[1:])\n"
+        "slow = ('scipy.signal', 'scipy.stats', 'scipy.interpolate', 'matplotlib', 'mpi4py')\n"
+        "print([name for name in slow if name in sys.modules])\n"
+        "sys.exit(code)\n"
+    )
+    model = str(results / "reduced_model.npz")
+    arguments = ["run", "--from", model, "--output", str(tmp_path), *NO_PICTURES]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
 
 
 @pytest.mark.parametrize("command", [["--version"], ["--help"], ["plan", str(SCENE)]])

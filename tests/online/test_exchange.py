@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, random_model, refusal
+from support import STEEL, beam_scene, random_model, refusal
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
@@ -483,21 +483,63 @@ def test_polynomial_in_matlab_file_is_the_elastic_force(curved: tuple[StoredMode
     assert file["units"]["stiffness"][0, 0][0] == "N/m"
 
 
-@pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")
+in_octave = pytest.mark.skipif(
+    shutil.which("octave-cli") is None,
+    reason="octave is not installed; to run the test: docker/run sh -c 'apt-get update && apt-get "
+    "install -y --no-install-recommends octave && python3 -m pytest -k octave tests/online'",
+)
+
+
+def octave(folder: Path, *lines: str) -> np.ndarray:
+    """The numbers that Octave prints after it has loaded the model as m."""
+    start = f"addpath('{RIGHT_SIDE.parent}'); m = load('{folder / 'model.mat'}');"
+    found = subprocess.run(
+        ["octave-cli", "--quiet", "--eval", start + "\n".join(lines)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return np.array([float(word) for word in found.stdout.split()])
+
+
+@in_octave
 def test_right_side_in_octave_is_that_of_the_model(curved: tuple[StoredModel, Path]) -> None:
     stored, folder = curved
     arrays = model_arrays(stored.model)
     q, v, load = np.array([0.1, -0.2, 0.05]), np.array([1.0, 0.5, -1.0]), 7.0
-    line = (
-        f"addpath('{RIGHT_SIDE.parent}'); m = load('{folder / 'model.mat'}');"
-        f"printf('%.17g ', right_side([{q[0]};{q[1]};{q[2]};{v[0]};{v[1]};{v[2]}], m, {load}))"
-    )
-    found = subprocess.run(
-        ["octave", "--quiet", "--eval", line], capture_output=True, text=True, check=True
-    )
-    rate = np.array([float(word) for word in found.stdout.split()])
+    contact = np.array([2.0, -1.0])
     force = load * arrays.loads[:, 0] - arrays.damping @ v - arrays.elastic_force(q)
-    np.testing.assert_allclose(rate, [*v, *np.linalg.solve(arrays.mass, force)], rtol=1e-10)
+    for more, push in (("", 0.0), (", [2; -1]", arrays.contact_rows.T @ contact)):
+        state = ";".join(map(str, [*q, *v]))
+        rate = octave(folder, f"printf('%.17g ', right_side([{state}], m, {load}{more}))")
+        wanted = [*v, *np.linalg.solve(arrays.mass, force - push)]
+        np.testing.assert_allclose(rate, wanted, rtol=1e-10)
+
+
+@in_octave
+def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) -> None:
+    load = {"group": "load", "direction": [0.0, 1.0], "force": 4.0, "frequency": 0.5, "phase": 0.2}
+    material = {**STEEL, "mass_damping": 0.3}
+    body: dict[str, Any] = {"material": material, "contacts": None, "loads": [load]}
+    ends = []
+    for steps in (200, 400):
+        time = {"periods": 3, "steps_per_period": steps, "steady": "march"}
+        scene = beam_scene(2, **body, time=time, probe={"group": "tip"})
+        model = random_model(3)._replace(load_histories=load_histories(scene), damping=0.3)
+        stored = StoredModel(model, scene, "rubin", ("1V", "2V", "3V"), 9, np.array([3.6]), {})
+        ends.append(simulate(stored, scene).displacement[-1, 0])
+    export(stored, tmp_path / "model.mat", "mat")
+    theirs = octave(
+        tmp_path,
+        "lsode_options('relative tolerance', 1e-11); lsode_options('absolute tolerance', 1e-12);",
+        "rate = @(y, t) right_side(y, m, 4 * sin(2 * pi * 0.5 * t + 0.2));",
+        "y = lsode(rate, zeros(6, 1), [0 6]); printf('%.17g ', m.probe_rows * y(end, 1:3)');",
+    )
+    coarse, fine = (np.linalg.norm(end - theirs) / np.linalg.norm(theirs) for end in ends)
+    assert fine < 1e-3
+    assert coarse / fine == pytest.approx(4.0, abs=0.1)  # the scheme is of second order
+    limit = (4.0 * ends[1] - ends[0]) / 3.0
+    np.testing.assert_allclose(limit, theirs, rtol=0, atol=1e-6 * np.linalg.norm(theirs))
 
 
 def test_python_module_of_a_model_moves_as_the_model(curved: tuple[StoredModel, Path]) -> None:

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from test_figures import drawn
 
-from fenicsrom.post import body_drawing
+from fenicsrom.post import body_figures, setup_figure
 from fenicsrom.post.body_surface import surface_of
+from fenicsrom.post.body_view import view_of
+from fenicsrom.post.group_drawing import MORE_COLOURS, group_figure
 from fenicsrom.post.style import magnification
 from fenicsrom.post.vtk_files import Grid, reference_nodes
 
@@ -32,7 +34,7 @@ def plate():
 
 def test_view_shows_the_broad_side_with_the_long_axis_to_the_right(plate):
     surface, normal = plate
-    view = body_drawing.view_of(surface)
+    view = view_of(surface.points, surface.triangles)
     assert abs(view.towards @ normal) > 0.7
     places = view.project(np.eye(3))
     assert places[0, 0] > 0.9
@@ -46,22 +48,22 @@ def test_shapes_are_drawn_with_titles_and_colours(plate, tmp_path):
     bent = surface.points[:, :1] ** 2 * normal
     fields = {"1V": bent, "2V": -bent, "1S": 0.0 * bent}
     titles = {"1V": "1V, 12.3 Hz", "2V": "2V, 45.6 Hz", "1S": "1S"}
-    figure = body_drawing.shape_figure(surface, fields, titles)
+    figure = body_figures.shape_figure(surface, fields, titles)
     panels = figure.axes[:3]
     assert [axis.get_title(loc="left") for axis in panels] == list(titles.values())
     assert all({t.get_text() for t in axis.texts} >= {"x"} for axis in panels)
     drawn(figure, tmp_path)
     many = {f"{k}V": bent for k in range(30)}
-    figure = body_drawing.shape_figure(surface, many, {name: name for name in many})
+    figure = body_figures.shape_figure(surface, many, {name: name for name in many})
     shown = [axis for axis in figure.axes if axis.get_title(loc="left")]
-    assert len(shown) == body_drawing.MOST_SHAPES
+    assert len(shown) == body_figures.MOST_SHAPES
     assert "20 of 30" in figure.axes[-1].get_xlabel()
 
 
 def test_deflection_names_its_magnification(plate, tmp_path):
     surface, normal = plate
     bent = 1e-3 * surface.points[:, :1] ** 2 * normal
-    figure = body_drawing.deflection_figure(surface, bent, "equilibrium")
+    figure = body_figures.deflection_figure(surface, bent, "equilibrium")
     factor = magnification(1e-3, LONG * 0.1)
     assert factor > 1.0 and f"× {factor:g}" in figure.axes[-1].get_xlabel()
     drawn(figure, tmp_path)
@@ -71,7 +73,7 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
     surface, normal = plate
     x = surface.points[:, 0]
     tip = surface.points[x > 0.99 * x.max()]
-    marks = body_drawing.Marks(
+    marks = setup_figure.Marks(
         x < 1e-9,
         {
             'force on "tip"': (tip.mean(axis=0), normal, x > 0.99 * x.max()),
@@ -80,11 +82,11 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
         {"contact": (tip, np.tile([1.0, 0.0, 0.0], (len(tip), 1)))},
         tip[0],
     )
-    figure = body_drawing.setup_figure(surface, marks, "a plate")
+    figure = setup_figure.setup_figure(surface, marks, "a plate")
     (legend,) = figure.legends
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["support", *marks.loads, "contact", "probe"]
-    held = body_drawing.MARK_COLOURS["support"]
+    held = setup_figure.MARK_COLOURS["support"]
     from matplotlib.colors import to_rgba
 
     found = [
@@ -94,3 +96,69 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
     ]
     assert found and len(found[0].get_segments()) >= 4
     drawn(figure, tmp_path)
+
+
+def test_view_turns_to_a_place_that_must_be_seen(plate):
+    """From in front, from behind, from above and from below."""
+    surface, normal = plate
+    across = np.cross(normal, [1.0, 0.0, 0.0])
+    for facing in (normal, -normal, across, -across):
+        view = view_of(surface.points, surface.triangles, facing)
+        assert view.towards @ facing > 0.2
+        assert np.cross(view.right, view.up) @ view.towards == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path, side):
+    surface, normal = plate
+    x, across = surface.points[:, 0], surface.points @ normal
+    stress = 1e6 * (1.0 - x) * (1.0 + side * np.sign(across - across.mean()))
+    figure = body_figures.stress_figure(surface, 0.01 * surface.points, stress, "bending")
+    panel, bar = figure.axes
+    assert bar.get_xlabel().startswith("von Mises stress, MPa")
+    assert [float(text.get_text()) for text in bar.get_xticklabels()] == [0.0, 1.0, 2.0]
+    _, faces, _, mark = panel.collections
+    (at,) = mark.get_offsets()
+    assert abs(at[0]) < 0.02  # at x = 0
+    middle = np.array([path.vertices[:3].mean(axis=0) for path in faces.get_paths()])
+    near = np.linalg.norm(middle - at, axis=1) < 0.1
+    red, _, blue, _ = faces.get_facecolors()[near].mean(axis=0)
+    assert red > 2.0 * blue  # the stressed side, not its back, where the stress is zero
+    drawn(figure, tmp_path)
+
+
+def test_groups_are_drawn_in_their_colours_with_small_ones_in_front(plate, tmp_path):
+    from matplotlib.colors import to_rgb
+
+    surface, _ = plate
+    facets = surface.triangles
+    front = facets[surface.points[facets][..., 0].max(axis=1) > 0.99]
+    groups = {"tip": front, "all": facets, "corner": facets[0][:1]}
+    figure = group_figure(surface.points, facets, groups)
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == list(groups)
+    body, largest, small = figure.axes[0].collections
+    assert [len(found.get_paths()) for found in (body, largest, small)] == [
+        len(facets),
+        len(facets),
+        len(front),
+    ]
+    assert to_rgb(small.get_facecolor()[0]) == to_rgb(MORE_COLOURS[0])
+    (dots,) = figure.axes[0].lines
+    assert to_rgb(dots.get_color()) == to_rgb(MORE_COLOURS[2])
+    drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_setup_shows_the_loaded_side(plate, side):
+    """The faces of the load have its colour in the picture, which shows no face from behind."""
+    from matplotlib.colors import to_rgba
+
+    surface, normal = plate
+    across = side * (surface.points @ normal)
+    on = across > across.mean()
+    marks = setup_figure.Marks(on & False, {"load": (surface.points[0], normal, on)}, {}, None)
+    figure = setup_figure.setup_figure(surface, marks, "a plate")
+    colours = figure.axes[0].collections[0].get_facecolors()
+    red, _, blue, _ = np.array(to_rgba("#F3C6A5"))
+    assert np.mean(colours[:, 0] / colours[:, 2] > 0.99 * red / blue) > 0.5

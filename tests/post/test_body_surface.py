@@ -22,6 +22,19 @@ def one_cell(name, quadratic):
     return Grid(in_space(nodes), np.arange(len(nodes))[None], CELLS[name][0][quadratic])
 
 
+def beam_surface(name, length, along=8, height=0.1):
+    """A beam along x of quadratic cells."""
+    nodes = reference_nodes(name)
+    cells = np.arange(along)[:, None, None] * [1.0, 0.0, 0.0] + in_space(nodes)
+    points, numbers = np.unique(cells.reshape(-1, 3), axis=0, return_inverse=True)
+    grid = Grid(
+        points * [length / along, height, height],
+        numbers.reshape(along, -1),
+        CELLS[name][0][1],
+    )
+    return surface_of(grid)
+
+
 def areas(surface):
     a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
     return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)

@@ -34,7 +34,7 @@ NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
         (NO_CONTACT, ["static modes", "contact forces"], ["derivatives"]),
         (
             ["reference.full=false", "output.pictures=false"],
-            ["full motion", "pictures"],
+            ["full modes", "full motion", "pictures"],
             ["normal modes", "numbers"],
         ),
         (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
@@ -90,6 +90,7 @@ WORK = {
     "fenicsrom.reduction.stages.reduce": "reduction",
     "fenicsrom.reduction.candidates.candidate_model": "candidates",
     "fenicsrom.fem.reaction_rows.reaction_table": "stress points",
+    "fenicsrom.assess.mode_agreement.mode_agreement": "full modes",
     "fenicsrom.study.motions.integrate": "motion",
     "fenicsrom.study.motions.check": "checks",
     "fenicsrom.study.motions.check_beam": "beam check",
@@ -111,7 +112,7 @@ STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
     ("overrides", "modes_only"),
     [
         pytest.param(["time.periods=2", "output.motion=true"], False, marks=pytest.mark.slow),
-        ([*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false"], False),
+        ([*SHORT, *LINEAR, *NO_CONTACT, "reference={full=true, beam=false}"], False),
         (
             [*SHORT, *LINEAR, *NO_CONTACT, "reference.beam=false", "output.stresses='cauchy'"],
             False,

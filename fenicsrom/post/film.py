@@ -1,0 +1,171 @@
+"""Animations of a body as GIF files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.files import atomic_write
+from fenicsrom.post.body_drawing import (
+    body_panel,
+    colour_bar,
+    draw_body,
+    draw_outline,
+    mark_places,
+    triangle_colours,
+)
+from fenicsrom.post.body_figures import shown_part
+from fenicsrom.post.body_surface import Surface
+from fenicsrom.post.body_view import view_of
+from fenicsrom.post.style import STATES, magnification, scale_text, styled
+from fenicsrom.progress import tracked
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FILM_SECONDS = 3.0
+"""Duration of an animation, s."""
+
+FILM_DPI = 90
+"""Pixels per inch of an animation, whose width is 8 inches at most."""
+
+Pixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class Dots:
+    """Contact points in an animation.
+
+    Attributes:
+        places: (P, 3) their places in the state of rest, m.
+        moved: (k, P, 3) their displacements from there, m.
+        states: (k, P) their contact states.
+    """
+
+    places: Array
+    moved: Array
+    states: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A motion to be animated.
+
+    Attributes:
+        surface: the body in its state of rest.
+        times: (k,) instants, s.
+        moved: (k, n, 3) displacements of the points of the surface from the state of rest, m.
+        loaded: whether the state of rest is an equilibrium under loads.
+        dots: the contact points, if there are any.
+    """
+
+    surface: Surface
+    times: Array
+    moved: Array
+    loaded: bool = False
+    dots: Dots | None = None
+
+
+def write_film(path: Path, film: Film) -> Path:
+    """Draw a motion as an animated GIF.
+
+    The body is coloured by its displacement, its contact points by their state. Displacements are
+    drawn to scale if the largest is at least `style.TRUE_SCALE` of the length of the body;
+    otherwise they are magnified by a round number that the picture shows.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    images = list(film_frames(film))
+    with atomic_write(path) as temporary:
+        _write_gif(temporary, images)
+    return path
+
+
+def film_frames(film: Film) -> Iterator[Pixels]:
+    """Draw the frames (height, width, 3) of a motion.
+
+    What does not move is drawn once, and each frame is drawn on a copy of it.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    surface, view = film.surface, view_of(film.surface.points, film.surface.triangles)
+    sizes = np.linalg.norm(film.moved, axis=2)
+    largest = float(sizes.max())
+    factor = magnification(largest, view.length)
+    places = surface.points + factor * film.moved
+    low, high = shown_part(view, [surface.points, *places])
+    figure = _empty_frame(film, (low, high), largest, factor)
+    (axis, *_) = figure.axes
+    draw_outline(axis, surface, view)
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    still = canvas.copy_from_bbox(figure.bbox)
+    figure.set_layout_engine("none")
+    for k in tracked(range(len(film.times))):
+        canvas.restore_region(still)
+        colours = triangle_colours(surface, sizes[k] / (largest or 1.0))
+        moving = draw_body(axis, surface, view, places[k], colours)
+        if film.dots is not None:
+            paint = [STATES[int(state)][1] for state in film.dots.states[k]]
+            at = film.dots.places + factor * film.dots.moved[k]
+            moving.append(mark_places(axis, view, at, paint))
+        corner = {"transform": axis.transAxes, "va": "bottom"}
+        moving.append(axis.text(0.0, 1.0, f"t = {film.times[k]:#.6g} s", corner, fontsize=11))
+        for artist in moving:
+            axis.draw_artist(artist)
+            artist.remove()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+@styled
+def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: float) -> Figure:
+    """Make the figure of a film without the body: triad, colour bar and legend of the states."""
+    from matplotlib.lines import Line2D
+
+    view = view_of(film.surface.points, film.surface.triangles)
+    figure, axis = body_panel(view, *part, 1.4)
+    figure.set_dpi(FILM_DPI)
+    axis.set_title(" ")  # room for the time
+    about = "from the equilibrium, " if film.loaded else ""
+    label = f"displacement, mm ({about}{scale_text(factor)})"
+    colour_bar(figure, axis, 1e3 * largest or 1.0, label)
+    if film.dots is not None:
+        look: dict[str, Any] = {"linestyle": "", "marker": "o", "markeredgecolor": "black"}
+        marks = [Line2D([], [], color=c, label=name, **look) for name, c in STATES.values()]
+        figure.legend(handles=marks, loc="outside upper right", ncols=len(marks))
+    return figure
+
+
+def _write_gif(path: Path, images: Sequence[Pixels]) -> None:
+    """Write pictures as an animated GIF with one palette for all frames."""
+    from PIL import Image
+
+    sample = Image.fromarray(np.concatenate(images[:: max(1, len(images) // 8)]))
+    common: Any = sample.quantize(250, dither=Image.Dither.NONE)
+    # the colours of the marks cover too few pixels to enter the palette by themselves
+    kept = [(0, 0, 0), (255, 255, 255), *(state_rgb(state) for state in STATES)]
+    common.putpalette([*common.getpalette()[: 3 * 250], *np.ravel(kept)])
+    frames = [
+        Image.fromarray(image).quantize(palette=common, dither=Image.Dither.NONE)
+        for image in images
+    ]
+    frames[0].save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=round(1e3 * FILM_SECONDS / len(frames)),
+        loop=0,
+    )
+
+
+def state_rgb(state: int) -> tuple[int, ...]:
+    """The colour of a contact state as three bytes."""
+    return tuple(bytes.fromhex(STATES[state][1][1:]))

@@ -1,0 +1,26 @@
+"""The common style of the figures."""
+
+import pytest
+
+from fenicsrom.post import style
+
+
+@pytest.mark.parametrize(
+    ("largest", "factor"),
+    [
+        (0.0, 1),
+        (0.5, 1),
+        (0.06, 1),
+        (0.05, 2),
+        (0.04, 5),
+        (0.02, 10),
+        (1.01e-3, 100),
+        (4e-5, 5000),
+        (2e-8, 1e7),
+    ],
+)
+def test_magnification_is_round_number(largest, factor):
+    """A body of 2 m: displacements from 0.06 m on are drawn to scale, smaller ones with at most 0.2
+    m."""
+    assert style.magnification(largest, 2.0) == pytest.approx(factor)
+    assert largest >= 0.06 or factor * largest <= 0.2 * (1 + 1e-9)
