@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.curve_record import CurveRecord, required_table
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
@@ -74,15 +75,10 @@ class StepError:
 
 
 @dataclass(eq=False)
-class Backbone:
+class Backbone(CurveRecord):
     """The nonlinear mode of a scene.
 
     Attributes:
-        scene: the scene.
-        size: number of coordinates of the reduced model.
-        dimension: of space.
-        contacts: number of contact points.
-        steps: time steps of a period.
         mode: the linear mode.
         direction: of the probe's largest motion in the linear mode.
         points: the motions in the order in which they were found.
@@ -90,27 +86,14 @@ class Backbone:
             "interrupted".
         step_errors: at the first, the middle and the last point.
         peaks: of the forced response.
-        seconds: run time.
-        warnings: sentences for the user.
-        unfinished: the error that ended the computation, or None.
-        interrupted: whether the run was asked to stop.
     """
 
-    scene: Scene
-    size: int
-    dimension: int
-    contacts: int
-    steps: int
     mode: LinearMode
     direction: int
     points: list[ModePoint] = field(default_factory=list)
     reason: str = "interrupted"
     step_errors: list[StepError] = field(default_factory=list)
     peaks: list[ForcedPeak] = field(default_factory=list)
-    seconds: float = 0.0
-    warnings: list[str] = field(default_factory=list)
-    unfinished: ConvergenceError | None = None
-    interrupted: bool = False
 
     @property
     def table(self) -> BackboneTable:
@@ -124,11 +107,7 @@ def backbone_table(scene: Scene) -> BackboneTable:
     Raises:
         SceneError: the scene has none.
     """
-    if scene.backbone is None:
-        raise _refusal(
-            scene, "backbone", "is missing: must be a table with first and last", ErrorKind.MISSING
-        )
-    return scene.backbone
+    return required_table(scene, "backbone", scene.backbone)
 
 
 def check_backbone(scene: Scene) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.curve_record import CurveRecord, required_table
 from fenicsrom.assess.trust import LARGEST, Check
-from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.periodic import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
@@ -91,33 +91,15 @@ class ResponseCurve:
 
 
 @dataclass(eq=False)
-class Response:
+class Response(CurveRecord):
     """The response curves of a scene.
 
     Attributes:
-        scene: the scene.
-        size: number of coordinates of the reduced model.
-        dimension: of space.
-        contacts: number of contact points.
-        steps: time steps of a period.
         curves: one for each value of the second number, or one.
-        seconds: run time.
-        warnings: sentences for the user.
-        unfinished: the error of the first curve that was not found, or None.
-        interrupted: whether the run was asked to stop; the last curve is then incomplete.
         files: the written files.
     """
 
-    scene: Scene
-    size: int
-    dimension: int
-    contacts: int
-    steps: int
     curves: list[ResponseCurve] = field(default_factory=list)
-    seconds: float = 0.0
-    warnings: list[str] = field(default_factory=list)
-    unfinished: ConvergenceError | AccuracyError | None = None
-    interrupted: bool = False
     files: list[Path] = field(default_factory=list)
 
     @property
@@ -132,14 +114,7 @@ def response_table(scene: Scene) -> ResponseTable:
     Raises:
         SceneError: the scene has none.
     """
-    if scene.response is None:
-        raise SceneError(
-            f"{scene.source}: response is missing: must be a table with first and last",
-            kind=ErrorKind.MISSING,
-            key="response",
-            source=scene.source,
-        )
-    return scene.response
+    return required_table(scene, "response", scene.response)
 
 
 def judged_multiplier(point: CurvePoint) -> complex:

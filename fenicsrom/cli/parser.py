@@ -68,6 +68,10 @@ SWINGING_SCENE = Argument(
     nargs="?",
     help="scene file (TOML); its [backbone] table gives the mode and the range of its amplitude",
 )
+LOADED_SCENE = Argument(
+    "scene",
+    help="scene file (TOML) with static loads; its [statics] table gives the range of their factor",
+)
 FROM = Argument(
     "--from",
     dest="stored",
@@ -222,6 +226,12 @@ COMMANDS = (
         "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
         commands.backbone,
         (SWINGING_SCENE, FROM, SET, FRESH, OUTPUT, FORCE),
+    ),
+    Command(
+        "statics",
+        "follow static equilibria over a load factor, through limit points (snap-through)",
+        commands.statics,
+        (LOADED_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "sweep",

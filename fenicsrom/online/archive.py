@@ -63,6 +63,7 @@ from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, tit
 FORMAT = "fenicsrom reduced model 4"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
+SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
     "mass": "kg",
@@ -81,7 +82,7 @@ class StoredModel:
     Attributes:
         model: the model, under the load histories and the damping of the scene.
         scene: the scene from which the model was made, or under which it runs.
-        method: "rubin" or "craig-bampton".
+        method: "rubin", "craig-bampton" or "superelement".
         labels: (n,) labels of the coordinates.
         dofs: number of free unknowns of the solid.
         frequencies_hz: (v,) natural frequencies of the normal modes.
@@ -268,7 +269,8 @@ def _assemble(
         or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
     ):
         raise _damaged(path, "point_contact does not name the contacts of the scene")
-    model = _checked_model(path, data, scene, len(labels))
+    is_superelement = header["method"] == SUPERELEMENT
+    model = _checked_model(path, data, scene, len(labels), is_superelement=is_superelement)
     try:
         recovery = read_recovery(data, scene, len(labels))
     except ValueError as error:
@@ -296,10 +298,18 @@ def _assemble(
 
 
 def _checked_model(
-    path: Path, data: dict[str, Any], scene: Scene, size: int, prefix: str = ""
+    path: Path,
+    data: dict[str, Any],
+    scene: Scene,
+    size: int,
+    prefix: str = "",
+    is_superelement: bool = False,
 ) -> ReducedModel:
     """The model of so many coordinates in arrays that are checked; `prefix` names them."""
-    for name, shape in _shapes(data, scene, size).items():
+    shapes = _shapes(data, scene, size)
+    if is_superelement and data["velocity_matrix"].size > 0:
+        shapes["velocity_matrix"] = (size, size)  # from its file
+    for name, shape in shapes.items():
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
             found = f"{prefix}{name} has shape {array.shape} and type {array.dtype}"

@@ -23,6 +23,9 @@ Floats = NDArray[np.floating[Any]]
 TRIAD = 0.08
 """Length of the arrows of the axes, relative to the size of the body."""
 
+LABEL_MARGIN = 0.1
+"""Margin below the label of a colour bar, inches."""
+
 GREY = "#D9DDE1"
 """Colour of the undeformed body."""
 
@@ -164,3 +167,7 @@ def colour_bar(
     )
     bar.set_label(label)
     bar.outline.set_visible(False)
+    # constrained layout cuts the label of a tall figure without this margin
+    margin = LABEL_MARGIN / figure.get_figheight()
+    layout: Any = figure.get_layout_engine()
+    layout.set(rect=(0.0, margin, 1.0, 1.0 - margin))

@@ -66,7 +66,7 @@ def critical_table(found: Campbell) -> list[list[Any]]:
             f"{item.speed_rpm:.5g}",
             f"{item.frequency_hz:.5g}",
             None if item.computed_hz is None else f"{item.computed_hz:.5g}",
-            None if item.difference is None else f"{100 * item.difference:+.4f}",
+            None if item.difference is None else f"{round(100 * item.difference, 4) + 0.0:.4f}",
         ]
         for item in found.critical
     ]

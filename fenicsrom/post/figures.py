@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 
 NARROW = 4  # largest number of intervals between the ticks of a narrow panel
+LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
 
 
 @styled
@@ -178,13 +179,15 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
     Normal modes, static modes and derivatives have one row each. Every shape is divided by its
-    largest component.
+    largest component. A component below `LEAST_COMPONENT` is not drawn: its line would hide others.
 
     Args:
         labels: one per shape, such as 1V, 2S, 1V1S.
         positions: (k,) positions along the axis, m.
         shapes: (n_labels, k, d) components, the axial one first.
     """
+    from matplotlib.lines import Line2D
+
     shapes = np.asarray(shapes, dtype=float)
     largest = np.abs(shapes).max(axis=(1, 2), keepdims=True)
     shapes = shapes / np.where(largest > 0, largest, 1.0)
@@ -206,12 +209,19 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
     names = ["axial", "transverse"] if columns == 2 else ["axial", "transverse 1", "transverse 2"]
     for row, (kind, members) in zip(axes, kinds.items(), strict=True):
         styles = line_styles(labels[i] for i in members)
-        for i in members:
-            for k, axis in enumerate(row):
-                axis.plot(positions, shapes[i, :, k], label=labels[i], **styles[labels[i]])
+        for k, axis in enumerate(row):
+            seen = [i for i in members if np.abs(shapes[i, :, k]).max() >= LEAST_COMPONENT]
+            for i in seen:
+                axis.plot(positions, shapes[i, :, k], **styles[labels[i]])
+            if not seen:
+                middle = {"x": 0.5, "y": 0.6, "transform": axis.transAxes, "ha": "center"}
+                axis.text(s=f"all below {100.0 * LEAST_COMPONENT:g} %", color="#5b636b", **middle)
         row[0].set_ylabel(f"{kind}\ndisplacement / largest")
         row[-1].legend(
-            loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 + (len(members) - 1) // 9
+            handles=[Line2D([], [], label=labels[i], **styles[labels[i]]) for i in members],
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            ncols=1 + (len(members) - 1) // 9,
         )
     for axis, name in zip(axes[0], names, strict=True):
         axis.set_title(name)
@@ -223,6 +233,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 @styled
 def plot_energy(motion: Motion) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, stored energy and imbalance."""
+    touching = has_contact(motion)
     figure = new_figure(8.6, 4.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     periodic = motion.load_period is not None
@@ -230,9 +241,12 @@ def plot_energy(motion: Motion) -> Figure:
     stored = motion.kinetic + motion.elastic + motion.contact_energy
     above.plot(time, motion.work, color="#000000", label="work of the loads")
     above.plot(time, motion.damping_dissipation, color="#0072B2", label="dissipated by damping")
-    above.plot(time, motion.friction_dissipation, color="#D55E00", label="dissipated by friction")
+    if touching:
+        friction = motion.friction_dissipation
+        above.plot(time, friction, color="#D55E00", label="dissipated by friction")
+    kinds = "kinetic, elastic, contact springs" if touching else "kinetic, elastic"
     for part in motion.parts:
-        label = "stored (kinetic, elastic, contact springs)" if part.start == 0 else None
+        label = f"stored ({kinds})" if part.start == 0 else None
         above.plot(time[part], stored[part], color="#009E73", linewidth=1.0, label=label)
         below.plot(time[part], motion.imbalance[part], color="#555B61")
         if part.start > 0:

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 SAME = 0.99
 """Modes of a larger MAC count as the same."""
 
+ALIKE = 0.5
+"""From this MAC on, a full mode has a partner; a reduced mode is the partner of one mode only."""
+
 DARK = 0.6
 """Fields of a larger MAC have white numbers."""
 
@@ -33,9 +36,12 @@ def agreement_rows(found: ModeAgreement) -> list[list[Any]]:
     ]
     for i, j in enumerate(found.partners):
         full, reduced = found.full_hz[i], found.reduced_hz[j]
-        difference = f"{100.0 * (reduced / full - 1.0):.2g}" if full > 0.0 else None
-        mac, energy = f"{found.mac[i, j]:.4f}", f"{100.0 * found.represented[i]:.4g}"
-        rows.append([i + 1, f"{full:.5g}", j + 1, f"{reduced:.5g}", difference, mac, energy])
+        partner: list[Any] = [None, None, None]
+        if found.mac[i, j] >= ALIKE:
+            difference = round(100.0 * (reduced / full - 1.0), 3) + 0.0 if full > 0.0 else None
+            partner = [j + 1, f"{reduced:.5g}", difference]
+        mac, energy = f"{found.mac[i, j]:.3f}", f"{100.0 * found.represented[i]:.1f}"
+        rows.append([i + 1, f"{full:.5g}", *partner, mac, energy])
     return rows
 
 

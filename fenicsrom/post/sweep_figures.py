@@ -10,20 +10,12 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, Sweep
 from fenicsrom.post.style import line_styles, new_figure, styled
+from fenicsrom.post.sweep_columns import COLUMNS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_CURVES = 8  # more curves are drawn as a map
-# column of a row, factor, label
-QUANTITIES = (
-    ("amplitude_tangential_m", 1e3, "tangential amplitude, mm"),
-    ("amplitude_normal_m", 1e3, "normal amplitude, mm"),
-    ("amplitude_x_m", 1e3, "amplitude in x, mm"),
-    ("amplitude_y_m", 1e3, "amplitude in y, mm"),
-    ("amplitude_z_m", 1e3, "amplitude in z, mm"),
-    ("peak_normal_force_N", 1.0, "largest normal force, N"),
-)
 
 
 @styled
@@ -35,13 +27,13 @@ def figure(found: Sweep) -> Figure:
     not pass a check are drawn hollow; runs without a motion are missing.
     """
     usable = found.with_outcome(DONE, DOUBTFUL)
-    drawn = [item for item in QUANTITIES if any(item[0] in row for row in usable)]
+    drawn = [item for item in COLUMNS if item.label and any(item.key in row for row in usable)]
     made = new_figure(7.4, 3.1 * max(len(drawn), 1))
     panels = made.subplots(max(len(drawn), 1), 1, squeeze=False, sharex=True)[:, 0]
     shape = tuple(len(axis.values) for axis in found.axes)
     as_map = len(shape) == 2 and shape[1] > MOST_CURVES
-    for panel, (column, factor, label) in zip(panels, drawn, strict=False):
-        numbers = np.array([_number(row.get(column)) for row in found.rows]).reshape(shape)
+    for panel, (key, factor, _, label) in zip(panels, drawn, strict=False):
+        numbers = np.array([_number(row.get(key)) for row in found.rows]).reshape(shape)
         if as_map:
             _map(made, panel, found, factor * numbers, label)
         else:

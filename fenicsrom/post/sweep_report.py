@@ -11,6 +11,7 @@ from fenicsrom.online.archive import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.pictures import draw_pictures
+from fenicsrom.post.sweep_columns import COLUMNS
 from fenicsrom.post.sweep_figures import figure
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
@@ -18,27 +19,18 @@ from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
 
 MOST_LINES = 20  # of a table in the terminal
-SHOWN = (
-    ("amplitude_tangential_m", 1e3, "tangential mm"),
-    ("amplitude_normal_m", 1e3, "normal mm"),
-    ("amplitude_x_m", 1e3, "x mm"),
-    ("amplitude_y_m", 1e3, "y mm"),
-    ("amplitude_z_m", 1e3, "z mm"),
-    ("peak_normal_force_N", 1.0, "peak N"),
-    ("largest_multiplier", 1.0, "multiplier"),
-)
 
 
 def table(found: Sweep) -> list[list[Any]]:
     """The runs as a table; the first row is the header."""
     keys = [key for axis in found.axes for key in axis.keys]
-    columns = [item for item in SHOWN if any(row.get(item[0]) is not None for row in found.rows)]
-    head = ["run", *keys, *(name for _, _, name in columns), "settled", "outcome"]
+    columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
+    head = ["run", *keys, *(column.head for column in columns), "settled", "outcome"]
     lines = []
     for row in found.rows:
         numbers = [
-            None if row.get(column) is None else factor * row[column]
-            for column, factor, _ in columns
+            None if row.get(column.key) is None else column.factor * row[column.key]
+            for column in columns
         ]
         outcome = row.get("outcome", "not run")
         lines.append(

@@ -43,6 +43,7 @@ from fenicsrom.scene.schema import (
     Scene,
     Surface,
 )
+from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.times import (
     Duration,
     EquilibriumOnly,
@@ -96,6 +97,7 @@ __all__ = [
     "Rotation",
     "Scene",
     "Static",
+    "Statics",
     "StepsPerPeriod",
     "Support",
     "SupportAcceleration",

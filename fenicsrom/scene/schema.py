@@ -25,6 +25,7 @@ from fenicsrom.scene.materials import GroupMaterial, Material
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
+from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
 
@@ -392,6 +393,7 @@ class Scene:
         campbell: the diagram of `fenicsrom campbell`.
         response: the curves of `fenicsrom response`.
         backbone: the nonlinear mode of `fenicsrom backbone`.
+        statics: the equilibrium path of `fenicsrom statics`.
         source: the file of the scene.
     """
 
@@ -417,6 +419,7 @@ class Scene:
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
     response: Annotated[Response | None, table_of(Response)] = None
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
+    statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
     source: str = ""
 
     @property

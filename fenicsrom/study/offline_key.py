@@ -28,6 +28,7 @@ ONLINE_TABLES = (
     "damping",
     "response",
     "backbone",
+    "statics",
     "loads",
     "contacts",
     "time",

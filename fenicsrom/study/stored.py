@@ -42,8 +42,8 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
+    from fenicsrom.online.archive import SUPERELEMENT
     from fenicsrom.online.checkpoints import load_checkpoint
-    from fenicsrom.online.exchange.superelement import METHOD
     from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import (
         UNJUDGED,
@@ -65,7 +65,7 @@ def rerun(
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         if stored.candidates is None:
-            imported = stored.method == METHOD
+            imported = stored.method == SUPERELEMENT
             warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
         stop_where_asked(stop)
         with watch("checks"):

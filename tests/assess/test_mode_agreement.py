@@ -75,11 +75,12 @@ def test_table_and_sentence_name_the_modes_that_agree(tmp_path: Any) -> None:
         np.array([[1.0, 0.0, 0.0], [0.0, 0.995, 0.0], [0.0, 0.001, 0.64]]),
     )
     head, *rows = agreement_rows(found)
-    assert [row[head.index("difference %")] for row in rows] == ["0", "1", "25"]
-    assert rows[2][:4] == [3, "4", 3, "5"] and rows[2][head.index("MAC")] == "0.6400"
+    assert [row[head.index("difference %")] for row in rows] == [0.0, 1.0, 25.0]
+    assert rows[2][:4] == [3, "4", 3, "5"] and rows[2][head.index("MAC")] == "0.640"
     sentence = agreement_sentence(found)
     assert "first 2 modes" in sentence and "up to 2 Hz" in sentence and "3 compared" in sentence
     none = ModeAgreement(found.full_hz, found.reduced_hz, 0.5 * found.mac)
+    assert agreement_rows(none)[3][2:5] == [None, None, None]
     assert "no mode" in agreement_sentence(none)
     pytest.importorskip("matplotlib")
     axis = agreement_figure(found).axes[0]

@@ -6,6 +6,7 @@ import contextlib
 import runpy
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from fenicsrom.online.exchange.superelement import read_matrices, superelement_m
 from fenicsrom.online.matrices import model_arrays
 from fenicsrom.online.measures import amplitude
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene import Damping, Scene, scene_table
 from fenicsrom.scene.superelement import parse_superelement_scene, read_superelement_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "superelement"
@@ -207,9 +208,70 @@ def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
     stored = imported(damped, interface_table(scene))
     assert stored.scene.material.mass_damping == pytest.approx(8.0)
     assert stored.model.damping == stored.scene.material.mass_damping
-    stiff = MatrixSet(plain.mass, plain.stiffness, 1e-5 * plain.stiffness)
-    with refusal(ErrorKind.SUPPORT, key="superelement"):
-        imported(stiff, interface_table(scene))
+
+
+@pytest.mark.parametrize("where", ["file", "scene", "exported"])
+def test_damping_that_is_not_proportional_rubs_as_in_the_beam(where: str, tmp_path: Path) -> None:
+    from fenicsrom.reduction.beam import beam_model
+
+    scene = replace(rubbing_scene(), damping=Damping(stiffness=2e-4, ratios=(0.0, 0.1)))
+    damping = {"stiffness": 2e-4, "ratios": [0.0, 0.1]}
+    theirs = simulate(beam_model(scene), scene)
+    plain, table = beam_matrices(scene), interface_table(scene)
+    made = imported(plain, {**table, "damping": damping})
+    if where == "file":
+        assert made.model.velocity_matrix.shape == made.model.mass.shape
+        matrix = 5.0 * plain.mass + made.model.velocity_matrix
+        table["superelement"]["mass_damping"] = 0.0
+        made = imported(MatrixSet(plain.mass, plain.stiffness, matrix), table)
+        assert made.model.damping == 0.0
+    if where == "exported":
+        matrices, again = export(made, tmp_path / "beam.op4", "op4").files
+        given = read_superelement_scene(again, matrices)
+        made = superelement_model(read_matrices(matrices), given)
+    save_model(tmp_path / "model.npz", made)
+    ours = load_model(tmp_path / "model.npz").simulate()
+    size = np.abs(theirs.displacement).max()
+    lighter = imported(plain, interface_table(scene)).simulate()
+    assert np.abs(ours.displacement - lighter.displacement).max() > 0.01 * size
+    np.testing.assert_allclose(ours.displacement, theirs.displacement, rtol=0, atol=1e-9 * size)
+
+
+def test_dashpots_and_gyroscopic_matrix_of_a_file_give_the_exact_response() -> None:
+    """The amplitude of a linear model is that of (K − ω² M + i ω C)⁻¹ f in the limit."""
+    plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
+    damping = np.zeros_like(plain.mass)
+    damping[7, 7] = damping[16, 16] = 9.0
+    damping[15, 16], damping[16, 15] = 3.0, -3.0
+    table = {key: table[key] for key in ("superelement", "nodes", "loads")}
+    table["superelement"]["mass_damping"] = 0.0
+    table |= {"probe": {"group": "tip"}}
+    omega = 2.0 * np.pi * table["loads"][0]["frequency"]
+    force = np.zeros(len(damping))
+    force[7] = table["loads"][0]["force"]
+    dynamic = plain.stiffness - omega**2 * plain.mass + 1j * omega * damping
+    exact = np.abs(np.linalg.solve(dynamic, force))[[15, 16]]
+    found = []
+    for steps in (100, 200):
+        table["time"] = {"steps_per_period": steps, "periods": 40}
+        made = imported(MatrixSet(plain.mass, plain.stiffness, damping), table)
+        motion = made.simulate()
+        assert motion.steady
+        x = motion.displacement[motion.last_period(), 0][:-1]
+        wave = np.exp(-2j * np.pi * np.arange(steps) / steps)
+        found.append(np.abs(2.0 / steps * wave @ x))
+    errors = [np.abs(amplitudes / exact - 1.0).max() for amplitudes in found]
+    assert errors[1] < 2e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
+    np.testing.assert_allclose((4.0 * found[1] - found[0]) / 3.0, exact, rtol=1e-5)
+
+
+def test_damping_that_cannot_be_is_refused() -> None:
+    plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
+    with refusal(ErrorKind.SUPPORT, key="superelement", names="energy"):
+        imported(MatrixSet(plain.mass, plain.stiffness, -1e-5 * plain.stiffness), table)
+    with refusal(ErrorKind.RANGE, key="damping.ratios"):
+        imported(plain, {**table, "damping": {"ratios": 0.01, "modes": 19}})
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_figures import drawn
+from test_figures import drawn, illegible
 
 from fenicsrom.post import body_figures, setup_figure
 from fenicsrom.post.body_surface import surface_of
@@ -58,6 +58,7 @@ def test_shapes_are_drawn_with_titles_and_colours(plate, tmp_path):
     shown = [axis for axis in figure.axes if axis.get_title(loc="left")]
     assert len(shown) == body_figures.MOST_SHAPES
     assert "20 of 30" in figure.axes[-1].get_xlabel()
+    assert not illegible(figure)
 
 
 def test_deflection_names_its_magnification(plate, tmp_path):

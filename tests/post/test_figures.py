@@ -1,6 +1,7 @@
 """Figures of motions known in closed form."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -161,11 +162,8 @@ def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
     )
     figure = figures.plot_modes(labels, x, shapes)
     axial, transverse = np.array(figure.axes).reshape(3, 2).T
-    assert [[line.get_label() for line in axis.lines] for axis in axial] == [
-        labels[:2],
-        labels[2:3],
-        labels[3:],
-    ]
+    names = [[t.get_text() for t in axis.get_legend().get_texts()] for axis in transverse]
+    assert names == [labels[:2], labels[2:3], labels[3:]]
     assert [axis.get_ylabel().split("\n")[0] for axis in axial] == [
         "normal modes",
         "static modes",
@@ -181,9 +179,17 @@ def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
     drawn(solid, tmp_path)
 
 
-def test_modes_figure_of_zero_mode_is_zero():
-    figure = figures.plot_modes(["1V"], np.linspace(0, 1, 5), np.zeros((1, 5, 2)))
-    assert not figure.axes[0].lines[0].get_ydata().any()
+def test_modes_figure_leaves_out_flat_lines_that_would_hide_each_other(tmp_path):
+    x = np.linspace(0, 1, 5)
+    shapes = np.zeros((3, 5, 2))
+    shapes[0, :, 1], shapes[1, :, 1], shapes[1, :, 0] = x, x**2, 0.02 * x
+    figure = figures.plot_modes(["1V", "2V", "3V"], x, shapes)
+    axial, transverse = figure.axes
+    assert (len(axial.lines), len(transverse.lines)) == (1, 2)
+    assert len(transverse.get_legend().get_texts()) == 3
+    flat = figures.plot_modes(["1V"], x, 0.0 * shapes[:1])
+    assert ["below" in axis.texts[0].get_text() for axis in flat.axes] == [True, True]
+    drawn(figure, tmp_path)
 
 
 def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
@@ -192,6 +198,11 @@ def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     assert len(above.lines) == 4
     assert below.lines[0].get_ydata()[-1] == pytest.approx(-1e-3)
     drawn(figure, tmp_path)
+    touching = jenkins()
+    none = {name: getattr(touching, name)[:, :0] for name in ("state", "force", "gap")}
+    free = figures.plot_energy(replace(touching, **none))
+    labels = [text.get_text() for text in free.legends[0].get_texts()]
+    assert len(labels) == 3 and not any("friction" in name or "contact" in name for name in labels)
 
 
 def test_line_styles_are_distinct_and_fixed_for_models():

@@ -62,6 +62,13 @@ def test_table_of_a_report_breaks_heads_and_not_numbers() -> None:
     assert f"<td>{'long ' * 20}</td>" in page
 
 
+def test_numbers_of_a_report_are_right_aligned_as_texts_too() -> None:
+    rows = [["model", "mm", "note"], ["full", "-157.59", "1.5"], ["beam", None, "a text"]]
+    page = html_report("title", [("heading", [rows])])
+    assert '<th class="n">mm</th>' in page and '<td class="n s">-157.59</td>' in page
+    assert '<td class="s">full</td>' in page and '<td class="s">1.5</td>' in page
+
+
 @pytest.mark.parametrize(
     ("demo", "override", "names"),
     [

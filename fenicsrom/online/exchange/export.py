@@ -36,7 +36,7 @@ from fenicsrom.scene.tables import plain
 SUFFIXES: Mapping[str, str] = {"mat": ".mat", "jax": ".py", "dmig": ".bdf", "op4": ".op4"}
 """Suffix of the file of each format."""
 
-NOT_COPIED = (*EXCLUDED, "supports", "loads", "contacts", "probe", "output", "title")
+NOT_COPIED = (*EXCLUDED, "damping", "supports", "loads", "contacts", "probe", "output", "title")
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
 
