@@ -138,12 +138,13 @@ def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
     The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
     """
     rows, columns, values = matrix.getValuesCSR()
-    sizes, comm = matrix.getSizes(), matrix.comm
-    matrix.destroy()
+    sizes = matrix.getSizes()
     kept = csr_array((values, columns, rows), shape=(rows.size - 1, sizes[1][1]))
     kept.eliminate_zeros()
     csr = kept.indptr, kept.indices, kept.data
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+    found = PETSc.Mat().createAIJ(sizes, csr=csr, comm=matrix.comm)
+    matrix.destroy()  # only now: the last matrix takes its communicator with it
+    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
