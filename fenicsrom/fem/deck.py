@@ -58,6 +58,14 @@ def scene_deck(scene: Scene) -> Deck:
         materials=scene.materials,
         attachments=scene.attachments,
     )
+    if solid.slanted is not None:
+        raise SceneError(
+            f"{scene.source}: supports: the deck can clamp components only, but a normal is not "
+            "along an axis; turn the mesh",
+            kind=ErrorKind.CONFLICT,
+            key="supports",
+            source=scene.source,
+        )
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):
@@ -135,7 +143,7 @@ def _sections(solid: Solid) -> list[Section]:
 def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:
     """The nodes of the probe or, without it, of the first contact or load that has a place."""
     places = [*([scene.probe] if scene.probe else []), *(c.place for c in scene.contacts)]
-    places += [load.place for load in scene.loads if load.kind != "acceleration"]
+    places += [load.place for load in scene.loads if not load.everywhere]
     if not places:
         return np.zeros(0, dtype=np.int64)
     rows = solid.place(places[0], "probe")[0]
