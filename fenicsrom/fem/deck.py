@@ -61,6 +61,14 @@ def scene_deck(scene: Scene) -> Deck:
         materials=scene.materials,
         attachments=scene.attachments,
     )
+    if solid.slanted is not None:
+        raise SceneError(
+            f"{scene.source}: supports: the deck can clamp components only, but a normal is not "
+            "along an axis; turn the mesh",
+            kind=ErrorKind.CONFLICT,
+            key="supports",
+            source=scene.source,
+        )
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):
@@ -99,6 +107,8 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
         found.append("the contacts with friction are left out")
     if any(not load.static for load in scene.loads):
         found.append("the loads that vary in time are left out")
+    if any(scene.loads[k].static for k in scene.followers):
+        found.append("follower pressures act along the normals of the undeformed body")
     if scene.material.mass_damping or scene.viscous:
         found.append("the damping is left out")
     if scene.rotation is not None and scene.rotation.coriolis:
