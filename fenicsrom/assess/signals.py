@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import get_window, spectrogram
+from scipy.signal import find_peaks, get_window, spectrogram
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.measures import interpolated
@@ -37,6 +37,16 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     window = get_window("hann", signal.size)
     amplitudes = 2.0 * np.abs(np.fft.rfft(window * (signal - signal.mean()))) / window.sum()
     return np.fft.rfftfreq(signal.size, even[1] - even[0]), amplitudes
+
+
+def strongest_oscillation(frequencies: Array, amplitudes: Array) -> float:
+    """The frequency of the highest peak of a spectrum, Hz; a drift has no peak.
+
+    A spectrum without a peak gives the frequency of its largest amplitude.
+    """
+    peaks, _ = find_peaks(amplitudes)
+    candidates = peaks if len(peaks) else np.arange(len(amplitudes))
+    return float(frequencies[candidates[np.argmax(amplitudes[candidates])]])
 
 
 def moving_spectrum(time: Array, values: Array) -> tuple[Array, Array, Array]:
