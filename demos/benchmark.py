@@ -3,6 +3,7 @@
     python3 demos/benchmark.py
     python3 demos/benchmark.py --errors              # the errors too: the full blade takes an hour
     python3 demos/benchmark.py --offline 32 24 1     # CPU times of the offline stages instead
+    python3 demos/benchmark.py --offline 32 24 1 --points 17 100 500 1000    # by contact points
 
 A row is a scene and changes of its keys. Both models take the same steps: one period from rest. The
 ratio is that of the median CPU times of 25 runs of the reduced model and five runs of the full
@@ -101,11 +102,23 @@ def main() -> None:
         metavar=("ALONG", "ACROSS", "THROUGH"),
         help="time the offline stages of blade_rub, with this number of elements",
     )
+    parser.add_argument(
+        "--points",
+        nargs="+",
+        type=int,
+        metavar="COUNT",
+        help="with --offline: for these numbers of contact points on one mesh",
+    )
     options = parser.parse_args()
+    if options.points and not options.offline:
+        parser.error("--points needs --offline")
     if options.offline:
         import benchmark_offline
 
-        benchmark_offline.measure(*options.offline)
+        if options.points:
+            benchmark_offline.measure_points(options.offline, options.points)
+        else:
+            benchmark_offline.measure(*options.offline)
         return
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     for name, changes in ROWS:

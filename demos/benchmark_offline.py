@@ -1,17 +1,20 @@
 """Time the offline stages of blade_rub beside the bare computations that they need.
 
     python3 demos/benchmark.py --offline ALONG ACROSS THROUGH
+    python3 demos/benchmark.py --offline ALONG ACROSS THROUGH --points 17 100 500 1000
 
-The numbers are elements along the span, across the chord and through the thickness. The times are
-CPU times on one thread, because wall time means little on a machine that others use. A floor is the
-same computation by the library alone: one factorisation by MUMPS, the eigenmodes by SLEPc with this
-factor, one block of solves for the derivatives, and the products of the strains by BLAS.
+The numbers are elements along the span, across the chord and through the thickness. With --points
+the stages run for several numbers of contact points on one mesh instead: the nodes of the hollow
+side that are nearest to the casing. The times are CPU times on one thread, because wall time means
+little on a machine that others use. A floor is the same computation by the library alone: one
+factorisation by MUMPS, the eigenmodes by SLEPc with this factor, one block of solves for the
+derivatives, and the products of the strains by BLAS.
 """
 
 from __future__ import annotations
 
 import resource
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -25,11 +28,14 @@ from slepc4py import SLEPc
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid, solid_of
+from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.mode_count import EXTRA_MODES
-from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
-from fenicsrom.scene import read_scene
+from fenicsrom.scene import Scene, read_scene
 
 SCENE = Path(__file__).parent / "blade_rub.toml"
 STRAIN_ROWS = 7  # Mandel's six components and the trace
@@ -43,7 +49,7 @@ class Table:
         self.comm, self.sum, self.floors = comm, 0.0, 0.0
 
     def measure(self, work: Callable[[], Any]) -> tuple[Any, float]:
-        """Do some work; its result, and its CPU time on the slowest rank."""
+        """Do some work; give its result, and its CPU time on the slowest rank."""
         start = process_time()
         found = work()
         return found, self.comm.allreduce(process_time() - start, op=MPI.MAX)
@@ -100,31 +106,31 @@ def bare_products(solid: Solid, size: int) -> Array:
     return total
 
 
-def measure(along: int, across: int, through: int) -> None:
+def scene_of(elements: Sequence[int], *overrides: str) -> Scene:
+    """The scene with these elements along the span, across the chord and through the thickness."""
+    names = ("along", "across", "through")
+    sizes = [
+        f"geometry.parameters.elements_{name}={count}"
+        for name, count in zip(names, elements, strict=True)
+    ]
+    return read_scene(SCENE, [*sizes, *overrides])
+
+
+def largest_memory(comm: MPI.Comm) -> float:
+    """The largest memory of a rank so far, GB."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+    return float(comm.allreduce(peak, op=MPI.MAX))
+
+
+def measure(*elements: int) -> None:
     """Run all offline stages of blade_rub and print the table."""
-    parameters = {
-        "elements_along": along,
-        "elements_across": across,
-        "elements_through": through,
-    }
-    scene = read_scene(SCENE, [f"geometry.parameters.{k}={v}" for k, v in parameters.items()])
-    comm = MPI.COMM_WORLD
+    scene, comm = scene_of(elements), MPI.COMM_WORLD
     table = Table(comm)
     table.write(f"{'CPU seconds':24} {'stage':>9} {'floor':>9}")
     mesh = table.row("mesh", lambda: build_mesh(scene.geometry, comm))
     solid = table.row("solid, equilibrium", lambda: solid_of(scene, mesh))
-    modes = table.row("modes", lambda: component_modes(solid, scene.basis))
-    snapshots = Snapshots(solid, scene, modes)
-    table.row("linear transient", lambda: snapshots.linear)
-    table.row("nonlinear statics", lambda: snapshots.static)
-    selection = table.row("selection", lambda: choose(solid, scene, modes, snapshots))
-    derivatives = table.row(
-        "derivatives",
-        lambda: differentiate(solid, scene.basis, modes, selection.derivatives),
-    )
-    basis = table.row("basis", lambda: enrich(solid, modes, selection, derivatives))
-    table.row("reduction", lambda: reduce(solid, scene.basis, basis))
-    n, peak = basis.size, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024**2
+    modes, selection, basis = run_stages(solid, scene, table.row)
+    n, peak = basis.size, largest_memory(comm)
 
     count = modes.omega.size + EXTRA_MODES
     eps = table.floor("factorisation", lambda: bare_eigensolver(solid, count))
@@ -140,3 +146,70 @@ def measure(along: int, across: int, through: int) -> None:
         f"peak {peak:.2f} GB per rank"
     )
     table.write("derivatives: " + " ".join(selection.derivatives))
+
+
+ON_SIDE = (
+    "contacts.0.group='pressure'",
+    "contacts.0.normal_stiffness=1e10",
+    "contacts.0.tangential_stiffness=1e10",
+)
+"""Contacts on the hollow side, with stiffnesses per area."""
+
+
+def measure_points(elements: Sequence[int], counts: Sequence[int]) -> None:
+    """Run the stages after the equilibrium for several numbers of contact points.
+
+    Args:
+        elements: numbers of elements, as `scene_of`.
+        counts: numbers of contact points.
+    """
+    scene, comm = scene_of(elements, *ON_SIDE), MPI.COMM_WORLD
+    table = Table(comm)
+    solid = solid_of(scene, build_mesh(scene.geometry, comm))
+    surface = scene.contacts[0].surface
+    assert surface is not None
+    arms = solid.points.position - np.array(surface.point)
+    nearest = np.argsort(-np.hypot(arms[:, 0], arms[:, 2]))
+    all_points, all_rows, d = solid.points, solid.contact_rows, solid.dimension
+    if max(counts) > nearest.size:
+        raise SystemExit(f"--points: must be at most {nearest.size}, the nodes of the side")
+    columns: list[list[float]] = []
+    names: list[str] = []
+    for count in counts:
+        chosen = np.sort(nearest[:count])
+        solid.points = ContactPoints(*(values[chosen] for values in all_points))
+        solid.contact_rows = all_rows[(d * chosen[:, None] + np.arange(d)).ravel()]
+        seconds: dict[str, float] = {}
+
+        def timed(name: str, work: Callable[[], Any], seconds: dict[str, float] = seconds) -> Any:
+            found, seconds[name] = table.measure(work)
+            return found
+
+        run_stages(solid, scene, timed)
+        names = list(seconds)
+        columns.append([*seconds.values()])
+    table.write(f"{'contact points':24} " + " ".join(f"{count:9d}" for count in counts))
+    for name, row in zip(names, zip(*columns, strict=True), strict=True):
+        table.write(f"{name:24} " + " ".join(f"{value:9.2f}" for value in row))
+    table.write(f"{'sum':24} " + " ".join(f"{sum(column):9.2f}" for column in columns))
+    table.write(
+        f"{solid.free} unknowns, {comm.size} ranks, CPU seconds, peak {largest_memory(comm):.2f} GB"
+    )
+
+
+def run_stages(
+    solid: Solid, scene: Scene, timed: Callable[[str, Callable[[], Any]], Any]
+) -> tuple[ComponentModes, Selection, ReducedBasis]:
+    """Run the stages from the modes to the reduced model, each through `timed`."""
+    modes = timed("modes", lambda: component_modes(solid, scene.basis))
+    snapshots = Snapshots(solid, scene, modes)
+    timed("linear transient", lambda: snapshots.linear)
+    timed("nonlinear statics", lambda: snapshots.static)
+    selection = timed("selection", lambda: choose(solid, scene, modes, snapshots))
+    derivatives = timed(
+        "derivatives",
+        lambda: differentiate(solid, scene.basis, modes, selection.derivatives),
+    )
+    basis = timed("basis", lambda: enrich(solid, modes, selection, derivatives))
+    timed("reduction", lambda: reduce(solid, scene.basis, basis))
+    return modes, selection, basis

@@ -36,7 +36,9 @@ COMMANDS = {
     "blade_pressed": "run",
     "blade_campbell": "campbell",
     "response_2d": "response",
+    "shaker_2d": "response",
     "backbone_2d": "backbone",
+    "arch_snap": "statics",
     "blade_rub": "run",
     "blade_response": "response",
 }
@@ -342,6 +344,26 @@ def backbone_picture(folder: Path) -> Figure:
     return figure
 
 
+def path_picture(folder: Path) -> Figure:
+    """Draw the force on an arch over the displacement of its crown, unstable parts dashed."""
+    with open(folder / "equilibria.csv") as file:
+        rows = list(csv.DictReader(file))
+    down = -1e3 * np.array([float(row["probe_y_m"]) for row in rows])
+    factor = np.array([float(row["load_factor"]) for row in rows])
+    special = np.array([row["kind"] for row in rows])
+    stable = np.array([row["negative_pivots"] == "0" for row in rows])
+    figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
+    look = {"color": "#0072B2", "linewidth": 1.6}
+    axes.plot(down, np.where(stable | (special != ""), factor, np.nan), **look)
+    axes.plot(down, np.where(~stable | (special != ""), factor, np.nan), **look, ls=(0, (3, 2)))
+    for kind, marker, colour in (("limit point", "o", "#D55E00"), ("bifurcation", "D", "#009E73")):
+        here = special == kind
+        axes.plot(down[here], factor[here], marker, color=colour, mfc="w", ms=4, label=kind)
+    axes.set(xlabel="displacement of the crown, mm", ylabel="load factor")
+    axes.legend()
+    return figure
+
+
 def draw_response(
     axes: Axes, folder: Path, quantity: tuple[str, float], parameter: str, family: str
 ) -> None:
@@ -368,12 +390,12 @@ def draw_response(
         axes.plot(place[fold], size[fold], "o", color=look["color"], mfc="w", ms=4)
 
 
-def response_picture(folder: Path) -> Figure:
-    """Draw the amplitudes of the clamped beam over the frequency."""
+def response_picture(folder: Path, family: str, title: str) -> Figure:
+    """Draw the amplitudes of the clamped beam over the frequency; `title` names the family."""
     figure, axes = plt.subplots(figsize=(4.4, 2.6), layout="constrained")
-    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", "loads.0.force_N")
+    draw_response(axes, folder, ("amplitude_y_m", 1e3), "frequency_Hz", family)
     axes.set(xlabel="frequency, Hz", ylabel="amplitude, mm")
-    axes.legend(fontsize=7, title="force, N", title_fontsize=7)
+    axes.legend(fontsize=7, title=title, title_fontsize=7)
     return figure
 
 
@@ -449,8 +471,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["blade_modes"] = modes_picture(runs / "blade_modes")
         figures["blade_pressed"] = pressed_picture(runs / "blade_pressed")
         figures["blade_campbell"] = campbell_picture(runs / "blade_campbell")
-        figures["response_2d"] = response_picture(runs / "response_2d")
+        figures["response_2d"] = response_picture(
+            runs / "response_2d", "loads.0.force_N", "force, N"
+        )
+        figures["shaker_2d"] = response_picture(
+            runs / "shaker_2d", "loads.0.support_acceleration_m/s2", "supports, m/s²"
+        )
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
+        figures["arch_snap"] = path_picture(runs / "arch_snap")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
         figures["paraview"] = paraview_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")

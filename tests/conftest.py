@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import pytest
 from support import beam_scene, make_solid
+
+os.environ["FENICSROM_CACHE"] = "off"  # of tests and of the processes that they start
 
 
 @pytest.fixture(scope="session")

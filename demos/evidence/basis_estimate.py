@@ -61,7 +61,7 @@ def examine(case: Any, table: Mapping[str, Any], source: str) -> dict[str, Any]:
     try:
         scene = stability.scene_of(table, source, DEMOS, case.overrides)
         model, reduction, solid = stability.build(scene, "reduced")
-        motion = simulate(model, scene, keep_coordinates=True)
+        motion = simulate(model, scene)
         found |= {"settled": has_settled(motion), "periodic": motion.period is not None}
         found["size"] = model.size
         found["run"] = clock.process_time() - begin

@@ -26,6 +26,7 @@ from fenicsrom.online.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
 from fenicsrom.online.periodic import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.periodic_record import recorded_motion
+from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
@@ -363,6 +364,7 @@ def _peaks(
         found.points[0].frequency,
         factors,
         amplitude,
+        displacement_sines(scene.loads),
     ):
         found.peaks.append(peak)
         say(

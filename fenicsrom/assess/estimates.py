@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.enrichment import enriched
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.march import end_of
 from fenicsrom.online.measures import (
@@ -172,30 +171,30 @@ def _last_period(motion: Motion) -> Array:
 def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
     """Estimate the errors of a motion due to its basis, from a run of an enriched model.
 
-    The model is enriched by the candidates that the residual of the full equations at the motion
-    excites (`fenicsrom.assess.enrichment`). The estimate is `BASIS_SAFETY` times the distance of
-    the two motions, because the enriched model has an error too.
+    The enriched model has all candidates (`fenicsrom.reduction.candidates`). Its motion contains
+    what they do to the other coordinates, to the contact and to the probe. The estimate is
+    `BASIS_SAFETY` times the distance of the two motions, because the enriched model has an error
+    too.
 
     Args:
-        candidates: the larger model, under the loads and the damping of the scene.
+        candidates: the enriched model, under the loads and the damping of the scene.
         size: number of coordinates of the model that was integrated.
         scene: the scene of the motion.
-        motion: the motion, with its coordinates.
+        motion: the motion.
 
     Returns:
         The estimates; infinite if the enriched model fails, or does not settle although the motion
         did.
     """
-    model = enriched(candidates, size, motion)
     unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     try:
         if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
-            other = simulate(model, scene)
+            other = simulate(candidates, scene)
         else:
             q, v, sliders = end_of(motion)
-            more = np.zeros(model.size - size)
+            more = np.zeros(candidates.size - size)
             start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
-            other = check_motion(model, scene, motion, start)
+            other = check_motion(candidates, scene, motion, start)
     except (ConvergenceError, AccuracyError):
         return unknown
     if has_settled(motion) and not has_settled(other):
@@ -229,12 +228,14 @@ def distances(motion: Motion, other: Motion) -> MotionErrors:
 def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
     """The displacements by which two motions are compared: pairs of arrays (k, P, d), m.
 
-    These are the amplitudes if both motions have settled. Otherwise they are the root mean squares.
+    These are the amplitudes if the motion has settled. Otherwise they are the root mean squares.
+    The other motion may start where the motion ends, so that the root mean squares of a settled
+    motion would compare different parts of its history.
     A motion without a period is compared by its amplitudes and by the root mean squares of the
     parts of the run, which see a change that the whole may hide.
     """
     points = motion.displacement.shape[1:]
-    if has_settled(motion) and has_settled(other):
+    if has_settled(motion):
         still = at_rest(motion) and at_rest(other)
         return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
     if motion.period is not None:

@@ -1,25 +1,29 @@
 """Independent computations in several processes, with one progress and one interrupt.
 
-The processes start from nothing (the "spawn" context), because a copy of a process that has started
-MPI or threads may hang. Each imports the program and loads the stored machine code once.
+A copy of a process that has started MPI or threads may hang. Therefore a server process, which
+starts from nothing and only imports the program, forks the processes (the "forkserver" context).
+Each loads the stored machine code once. Systems that cannot fork start each process from nothing.
 """
 
 from __future__ import annotations
 
+import atexit
+import functools
 import os
 import queue
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import active_children, get_context, parent_process
+from multiprocessing import active_children, get_all_start_methods, get_context, parent_process
 from typing import Any
 
 from fenicsrom.errors import ConvergenceError
 
 POLL = 0.1  # s between two looks at the messages of the processes
+SERVER = "fenicsrom.assess.worker_server"  # module that the server process imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Tell = Callable[[int, float, str], None]
@@ -33,6 +37,30 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def start_server() -> None:
+    """Start the server process, so that it imports the program while this process reads its input.
+
+    Without this call it starts with the first jobs.
+    """
+    with _one_thread_each():
+        _context()
+
+
+@functools.cache
+def _context() -> Any:
+    """The way in which processes start (module docstring); starts the server process."""
+    if "forkserver" not in get_all_start_methods():
+        return get_context("spawn")
+    from multiprocessing import forkserver
+
+    context = get_context("forkserver")
+    context.set_forkserver_preload([SERVER])
+    forkserver.ensure_running()
+    # else the server would outlive this process for an instant
+    atexit.register(forkserver._forkserver._stop)  # type: ignore[attr-defined]
+    return context
 
 
 def run_jobs(
@@ -108,11 +136,14 @@ def _in_processes(
     function: Job, jobs: Sequence[Any], tell: Tell, workers: int, stop: Callable[[], bool]
 ) -> Iterator[Any]:
     """`run_jobs` with several processes."""
-    context, others = get_context("spawn"), active_children()
+    start_server()
+    context, others = _context(), active_children()
     messages, stopped = context.Queue(), context.Event()
     with (
-        _one_thread_each(),
-        ProcessPoolExecutor(workers, context, _start_worker, (messages, stopped)) as pool,
+        _one_thread_each() as environment,
+        ProcessPoolExecutor(
+            workers, context, _start_worker, (messages, stopped, environment)
+        ) as pool,
     ):
         futures = [pool.submit(_work, function, job, k) for k, job in enumerate(jobs)]
         for future in futures:
@@ -123,12 +154,14 @@ def _in_processes(
                     stopped.set()
                     for other in futures:
                         other.cancel()
-            if not future.cancelled():
+            try:
                 result = _result(future)
-                if isinstance(result, ConvergenceError):  # the pool waits for its other processes
-                    for process in set(active_children()) - set(others):
-                        process.kill()
-                yield result
+            except CancelledError:
+                continue
+            if isinstance(result, ConvergenceError):  # the pool waits for its other processes
+                for process in set(active_children()) - set(others):
+                    process.kill()
+            yield result
     if stopped.is_set():
         raise KeyboardInterrupt
 
@@ -150,7 +183,11 @@ def _pass_on(messages: Any, tell: Tell, stop: Callable[[], bool], stopped: Any) 
 
 
 def _result(future: Future[Any]) -> Any:
-    """The result of a job, or the error if its process was ended."""
+    """The result of a job, or the error if its process was ended.
+
+    Raises:
+        CancelledError: the job was dropped before it began.
+    """
     try:
         return future.result()
     except BrokenProcessPool:
@@ -160,12 +197,12 @@ def _result(future: Future[Any]) -> Any:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let the processes that start in the body use one thread each."""
+def _one_thread_each() -> Iterator[dict[str, str]]:
+    """Let the processes that start in the body use one thread each; yield their environment."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
-        yield
+        yield dict(os.environ)
     finally:
         for name, value in before.items():
             if value is None:
@@ -177,14 +214,16 @@ def _one_thread_each() -> Iterator[None]:
 _shared: dict[str, Any] = {"terminated": False}
 
 
-def _start_worker(messages: Any, stopped: Any) -> None:
-    """Keep the channels of a process, and end with the parent.
+def _start_worker(messages: Any, stopped: Any, environment: dict[str, str]) -> None:
+    """Keep the channels of a process, take the environment of the parent, and end with it.
 
     An interrupt of the terminal is left to the parent. SIGTERM, which batch systems send to all
     processes, ends the job at its next report, so that what it has is not lost.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _note_termination)
+    os.environ.clear()
+    os.environ.update(environment)
     messages.cancel_join_thread()  # the last messages may be lost, and nobody waits for them
     _shared.update(messages=messages, stopped=stopped)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -204,7 +243,13 @@ def _end_with_parent() -> None:
 
 
 def _work(function: Job, job: Any, number: int) -> Any:
-    """Compute a job in a process of the pool."""
+    """Compute a job in a process of the pool.
+
+    Raises:
+        CancelledError: the computation was interrupted before this job began.
+    """
+    if _shared["stopped"].is_set():
+        raise CancelledError
 
     def report(fraction: float, line: str) -> None:
         if _shared["terminated"] or _shared["stopped"].is_set():

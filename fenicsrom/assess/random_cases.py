@@ -16,6 +16,7 @@ import numpy as np
 from fenicsrom.assess.axes import SCHEMES, Case
 from fenicsrom.assess.scales import Scales
 from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene.loads import ACTIONS
 
 AXIS = "random"
 KINDS = ("periodic", "transient", "sweep", "impact")  # a transient ends before it settles
@@ -89,7 +90,7 @@ def _load(
     dimension: int,
 ) -> dict[str, Any]:
     """The load of a variant: its size, direction and history."""
-    sizes = ("force", "traction", "pressure", "acceleration")
+    sizes = tuple(ACTIONS.tags)
     kept = ("group", "at", "near", "point", "direction", *sizes)
     made = {key: value for key, value in load.items() if key in kept}
     for key in sizes:

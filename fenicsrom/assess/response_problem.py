@@ -27,6 +27,7 @@ from fenicsrom.online.periodic import (
     settled_contacts,
 )
 from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.scene import (
     Families,
     Scene,
@@ -110,7 +111,13 @@ def family_of(stored: StoredModel) -> Family:
     contacts = settled_contacts(contacts_of(scene, model.points))
     table, index, name = parameter_of(key)
     if table == "":
-        return frequency_family(model, contacts, period, spin=bool(np.any(contacts.height)))
+        return frequency_family(
+            model,
+            contacts,
+            period,
+            spin=bool(np.any(contacts.height)),
+            displaced=displacement_sines(scene.loads),
+        )
     if table == "material":
         return damping_family(model, contacts, period)
     if table == "loads":  # a load of size 1 times the parameter

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import find_peaks, get_window, spectrogram
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.measures import interpolated
@@ -33,6 +32,8 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
         Frequencies, Hz, and amplitudes in the unit of the signal: a sine of amplitude a in the
         whole signal has a peak of height a.
     """
+    from scipy.signal import get_window  # here, because it takes half a second to import
+
     even, signal = even_samples(time, values)
     window = get_window("hann", signal.size)
     amplitudes = 2.0 * np.abs(np.fft.rfft(window * (signal - signal.mean()))) / window.sum()
@@ -44,7 +45,8 @@ def strongest_oscillation(frequencies: Array, amplitudes: Array) -> float:
 
     A spectrum without a peak gives the frequency of its largest amplitude.
     """
-    peaks, _ = find_peaks(amplitudes)
+    before, here, after = amplitudes[:-2], amplitudes[1:-1], amplitudes[2:]
+    peaks = 1 + np.flatnonzero((here > before) & (here >= after))
     candidates = peaks if len(peaks) else np.arange(len(amplitudes))
     return float(frequencies[candidates[np.argmax(amplitudes[candidates])]])
 
@@ -55,6 +57,8 @@ def moving_spectrum(time: Array, values: Array) -> tuple[Array, Array, Array]:
     Returns:
         Frequencies (f,), Hz, middles of the segments (s,), s, and amplitudes (f, s).
     """
+    from scipy.signal import spectrogram
+
     even, signal = even_samples(time, values)
     length = max(signal.size // SEGMENTS, 16)
     rate = 1.0 / (even[1] - even[0])

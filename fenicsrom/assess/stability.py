@@ -204,7 +204,7 @@ def _examine(
     """The verdict on a case and its reason; the measured values are written into `numbers`."""
     scene = scene_of(table, source, folder, case.overrides)
     model, reduction, solid = build(scene, case.model)
-    motion = simulate(model, scene, keep_coordinates=True)
+    motion = simulate(model, scene)
     numbers |= {
         "amplitude": float(np.linalg.norm(amplitude(motion))) * case.scale,
         "imbalance": motion.relative_imbalance,

@@ -177,7 +177,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
         report(0.0, "")
 
     scene = stored.scene
-    motion = simulate(stored.model, scene, keep_coordinates=True, progress=asked)
+    motion = simulate(stored.model, scene, progress=asked)
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
     errors: dict[str, MotionErrors] = {}
     try:

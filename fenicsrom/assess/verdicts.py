@@ -49,7 +49,7 @@ def estimate_errors(
         model: the model that was integrated.
         candidates: the larger model that judges its basis; None if the model has none.
         scene: the scene.
-        motion: the motion, with its coordinates.
+        motion: the motion.
         errors: receives the estimates by their causes, "time step" and "basis".
 
     Raises:

@@ -1,7 +1,7 @@
 """The commands: each takes the parsed options and returns the exit code.
 
-`_start` prepares a computation from a scene file, which runs under MPI. A stored model runs without
-MPI. Every command prints its results by `print_results`.
+`fenicsrom.cli.starting.start` prepares a computation from a scene file, which runs under MPI. A
+stored model runs without MPI. Every command prints its results by `print_results`.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 from fenicsrom import study
 from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.starting import changed_model, end, ranks, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
@@ -24,18 +25,26 @@ def run(options: argparse.Namespace) -> int:
     """Run a scene or a stored model."""
     if options.stored:
         return _rerun(options)
-    _require_scene(options)
-    comm, say, scene = _start(options)
+    require_scene(options)
+    comm, say, scene = start(options)
     from fenicsrom.post import sentences
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
-        found = study.run(scene, comm, say, folder=folder, resume=resume, stop=is_terminated)
+        found = study.run(
+            scene,
+            comm,
+            say,
+            folder=folder,
+            resume=resume,
+            stop=is_terminated,
+            fresh=options.fresh,
+        )
         if comm.rank == 0:
             table = sentences.response_table(found.motions, found.sizes, scene)
             lines = sentences.study_sentences(found)
             print_results(scene, table, found.warnings, lines, found.files)
-        return _end(comm, found.unfinished[1] if found.unfinished else None)
+        return end(comm, found.unfinished[1] if found.unfinished else None)
 
 
 def _rerun(options: argparse.Namespace) -> int:
@@ -49,14 +58,14 @@ def _rerun(options: argparse.Namespace) -> int:
     resume = Path(options.resume) if options.resume else None
     if resume is not None:  # the stopped run may have used another scene than the model
         stored = replace(stored, scene=checkpoints.load_scene(resume))
-    current = _changed_model(options, stored)
+    current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
         found = study.rerun(current, folder, resume=resume, say=progress, stop=is_terminated)
         sizes = {"reduced": stored.size}
         table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
         lines = sentences.rerun_sentences(found)
         print_results(current.scene, table, found.warnings, lines, found.files)
-        return _end(None, found.unfinished)
+        return end(None, found.unfinished)
 
 
 def plan(options: argparse.Namespace) -> int:
@@ -82,7 +91,7 @@ def plan(options: argparse.Namespace) -> int:
 
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
-    comm, say, scene = _start(options, unloaded=True)
+    comm, say, scene = start(options, unloaded=True)
     from fenicsrom.post import sentences
 
     with opened(options, scene, comm) as folder:
@@ -94,7 +103,7 @@ def modes(options: argparse.Namespace) -> int:
 
 def compare(options: argparse.Namespace) -> int:
     """Compare bases with the full model."""
-    comm, say, scene = _start(options)
+    comm, say, scene = start(options)
     from fenicsrom.assess import compare
     from fenicsrom.post import compare_report
 
@@ -108,7 +117,7 @@ def compare(options: argparse.Namespace) -> int:
 
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
-    comm, say, scene = _start(options, unloaded=True)
+    comm, say, scene = start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
 
@@ -117,7 +126,7 @@ def campbell(options: argparse.Namespace) -> int:
         if comm.rank == 0:
             files = campbell_report.write(found, folder)
             print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
-        return _end(comm, found.unfinished)
+        return end(comm, found.unfinished)
 
 
 def response(options: argparse.Namespace) -> int:
@@ -137,14 +146,14 @@ def response(options: argparse.Namespace) -> int:
     if options.stored:
         from fenicsrom.online import archive
 
-        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        current = changed_model(options, archive.load_model(Path(options.stored)))
         with opened(options, current.scene) as folder:
             found = study.response_of_model(current, progress, folder=folder, **settings)
             return _end_of_curves(found, None)
-    _require_scene(options)
-    comm, say, scene = _start(options)
+    require_scene(options)
+    comm, say, scene = start(options)
     with opened(options, scene, comm) as folder:
-        found = study.response(scene, comm, say, folder=folder, **settings)
+        found = study.response(scene, comm, say, folder=folder, fresh=options.fresh, **settings)
         return _end_of_curves(found, comm)
 
 
@@ -157,7 +166,7 @@ def _end_of_curves(found: Any, comm: Any) -> int:
         print_results(found.scene, table, found.warnings, files=found.files)
     if found.interrupted:
         raise KeyboardInterrupt
-    return _end(comm, found.unfinished)
+    return end(comm, found.unfinished)
 
 
 def backbone(options: argparse.Namespace) -> int:
@@ -170,13 +179,15 @@ def backbone(options: argparse.Namespace) -> int:
     if options.stored:
         from fenicsrom.online import archive
 
-        current = _changed_model(options, archive.load_model(Path(options.stored)))
+        current = changed_model(options, archive.load_model(Path(options.stored)))
         with opened(options, current.scene) as folder:
             return _end_of_mode(study.backbone_of_model(current, progress), None, folder)
-    _require_scene(options)
-    comm, say, scene = _start(options)
+    require_scene(options)
+    comm, say, scene = start(options)
     with opened(options, scene, comm) as folder:
-        found = study.backbone(scene, comm, say, folder=folder, stop=is_terminated)
+        found = study.backbone(
+            scene, comm, say, folder=folder, stop=is_terminated, fresh=options.fresh
+        )
         return _end_of_mode(found, comm, folder)
 
 
@@ -189,7 +200,33 @@ def _end_of_mode(found: Any, comm: Any, folder: Path) -> int:
         print_results(found.scene, backbone_report.terminal(found), found.warnings, files=files)
     if found.interrupted:
         raise KeyboardInterrupt
-    return _end(comm, found.unfinished)
+    return end(comm, found.unfinished)
+
+
+def statics(options: argparse.Namespace) -> int:
+    """Follow the static equilibria of a scene over a load factor.
+
+    Raises:
+        KeyboardInterrupt: the computation was interrupted.
+        ConvergenceError: the path was lost.
+    """
+    comm, say, scene = start(options)
+    from fenicsrom.assess.equilibrium_path import equilibrium_path, varied_loads
+
+    varied_loads(scene)
+    with opened(options, scene, comm) as folder:
+        found = equilibrium_path(scene, comm, say, is_terminated)
+        if found.points:
+            from fenicsrom.post import equilibrium_report
+
+            shapes = equilibrium_report.write_shapes(found, folder)
+            if comm.rank == 0:
+                files = [*equilibrium_report.write(found, folder), *shapes]
+                table = equilibrium_report.terminal(found)
+                print_results(scene, table, found.warnings, files=files)
+        if found.interrupted:
+            raise KeyboardInterrupt
+        return end(comm, found.unfinished)
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -201,20 +238,24 @@ def sweep(options: argparse.Namespace) -> int:
     Raises:
         KeyboardInterrupt: the sweep was interrupted.
     """
-    from fenicsrom.assess.processes import available_cores
-    from fenicsrom.assess.sweep_runs import FAILED
-    from fenicsrom.post import sweep_report
+    from fenicsrom.assess.processes import available_cores, start_server
     from fenicsrom.scene.variations import make_axes
 
     axes = make_axes(options.over, options.together)
+    comm, workers = ranks(), available_cores()
+    if workers > 1 and (comm is None or comm.size == 1):
+        start_server()
+    from fenicsrom.assess.sweep_runs import FAILED
+    from fenicsrom.post import sweep_report
+
     if options.stored:
         from fenicsrom.online import archive
 
         model = archive.load_model(Path(options.stored))
-        scene = _changed_model(options, model).scene
+        scene = changed_model(options, model).scene
         source: str | None = options.stored
     else:
-        _require_scene(options)
+        require_scene(options)
         scene, source = read_scene(options.scene, options.overrides), None
 
     def variant(overrides: Sequence[str]) -> Scene:
@@ -222,7 +263,6 @@ def sweep(options: argparse.Namespace) -> int:
             return read_scene(options.scene, [*options.overrides, *overrides])
         return archive.changed_scene(model.scene, [*options.overrides, *overrides])
 
-    comm = _ranks()
     first = comm is None or comm.rank == 0
     with opened(options, scene, comm) as folder:
         found = study.sweep(
@@ -233,9 +273,10 @@ def sweep(options: argparse.Namespace) -> int:
             stored=Path(source) if source else None,
             comm=comm,
             say=progress if first else lambda line: None,
-            workers=available_cores(),
+            workers=workers,
             resume=options.resume,
             stop=is_terminated,
+            fresh=options.fresh,
         )
         if first:
             print_results(scene, sweep_report.terminal(found), [], files=found.files)
@@ -274,6 +315,26 @@ def stability(options: argparse.Namespace) -> int:
     return 1 if matrix.count(stability.Verdict.WRONG) else 0
 
 
+def cache(options: argparse.Namespace) -> int:
+    """Show the cache of offline results, or empty it."""
+    from fenicsrom.study import result_cache
+
+    folder = result_cache.cache_folder()
+    if folder is None:
+        print(f"{result_cache.VARIABLE} = {result_cache.OFF}: offline results are not kept")
+        return 0
+    if options.clear:
+        print(f"{result_cache.clear(folder)} files removed from {folder}")
+        return 0
+    found = result_cache.entries(folder)
+    size = sum(entry.size for entry in found)
+    print(
+        f"{folder}: {len(found)} files, {size / 1e6:.1f} MB of at most "
+        f"{result_cache.LIMIT / 1e6:.0f} MB; the oldest are removed first"
+    )
+    return 0
+
+
 def schema(options: argparse.Namespace) -> int:
     """Print or write the JSON schema of scene files."""
     text = json.dumps(json_schema(), indent=2, ensure_ascii=False)
@@ -286,69 +347,3 @@ def schema(options: argparse.Namespace) -> int:
     with atomic_write(options.output) as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
     return 0
-
-
-def _require_scene(options: argparse.Namespace) -> None:
-    """Check that a command without a stored model has a scene file.
-
-    Raises:
-        SceneError: it has none.
-    """
-    if options.scene is not None:
-        return
-    resuming = getattr(options, "resume", None)
-    sentence = (
-        "--resume also needs the scene file or --from MODEL"
-        if resuming
-        else f"{options.name}: give a scene file or --from MODEL"
-    )
-    raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
-
-
-def _start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
-    """Give the communicator, the progress callback and the scene.
-
-    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
-    MPI starts first, so that only one rank prints an error in the scene.
-    """
-    from mpi4py import MPI
-
-    comm = MPI.COMM_WORLD
-    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
-
-    def say(line: str) -> None:
-        if comm.rank == 0:
-            progress(line)
-
-    return comm, say, scene
-
-
-def _ranks() -> Any:
-    """Give the communicator of all ranks; None where mpi4py is not installed."""
-    from fenicsrom.post.optional import missing_module
-
-    if missing_module("mpi4py") is not None:
-        return None
-    from mpi4py import MPI
-
-    return MPI.COMM_WORLD
-
-
-def _end(comm: Any, error: Exception | None) -> int:
-    """Give the exit code 0, or raise the error after the first rank has written its files.
-
-    Raises:
-        ConvergenceError, AccuracyError: the given error.
-    """
-    if error is None:
-        return 0
-    if comm is not None:
-        comm.barrier()
-    raise error
-
-
-def _changed_model(options: argparse.Namespace, stored: Any) -> Any:
-    """Give a stored model under the scene file, or under its own scene with the overrides."""
-    if options.scene is not None:
-        return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
-    return stored.with_overrides(options.overrides)

@@ -7,24 +7,50 @@ from pathlib import Path
 
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
+from fenicsrom.errors import ErrorKind, SceneError
 
 
 def export(options: argparse.Namespace) -> int:
-    """Write a stored model for another program.
+    """Write a stored model, or the deck of a scene, for another program.
 
     Raises:
-        SceneError: the model cannot be read.
+        SceneError: the model or the scene cannot be read.
     """
     from fenicsrom.online import archive
     from fenicsrom.online.exchange.export import SUFFIXES
     from fenicsrom.online.exchange.export import export as write
 
     model = Path(options.model)
-    stored = archive.load_model(model)
+    is_model = model.suffix.lower() == ".npz"
+    if is_model != (options.format != "inp"):
+        needed = "a stored model (.npz)" if options.format != "inp" else "a scene file"
+        raise SceneError(
+            f"{model}: --format {options.format} needs {needed}",
+            kind=ErrorKind.CONFLICT,
+            key="--format",
+            source=str(model),
+        )
+    if not is_model:
+        return _export_scene(options)
+    stored = archive.load_model(model).with_overrides(options.overrides)
     path = Path(options.output or f"{model.stem}{SUFFIXES[options.format]}")
     require_lasting(path)
     found = write(stored, path, options.format)
     print_results(stored.scene, "", [], found.notes, found.files)
+    return 0
+
+
+def _export_scene(options: argparse.Namespace) -> int:
+    """Write the CalculiX deck of a scene."""
+    from fenicsrom.fem.deck import scene_deck
+    from fenicsrom.fem.formats.calculix import write_deck
+    from fenicsrom.scene import read_scene
+
+    scene = read_scene(options.model, options.overrides, unloaded=True)
+    path = Path(options.output or f"{Path(options.model).stem}.inp")
+    deck = scene_deck(scene)
+    write_deck(path, deck)
+    print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])
     return 0
 
 

@@ -68,6 +68,10 @@ SWINGING_SCENE = Argument(
     nargs="?",
     help="scene file (TOML); its [backbone] table gives the mode and the range of its amplitude",
 )
+LOADED_SCENE = Argument(
+    "scene",
+    help="scene file (TOML) with static loads; its [statics] table gives the range of their factor",
+)
 FROM = Argument(
     "--from",
     dest="stored",
@@ -140,18 +144,24 @@ OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/N
 FORCE = Argument(
     "--force", action="store_true", help="replace the results of another run in the output folder"
 )
+FRESH = Argument(
+    "--fresh",
+    action="store_true",
+    help="compute modes and reduced model again, also where an earlier run left them in the cache",
+)
+CLEAR = Argument("--clear", action="store_true", help="remove all results")
 MESH = Argument("mesh", help="mesh or geometry file")
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
-MODEL = Argument("model", help="the reduced_model.npz of an earlier run")
+MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
     "--format",
     required=True,
-    choices=("mat", "dmig", "op4", "jax"),
+    choices=("mat", "dmig", "op4", "jax", "inp"),
     help="mat (MATLAB and Octave) and jax (a Python module) hold the nonlinear model; dmig and op4 "
-    "(Nastran) hold its linear part",
+    "(Nastran) hold its linear part; inp is the CalculiX deck of a scene",
 )
 MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")
 INTERFACE_SCENE = Argument(
@@ -167,7 +177,7 @@ COMMANDS = (
         "run",
         "run a scene, or integrate a stored reduced model again",
         commands.run,
-        (SCENE_OR_MODEL, FROM, RESUME, SET, OUTPUT, FORCE),
+        (SCENE_OR_MODEL, FROM, RESUME, SET, FRESH, OUTPUT, FORCE),
     ),
     Command(
         "plan",
@@ -209,31 +219,43 @@ COMMANDS = (
         "response",
         "follow periodic motions over a parameter: response curves and stability",
         commands.response,
-        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, OUTPUT, FORCE),
+        (RESPONDING_SCENE, FROM, RESUME_CURVES, SET, FRESH, OUTPUT, FORCE),
     ),
     Command(
         "backbone",
         "follow a damped nonlinear mode: frequency and damping ratio against amplitude",
         commands.backbone,
-        (SWINGING_SCENE, FROM, SET, OUTPUT, FORCE),
+        (SWINGING_SCENE, FROM, SET, FRESH, OUTPUT, FORCE),
+    ),
+    Command(
+        "statics",
+        "follow static equilibria over a load factor, through limit points (snap-through)",
+        commands.statics,
+        (LOADED_SCENE, SET, OUTPUT, FORCE),
     ),
     Command(
         "sweep",
         "run a scene or a stored model for lists or ranges of values of its keys",
         commands.sweep,
-        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, OUTPUT, FORCE),
+        (SCENE_OR_MODEL, FROM, OVER, ZIP, RESUME_SWEEP, SET, FRESH, OUTPUT, FORCE),
     ),
     Command(
         "export",
-        "write a stored reduced model for MATLAB, Nastran, or numpy and jax",
+        "write a stored reduced model for MATLAB, Nastran or jax, or a scene for CalculiX",
         exchange_commands.export,
-        (MODEL, FORMAT, FILE),
+        (MODEL, FORMAT, SET, FILE),
     ),
     Command(
         "import",
         "make a reduced model of the matrices of a linear superelement",
         exchange_commands.import_matrices,
         (MATRICES, INTERFACE_SCENE, FILE),
+    ),
+    Command(
+        "cache",
+        "show the results that later runs use again, or remove them",
+        commands.cache,
+        (CLEAR,),
     ),
     Command(
         "schema",

@@ -157,6 +157,8 @@ def check_snap(body: Solid, linear: Array) -> None:
             u = new
     except ConvergenceError:  # at the limit load itself
         return
+    finally:
+        factor.destroy(matrix=True)
 
 
 def _probe_text(body: Solid) -> str:
@@ -179,19 +181,22 @@ def _stable_equilibrium(body: Solid, unstable: int) -> Array | None:
     u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
     matrix = body.stiffness.duplicate(copy=True)
     factor = Factorisation(matrix, "fenicsrom_buckling")
-    for _ in range(STEPS):
-        trial = _step(body, u, c, matrix, factor)
-        if trial is None:
-            c *= 4.0
-            continue
-        u = trial
-        if negative_eigenvalues(body.tangent(u, matrix)):
-            continue
-        found = _step(body, u, 0.0, matrix, factor)
-        if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
-            return found
-        c *= 0.25
-    return None
+    try:
+        for _ in range(STEPS):
+            trial = _step(body, u, c, matrix, factor)
+            if trial is None:
+                c *= 4.0
+                continue
+            u = trial
+            if negative_eigenvalues(body.tangent(u, matrix)):
+                continue
+            found = _step(body, u, 0.0, matrix, factor)
+            if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
+                return found
+            c *= 0.25
+        return None
+    finally:
+        factor.destroy(matrix=True)
 
 
 def _side(body: Solid, shape: Array) -> float:

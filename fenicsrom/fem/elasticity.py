@@ -46,7 +46,8 @@ from fenicsrom.fem.materials import Materials
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.quadrature import quadrature_degree
 from fenicsrom.fem.rotation import RotatingFrame
-from fenicsrom.fem.supports import clamped_unknowns, conditions
+from fenicsrom.fem.slanted import Slanted
+from fenicsrom.fem.supports import conditions, held_displacements
 from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
 
 CHUNK_BYTES = 200e6
@@ -67,6 +68,7 @@ class ElasticBody:
         local: number of unknowns that this rank owns, clamped ones included.
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
+        slanted: the projection of nodes that are held along slanted directions; None without any.
         thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
         quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
@@ -76,6 +78,7 @@ class ElasticBody:
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
+        dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
 
@@ -111,13 +114,17 @@ class ElasticBody:
         bs = dofmap.index_map_bs
         self.local = dofmap.index_map.size_local * bs
         self.size = dofmap.index_map.size_global * bs
-        unknowns = clamped_unknowns(mesh, self.space, supports, source)
+        held = held_displacements(mesh, self.space, supports, source)
         self._zero = fem.Function(self.space)
-        self._conditions = conditions(self.space, self._zero, unknowns)
-        self.clamped = unknowns[unknowns < self.local]
+        self._conditions = conditions(self.space, self._zero, held.unknowns)
+        self.clamped = held.unknowns[held.unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
+        self.slanted: Slanted | None = None
+        if self.comm.allreduce(held.nodes.size):
+            self.slanted = Slanted(self.space, held)
+            self.free -= self.slanted.rank
         self.materials = Materials(mesh, geometry, material, materials, source)
-        self.springs, self.point_masses = np.zeros((2, self.local))
+        self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 
@@ -176,9 +183,19 @@ class ElasticBody:
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
         """Assemble a bilinear form, with `diagonal` on the diagonal of the clamped rows."""
         matrix = fem.petsc.create_matrix(form)
+        self._assemble(matrix, form, diagonal)
+        return matrix
+
+    def _assemble(
+        self, matrix: PETSc.Mat, form: fem.Form, diagonal: float, extra: Array | None = None
+    ) -> None:
+        """Assemble a bilinear form into a zero matrix, with `extra` (local,) on its diagonal."""
         fem.petsc.assemble_matrix(matrix, form, self._conditions, diagonal)
         matrix.assemble()
-        return matrix
+        if extra is not None:
+            add_to_diagonal(matrix, extra)
+        if self.slanted is not None:
+            self.slanted.project_matrix(matrix, diagonal)
 
     def _set(self, function: fem.Function, values: Array) -> None:
         """Set the values (local,) of a function, and its ghost values."""
@@ -186,10 +203,15 @@ class ElasticBody:
         function.x.scatter_forward()
 
     def _vector(self, form: fem.Form) -> Array:
-        """Assemble a linear form (local,), zero on the clamped unknowns."""
-        values = self.assembled(form)
-        values[self.clamped] = 0.0
-        return values
+        """Assemble a linear form (local,), without the part that the supports hold."""
+        return self.without_held(self.assembled(form))
+
+    def without_held(self, block: Array) -> Array:
+        """Remove from a block (local,) or (local, k) the part that the supports hold, in place."""
+        block[self.clamped] = 0.0
+        if self.slanted is not None:
+            self.slanted.project(block)
+        return block
 
     def assembled(self, form: fem.Form) -> Array:
         """Assemble a linear form (local,), the clamped unknowns included."""
@@ -223,8 +245,8 @@ class ElasticBody:
 
     def mass_matrix(self, diagonal: float) -> PETSc.Mat:
         """Assemble M, with `diagonal` on the diagonal of the clamped rows."""
-        matrix = self.matrix(self.mass_form, diagonal)
-        add_to_diagonal(matrix, self.point_masses)
+        matrix = fem.petsc.create_matrix(self.mass_form)
+        self._assemble(matrix, self.mass_form, diagonal, self.point_masses)
         return matrix
 
     def internal_force(self, u: Array) -> Array:
@@ -252,8 +274,7 @@ class ElasticBody:
             matrix = self.matrix(self._tangent_form, 1.0)
         else:
             matrix.zeroEntries()
-            fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
-            matrix.assemble()
+            self._assemble(matrix, self._tangent_form, 1.0)
         self._change.x.array[:] = 0.0
         add_to_diagonal(matrix, self.springs)
         if self.rotation is not None:
@@ -264,10 +285,15 @@ class ElasticBody:
         """Add `weight` times the tangent stiffness at a displacement u (local,) to a matrix."""
         self._set(self._u, u)
         self._weight.value = weight
-        fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
-        # finish the assembly: PETSc would drop values that are added after the diagonal was
-        # inserted
-        matrix.assemble()
+        if self.slanted is None:
+            fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
+            # finish the assembly: PETSc would drop values that are added after the diagonal was
+            # inserted
+            matrix.assemble()
+        else:
+            added = self.matrix(self._tangent_form, 1.0)
+            matrix.axpy(1.0, added, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            added.destroy()
         self._weight.value = 1.0
         add_to_diagonal(matrix, weight * self.springs)
         if self.rotation is not None:

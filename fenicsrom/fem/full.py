@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
+from fenicsrom.fem.linalg import Factorisation, add_to_diagonal, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
@@ -287,7 +287,7 @@ class FullModel:
         Woodbury.
         """
         self._modal = np.zeros((self.local, 0))
-        if self._viscous is None or weight == 0.0:
+        if self._viscous is None or weight == 0.0 or not self._viscous.modal.shape[1]:
             return
         assert self._factor is not None
         self._modal = self._viscous.modal
@@ -368,6 +368,8 @@ class FullModel:
         if self._viscous is not None and self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
             self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
+        if self._viscous is not None:
+            add_to_diagonal(self._effective, wanted.velocity * self._viscous.dashpots)
         if self._solid.gyroscopic is not None and wanted.velocity != 0.0:
             self._effective.axpy(
                 wanted.velocity,

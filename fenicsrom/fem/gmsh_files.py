@@ -156,10 +156,11 @@ def _check_reach(gmsh: Any, geometry: Geometry) -> None:
     Raises:
         SceneError: the body has no extent, extends too far, or needs too many cells.
     """
-    source, places = (
-        str(geometry.mesh),
-        [gmsh.model.getValue(0, tag, []) for _, tag in gmsh.model.getEntities(0)],
-    )
+    source, points = str(geometry.mesh), {tag for _, tag in gmsh.model.getEntities(0)}
+    limits = (*(-FARTHEST,) * 3, *(FARTHEST,) * 3)
+    near = {tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*limits, 0)}
+    # a point whose coordinates are not numbers is not near; asking each point takes seconds
+    places = [gmsh.model.getValue(0, tag, []) for tag in sorted(points - near)]
     with suppress(Exception):  # a plain exception of gmsh: the box is empty
         places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
     wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.sparse import csr_array
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
@@ -137,13 +138,12 @@ def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
     The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
     """
     rows, columns, values = matrix.getValuesCSR()
-    kept = values != 0.0
-    starts = np.concatenate([[0], np.cumsum(kept)])[rows].astype(rows.dtype)
-    found = PETSc.Mat().createAIJ(
-        matrix.getSizes(), csr=(starts, columns[kept], values[kept]), comm=matrix.comm
-    )
+    sizes, comm = matrix.getSizes(), matrix.comm
     matrix.destroy()
-    return found
+    kept = csr_array((values, columns, rows), shape=(rows.size - 1, sizes[1][1]))
+    kept.eliminate_zeros()
+    csr = kept.indptr, kept.indices, kept.data
+    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:

@@ -27,8 +27,9 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     """Assemble the load vector of a load of size 1. Collective.
 
     On the undeformed body, a traction t does the work ∫ t · v dA, a pressure p the work
-    −∫ p n · v dA, and an acceleration a the work ∫ ρ a · v dV; in 2D each is multiplied by the
-    thickness. The vector includes the clamped unknowns, except for a point force.
+    −∫ p n · v dA, an acceleration a the work ∫ ρ a · v dV, and an acceleration of the supports the
+    opposite work; in 2D each is multiplied by the thickness. The vector includes the clamped
+    unknowns, except for a point force.
 
     Args:
         body: the body.
@@ -45,10 +46,11 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     if load.kind == "force":
         return np.array(load.direction) @ places.find(load.place, key)[0]
     test = ufl.TestFunction(body.space)
-    if load.kind == "acceleration":
+    if load.everywhere:
         direction = body.constant(load.direction)
         spread = body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
-        return spread + body.point_masses * np.tile(load.direction, body.local // body.dimension)
+        spread += body.point_masses * np.tile(load.direction, body.local // body.dimension)
+        return -spread if load.moves_supports else spread
     surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
     thickness = body.thickness
     if load.kind == "traction":

@@ -40,7 +40,7 @@ class Places:
             key: key of the scene, for messages.
 
         Returns:
-            (d, local) rows, zero on clamped unknowns, and the position (3,) in m.
+            (d, local) rows, without the part that supports hold, and the position (3,) in m.
 
         Raises:
             SceneError: the region is missing or empty, the node or the whole region is clamped, or
@@ -61,7 +61,7 @@ class Places:
             weights, _, measure = self._weights(place, key)
             return weights, measure
         rows = self._node(place, key)[0]
-        return rows.max(axis=0).reshape(-1, d).max(axis=1), 1.0
+        return rows.any(axis=0).reshape(-1, d).any(axis=1).astype(float), 1.0
 
     def contact_points(self, place: Place, key: str) -> list[tuple[csr_array, Array, float]]:
         """Give the contact points of a place.
@@ -83,14 +83,17 @@ class Places:
         """
         if place.at != "nodes":
             rows, position = self.find(place, key)
-            if not np.all(self._body.comm.allreduce(np.abs(rows).sum(axis=1)) > 0.0):
-                reason = "a support clamps a component of this point; choose a free node"
+            products = self._body.inner(rows.T, rows.T)
+            if np.linalg.matrix_rank(products, hermitian=True) < len(products):
+                reason = "a support holds this point in a direction; choose a free node"
                 raise self._error(key, reason)
             return [(csr_array(rows), position, 1.0)]
         body, d = self._body, self._body.dimension
         weights, _, measure = self._weights(place, key)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
         weights[body.clamped // d] = 0.0  # also of a node that moves in a plane only
+        if body.slanted is not None:
+            weights[body.slanted.nodes] = 0.0
         largest = body.comm.allreduce(float(np.max(weights, initial=0.0)), op=MPI.MAX)
         mine = [  # the corners of quadratic triangles have no weight
             (*x[node].round(12), float(weights[node]), body.comm.rank, int(node))
@@ -127,7 +130,7 @@ class Places:
         weights, position, _ = self._weights(place, key)
         for k in range(d):
             rows[k, k::d] = weights
-        rows[:, body.clamped] = 0.0
+        body.without_held(rows.T)
         if not body.comm.allreduce(bool(rows.any()), op=MPI.LOR):
             raise self.clamped(key)
         return rows, position
@@ -166,8 +169,8 @@ class Places:
         if int(chosen[-1]) == body.comm.rank:
             for k in range(d):
                 rows[k, best * d + k] = 1.0
-            clamped = bool(np.isin(best * d + np.arange(d), body.clamped).all())
-            rows[:, body.clamped] = 0.0
+            body.without_held(rows.T)
+            clamped = not rows.any()
         if body.comm.allreduce(clamped, op=MPI.LOR):
             at = list(chosen[1 : 1 + d])
             raise self._error(key, f"the node at {at} is clamped; choose a free node")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 import ufl
@@ -9,9 +11,12 @@ from dolfinx import fem
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.solid import Solid
-from fenicsrom.fem.supports import support_unknowns
+from fenicsrom.fem.supports import SAME_DIRECTION, support_directions
 from fenicsrom.online.reactions import ReactionTable
 from fenicsrom.scene import Scene
+
+Nodes = npt.NDArray[np.int32]
+Parts = tuple[Nodes, Array]
 
 
 def reaction_table(solid: Solid, scene: Scene, vectors: Array) -> ReactionTable:
@@ -25,63 +30,88 @@ def reaction_table(solid: Solid, scene: Scene, vectors: Array) -> ReactionTable:
     Returns:
         The table, the same on every rank.
     """
-    unknowns = _support_unknowns(solid, scene)
-    centres = np.array([_centroid(solid, mine) for mine in unknowns])
-    tests = [_test_functions(solid, mine, x) for mine, x in zip(unknowns, centres, strict=True)]
+    parts = _support_parts(solid, scene)
+    centres = np.array([_centroid(solid, nodes) for nodes, _ in parts])
+    tests = [_test_functions(solid, mine, x) for mine, x in zip(parts, centres, strict=True)]
     whole = np.zeros_like(tests[0])
     whole[:, : solid.dimension] = solid.translations()
-    parts = [
-        _gradients_at(solid, np.unique(mine // solid.dimension), test, vectors)
-        for mine, test in zip(unknowns, tests, strict=True)
+    cells = [
+        _gradients_at(solid, nodes, test, vectors)
+        for (nodes, _), test in zip(parts, tests, strict=True)
     ]
     rows = [_rows(solid, test, vectors) for test in (*tests, whole)]
-    sizes = [part[0].shape[1] for part in parts]
+    sizes = [part[0].shape[1] for part in cells]
     return ReactionTable(
         centres,
-        np.repeat(np.arange(len(unknowns)), sizes),
-        np.concatenate([part[0] for part in parts], axis=1),
-        np.concatenate([part[1] for part in parts], axis=1),
+        np.repeat(np.arange(len(parts)), sizes),
+        np.concatenate([part[0] for part in cells], axis=1),
+        np.concatenate([part[1] for part in cells], axis=1),
         *(np.array(term) for term in zip(*rows, strict=True)),
-        np.concatenate([part[2] for part in parts]) if scene.materials else None,
+        np.concatenate([part[2] for part in cells]) if scene.materials else None,
     )
 
 
-def _support_unknowns(solid: Solid, scene: Scene) -> list[npt.NDArray[np.int32]]:
-    """Unknowns of each support on this rank, ghosts included; a shared one is of the first."""
-    found: list[npt.NDArray[np.int32]] = []
-    for support in scene.supports:
-        mine = support_unknowns(solid.mesh, solid.space, support, solid.source)
-        found.append(np.setdiff1d(mine, np.concatenate([*found, mine[:0]])).astype(np.int32))
-    return found
+def _support_parts(solid: Solid, scene: Scene) -> list[Parts]:
+    """The nodes (k,) of each support, ghosts included, and the parts (k, d, d) it takes there.
+
+    At a node with the directions n_1, .. of all supports, a force R of this span is Σ (m_i · R) n_i
+    with the dual directions m_i. The part of a support in W · R, with the displacement W of the
+    node, is that of its directions: it has the test function Σ m_i n_iᵀ W. A direction that depends
+    on those of earlier supports takes nothing.
+    """
+    found = [support_directions(solid.mesh, solid.space, s, solid.source) for s in scene.supports]
+    parts: list[Parts] = []
+    meeting = np.bincount(np.concatenate([nodes for nodes, _ in found]))
+    for k, (nodes, directions) in enumerate(found):
+        matrices = np.tile(directions.T @ directions, (nodes.size, 1, 1))
+        for row in np.flatnonzero(meeting[nodes] > 1):
+            matrices[row] = _part_at(int(nodes[row]), k, found)
+        kept = matrices.any(axis=(1, 2))
+        parts.append((nodes[kept], matrices[kept]))
+    return parts
 
 
-def _centroid(solid: Solid, unknowns: npt.NDArray[np.int32]) -> Array:
-    """Mean place (d,) of the nodes of unknowns over all ranks, m."""
-    owned = np.unique(unknowns[unknowns < solid.local] // solid.dimension)
+def _part_at(node: int, support: int, found: Sequence[tuple[Nodes, Array]]) -> Array:
+    """The part (d, d) that a support takes at a node where supports meet."""
+    d = found[0][1].shape[1]
+    kept, owners = np.zeros((0, d)), []
+    for k, (nodes, directions) in enumerate(found):
+        for direction in directions if node in nodes else ():
+            longer = np.vstack([kept, direction])
+            if np.linalg.svd(longer, compute_uv=False)[-1] ** 2 > SAME_DIRECTION and len(kept) < d:
+                kept, owners = longer, [*owners, k]
+    mine = np.array(owners) == support
+    return np.asarray(np.linalg.pinv(kept)[:, mine] @ kept[mine])
+
+
+def _centroid(solid: Solid, nodes: Nodes) -> Array:
+    """Mean place (d,) of nodes over all ranks, m."""
+    owned = nodes[nodes < solid.local // solid.dimension]
     x = solid.space.tabulate_dof_coordinates()[owned, : solid.dimension]
     count = solid.comm.allreduce(owned.size)
     return np.asarray(solid.comm.allreduce(x.sum(axis=0)) / max(count, 1))
 
 
-def _test_functions(solid: Solid, unknowns: npt.NDArray[np.int32], centre: Array) -> Array:
-    """Translations and rotations (local, m) about a centre; zero but for some unknowns."""
+def _test_functions(solid: Solid, parts: Parts, centre: Array) -> Array:
+    """Translations and rotations (local, m) about a centre, of the part of a support only."""
     d = solid.dimension
-    owned = unknowns[unknowns < solid.local]
-    arm = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d] - centre
-    motions = np.zeros((solid.local // d, d, 3 * (d - 1)))
+    own = parts[0] < solid.local // d
+    nodes, matrices = parts[0][own], parts[1][own]
+    arm = solid.space.tabulate_dof_coordinates()[nodes, :d] - centre
+    motions = np.zeros((nodes.size, d, 3 * (d - 1)))
     motions[:, :, :d] = np.eye(d)
     if d == 2:
         motions[:, 0, 2], motions[:, 1, 2] = -arm[:, 1], arm[:, 0]
     else:
         for axis in range(3):
             motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], arm)
-    fields = np.zeros((solid.local, motions.shape[2]))
-    fields[owned] = motions.reshape(solid.local, -1)[owned]
-    return fields
+    fields = np.zeros((solid.local // d, *motions.shape[1:]))
+    fields[nodes] = matrices @ motions
+    return fields.reshape(solid.local, -1)
 
 
 def _gradients_at(
-    solid: Solid, nodes: npt.NDArray[np.int32], tests: Array, vectors: Array
+    solid: Solid, nodes: Nodes, tests: Array, vectors: Array
 ) -> tuple[Array, Array, npt.NDArray[np.int64]]:
     """Displacement gradients, and weighted gradients of the tests, in the cells at some nodes.
 

@@ -10,6 +10,8 @@ only the vibrations about this equilibrium are linear.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,8 +37,8 @@ from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
 from fenicsrom.fem.statics import Statics
 from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
 from fenicsrom.reduction.protocols import Inverse, Structure
@@ -63,6 +65,19 @@ DIFFERENCE_STEP = 0.1
 """Largest displacement of the central difference of the tangent, relative to the extent."""
 
 
+@dataclass(frozen=True, eq=False)
+class KnownEquilibrium:
+    """The equilibrium of a solid that was computed before.
+
+    Attributes:
+        displacement: (local,) m.
+        unstable: see `Solid`.
+    """
+
+    displacement: Array
+    unstable: int
+
+
 class Solid(ElasticBody):
     """A body in its equilibrium; a `fenicsrom.reduction.protocols.Structure`.
 
@@ -70,10 +85,6 @@ class Solid(ElasticBody):
         geometrically_nonlinear: False for small displacements.
         mass_damping: α of the damping C = α M, 1/s.
         loads: the loads.
-        mass: M.
-        stiffness: K, the tangent at the equilibrium.
-        factor: K⁻¹, factorised once for modes, attachments, constraints and derivatives.
-        gyroscopic: G of the Coriolis force −G u̇, skew, N s/m; None without this force.
         static_load: (local,) sum of the static loads, N.
         loaded: whether static loads or rotation deform the body.
         unstable: number of directions in which the equilibrium that the loads reach from the
@@ -110,8 +121,11 @@ class Solid(ElasticBody):
         excitation: float = 0.0,
         materials: Sequence[GroupMaterial] = (),
         attachments: Sequence[Attachment] = (),
+        known: KnownEquilibrium | None = None,
     ):
         """Assemble the matrices, compute the equilibrium and factorise the stiffness.
+
+        With a known equilibrium, matrices and factor are made when they are first used.
 
         Args:
             mesh: the mesh.
@@ -128,7 +142,8 @@ class Solid(ElasticBody):
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
             materials: materials of groups of cells.
-            attachments: masses and springs.
+            attachments: masses, springs and dashpots.
+            known: the equilibrium of an equal solid; None computes it.
 
         Raises:
             SceneError: a group is missing, the supports do not hold the body, or a place is clamped
@@ -148,33 +163,72 @@ class Solid(ElasticBody):
         self._set_contacts(contacts)
         self._set_loads()
         observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
-        observed += [load.place for load in loads if load.kind != "acceleration"]
+        observed += [load.place for load in loads if not load.everywhere]
         self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
         if observed:
             self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
 
-        self.equilibrium = np.zeros(self.local)
-        self.mass = without_zeros(self.mass_matrix(0.0))
-        self.stiffness = self.matrix(self._tangent_form, 1.0)
-        add_to_diagonal(self.stiffness, self.springs)
-        self.factor = Factorisation(self.stiffness, "fenicsrom_stiffness")
-        self.gyroscopic = self.rotation.gyroscopic() if self.rotation else None
-        spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
+        self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
-        self.loaded = spinning or bool(pushed)
-        self.unstable = 0
-        if self.loaded:
-            if geometrically_nonlinear or spinning:
-                linear = self.factor.solve(self.static_load[:, None])[:, 0]
-                self._move(np.zeros(self.local), np.zeros(self.local), 0.0)
-                self.unstable = check_stability(self)
-                if not (spinning or self.unstable):
-                    check_snap(self, linear)
-            else:
-                self.equilibrium = self.factor.solve(self.static_load[:, None])[:, 0]
+        self.loaded = self._spinning or bool(pushed)
+        self._known = known
+        if known is not None:
+            self.equilibrium, self.unstable = known.displacement, known.unstable
+        else:
+            self._find_equilibrium()
+
+    def _find_equilibrium(self) -> None:
+        """Compute the equilibrium from the undeformed body; matrices and factor follow."""
+        self.equilibrium, self.unstable = np.zeros(self.local), 0
+        _ = self.mass, self.factor, self.gyroscopic
+        if not self.loaded:
+            return
+        linear = self.factor.solve(self.static_load[:, None])[:, 0]
+        if not self._bends:
+            self.equilibrium = linear
+            return
+        self._move(np.zeros(self.local), np.zeros(self.local), 0.0)
+        self.unstable = check_stability(self)
+        if not (self._spinning or self.unstable):
+            check_snap(self, linear)
+
+    @property
+    def _bends(self) -> bool:
+        """Whether the equilibrium changes the stiffness."""
+        return self.loaded and (self.geometrically_nonlinear or self._spinning)
+
+    @cached_property
+    def mass(self) -> PETSc.Mat:
+        """M."""
+        return without_zeros(self.mass_matrix(0.0))
+
+    @cached_property
+    def gyroscopic(self) -> PETSc.Mat | None:
+        """G of the Coriolis force −G u̇, skew, N s/m; None without this force."""
+        return self.rotation.gyroscopic() if self.rotation else None
+
+    @cached_property
+    def stiffness(self) -> PETSc.Mat:
+        """K, the tangent at the equilibrium."""
+        return self.factor.matrix
+
+    @cached_property
+    def factor(self) -> Factorisation:
+        """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
+
+        The factor of a known equilibrium comes from that of the undeformed body, as if the
+        equilibrium was computed: the results are the same to the last digit.
+        """
+        self._set(self._u, np.zeros(self.local))
+        stiffness = self.matrix(self._tangent_form, 1.0)
+        add_to_diagonal(stiffness, self.springs)
+        factor = Factorisation(stiffness, "fenicsrom_stiffness")
+        if self._known is not None and self._bends:
+            Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
+        return factor
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
-        """Set the springs and the concentrated masses."""
+        """Set the springs, the dashpots and the concentrated masses."""
         for k, found in enumerate(attachments):
             shares, area = self._places.shares(found.place, f"attachments[{k}]")
             each = np.repeat(shares, self.dimension)
@@ -183,6 +237,7 @@ class Solid(ElasticBody):
                 raise self._places.clamped(f"attachments[{k}]")
             self.point_masses += found.mass * each
             self.springs += (found.stiffness + found.stiffness_per_area * area) * each
+            self.dashpots += (found.damping + found.damping_per_area * area) * each
 
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
@@ -206,11 +261,11 @@ class Solid(ElasticBody):
         self.load_vectors = np.zeros((self.local, len(self.loads)))
         for k, load in enumerate(self.loads):
             self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
-        self.load_vectors[self.clamped] = 0.0
+        self.without_held(self.load_vectors)
         for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
-        self.load_histories = of_loads(self.loads)
+        self.load_histories = histories_of(self.loads)
         sizes = [load.size if load.static else 0.0 for load in self.loads]
         self.static_load = self.load_vectors @ np.array(sizes)
 
@@ -235,7 +290,7 @@ class Solid(ElasticBody):
     def viscous(self) -> ViscousDamping | None:
         """The damping besides α M at the equilibrium, or None."""
         if self._viscous is None:
-            self._viscous = viscous_damping(self, self._damping)
+            self._viscous = viscous_damping(self, self._damping, self.dashpots)
         return self._viscous
 
     def stiffness_times(self, block: Array) -> Array:
@@ -275,8 +330,7 @@ class Solid(ElasticBody):
         plus = self.tangent_times(self.equilibrium + h * x, y)
         minus = self.tangent_times(self.equilibrium - h * x, y)
         difference = (plus - minus) / (2.0 * h)
-        difference[self.clamped] = 0.0
-        return difference
+        return self.without_held(difference)
 
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
@@ -377,6 +431,7 @@ class Solid(ElasticBody):
         """
         assert self.rotation is not None
         square = self.rotation.omega_squared
+        _ = self.factor, self.gyroscopic  # of the speed so far, if they were not made yet
         self.rotation.set_speed(omega)
         self._move(self.equilibrium, self.static_load, square)
         if self.gyroscopic is not None:
@@ -402,7 +457,7 @@ def _extrapolation(known: Sequence[float], to: float) -> Array:
     )
 
 
-def solid_of(scene: Scene, mesh: Mesh) -> Solid:
+def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) -> Solid:
     """Build the solid of a scene on a mesh; arguments and errors as `Solid`.
 
     Raises:
@@ -432,6 +487,7 @@ def solid_of(scene: Scene, mesh: Mesh) -> Solid:
         excitation=highest_frequency(scene),
         materials=scene.materials,
         attachments=scene.attachments,
+        known=known,
     )
 
 

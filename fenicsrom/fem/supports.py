@@ -1,11 +1,12 @@
 """Clamped supports, and the check that they hold the body.
 
-A support clamps components of the displacement at its nodes. The linear rigid-body motions
+A support clamps components of the displacement at its nodes, or the displacement along a normal
+(`fenicsrom.fem.slanted`). The linear rigid-body motions
 
     u(x) = t + w × (x − c)    (3 in the plane, 6 in space)    (1)
 
-must all move a clamped component: the matrix of the motions, restricted to the clamped components
-of a connected piece of the mesh, must have full rank.
+must all move a clamped component: the matrix of the motions, restricted to what is clamped of a
+connected piece of the mesh, must have full rank.
 """
 
 from __future__ import annotations
@@ -21,8 +22,15 @@ from scipy.sparse.csgraph import connected_components
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh_data import NEAR, ROUNDING, Ints, Mesh
+from fenicsrom.fem.slanted import Held
 from fenicsrom.scene import Region, Support
 from fenicsrom.scene.places import AXES
+
+SAME_DIRECTION = 1e-12
+"""Directions at a node with a smaller angle, squared, are one direction that was rounded."""
+
+ON_AXIS = 1e-12
+"""An axis is clamped if the square of its part outside of the held directions is smaller."""
 
 COINCIDENT = 1e-12
 """Smaller mean squares of the clamped components of a rigid motion count as zero.
@@ -31,10 +39,12 @@ The lengths of the motion are relative to the extent of the mesh.
 """
 
 
-def clamped_unknowns(
+def held_displacements(
     mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Support], source: str
-) -> npt.NDArray[np.int32]:
-    """Give the unknowns that the supports clamp. Collective.
+) -> Held:
+    """Give the displacements that the supports hold. Collective.
+
+    Directions of several supports may meet at a node; those of almost equal direction are one.
 
     Args:
         mesh: the mesh.
@@ -42,29 +52,46 @@ def clamped_unknowns(
         supports: the supports.
         source: name of the scene file, for messages.
 
-    Returns:
-        Sorted local numbers of this rank, ghosts included.
-
     Raises:
         SceneError: a region is missing, or the supports do not hold the body.
     """
-    found = [support_unknowns(mesh, space, support, source) for support in supports]
-    unknowns = np.unique(np.concatenate(found))
-    check_rigid_motions(mesh, space, unknowns, supports, source)
-    return unknowns
-
-
-def support_unknowns(
-    mesh: Mesh, space: fem.FunctionSpace, support: Support, source: str
-) -> npt.NDArray[np.int32]:
-    """Give the unknowns that one support clamps; arguments and errors as `clamped_unknowns`."""
     d = mesh.domain.geometry.dim
+    dyads = np.zeros((space.tabulate_dof_coordinates().shape[0], d, d))
+    for support in supports:
+        nodes, directions = support_directions(mesh, space, support, source)
+        dyads[nodes] += directions.T @ directions
+    diagonal = np.einsum("nii->ni", dyads)
+    axial = diagonal > 0.0
+    nodes = np.flatnonzero(np.abs(dyads).sum(axis=(1, 2)) > diagonal.sum(axis=1))
+    values, vectors = np.linalg.eigh(dyads[nodes])
+    vectors = vectors * (values > SAME_DIRECTION)[:, None, :]
+    slanted = vectors @ vectors.transpose(0, 2, 1)
+    axial[nodes] = np.einsum("nii->ni", slanted) > 1.0 - ON_AXIS
+    whole = axial[nodes]
+    slanted[whole[:, :, None] | whole[:, None, :]] = 0.0
+    kept = np.trace(slanted, axis1=1, axis2=2) > 0.5
+    unknowns = np.flatnonzero(axial.reshape(-1)).astype(np.int32)
+    held = Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
+    check_rigid_motions(mesh, space, held, supports, source)
+    return held
+
+
+def support_directions(
+    mesh: Mesh, space: fem.FunctionSpace, support: Support, source: str
+) -> tuple[npt.NDArray[np.int32], Array]:
+    """Give the nodes (k,) of one support, ghosts included, and its orthonormal directions (c, d).
+
+    Arguments and errors as `held_displacements`.
+    """
     if support.node is None:
         nodes = mesh.nodes(support, space)
     else:
         nodes = _node_at(mesh, space, support.node, source)
-    components = [AXES.index(axis) for axis in support.components or AXES[:d]]
-    return np.sort((nodes[:, None] * d + np.array(components, dtype=np.int32)).reshape(-1))
+    if support.normal is not None:
+        return nodes, np.array([support.normal])
+    d = mesh.domain.geometry.dim
+    axes = [AXES.index(axis) for axis in support.components or AXES[:d]]
+    return nodes, np.eye(d)[axes]
 
 
 def _node_at(
@@ -103,7 +130,7 @@ def conditions(
 def check_rigid_motions(
     mesh: Mesh,
     space: fem.FunctionSpace,
-    unknowns: npt.NDArray[np.int32],
+    held: Held,
     supports: Sequence[Support],
     source: str,
 ) -> None:
@@ -112,7 +139,7 @@ def check_rigid_motions(
     Args:
         mesh: the mesh.
         space: the displacement space.
-        unknowns: local numbers of the clamped unknowns, ghosts included.
+        held: the displacements that the supports hold.
         supports: the supports, for messages.
         source: name of the scene file, for messages.
 
@@ -126,15 +153,18 @@ def check_rigid_motions(
     cells = space.dofmap.list
     piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
 
-    owned = unknowns[unknowns < space.dofmap.index_map.size_local * d]
-    rows = _rigid_motions(mesh, space)[owned]
-    of = piece[owned // d]
+    local = space.dofmap.index_map.size_local
+    owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
+    motions = _rigid_motions(mesh, space)
+    along = held.slanted[inner] @ motions.reshape(-1, d, motions.shape[1])[held.nodes[inner]]
+    rows = np.concatenate([motions[owned], along.reshape(-1, motions.shape[1])])
+    of = np.concatenate([piece[owned // d], np.repeat(piece[held.nodes[inner]], d)])
     moments = np.zeros((count, rows.shape[1], rows.shape[1]))
     np.add.at(moments, of, rows[:, :, None] * rows[:, None, :])
-    held = comm.allreduce(np.bincount(of, minlength=count))
-    moments = comm.allreduce(moments) / np.maximum(held, 1)[:, None, None]
-    if not held.all():
-        raise _untouched(mesh, supports, int((held == 0).sum()))
+    touched = comm.allreduce(np.bincount(of, minlength=count))
+    moments = comm.allreduce(moments) / np.maximum(touched, 1)[:, None, None]
+    if not touched.all():
+        raise _untouched(mesh, supports, int((touched == 0).sum()))
     for k in range(count):
         if free := _free_motions(moments[k], d):
             where = "" if count == 1 else f" of one of the {count} connected pieces of the mesh"

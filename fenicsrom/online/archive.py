@@ -28,9 +28,9 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
 A file may hold a larger model beside this one, which judges it
-(`fenicsrom.assess.enrichment`): its mass, force, stiffness, quadratic, cubic, velocity_matrix,
-loads, contact_rows and probe, under these names with the prefix `candidates_`. Its first n
-coordinates are those of the model.
+(`fenicsrom.assess.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
+velocity_matrix, loads, contact_rows and probe, under these names with the prefix `candidates_`.
+Its first n coordinates are those of the model.
 
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
@@ -63,6 +63,7 @@ from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, tit
 FORMAT = "fenicsrom reduced model 4"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
+SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
 UNITS = {
     "mass": "kg",
@@ -81,7 +82,7 @@ class StoredModel:
     Attributes:
         model: the model, under the load histories and the damping of the scene.
         scene: the scene from which the model was made, or under which it runs.
-        method: "rubin" or "craig-bampton".
+        method: "rubin", "craig-bampton" or "superelement".
         labels: (n,) labels of the coordinates.
         dofs: number of free unknowns of the solid.
         frequencies_hz: (v,) natural frequencies of the normal modes.
@@ -192,6 +193,11 @@ def save_model(path: Path, stored: StoredModel) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    write_archive(path, *model_contents(stored))
+
+
+def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The header and the arrays of the file of a reduced model."""
     header = {
         "format": FORMAT,
         "method": stored.method,
@@ -215,7 +221,7 @@ def save_model(path: Path, stored: StoredModel) -> None:
     if stored.candidates is not None:
         more = _matrices(stored.candidates)
         arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
-    write_archive(path, header, arrays)
+    return header, arrays
 
 
 def _matrices(model: ReducedModel) -> dict[str, Array]:
@@ -238,9 +244,18 @@ def load_model(path: Path) -> StoredModel:
             together.
     """
     with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
-        scene = parse_scene(header["scene"], str(header["source"]), None)
-        labels = tuple(str(label) for label in header["labels"])
-        return _assemble(path, data, header, scene, labels)
+        return model_of_contents(path, header, data)
+
+
+def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) -> StoredModel:
+    """The reduced model of a header and arrays; `path` names their file in messages.
+
+    Raises:
+        SceneError: the arrays do not fit together.
+    """
+    scene = parse_scene(header["scene"], str(header["source"]), None)
+    labels = tuple(str(label) for label in header["labels"])
+    return _assemble(path, data, header, scene, labels)
 
 
 def _assemble(
@@ -254,7 +269,8 @@ def _assemble(
         or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
     ):
         raise _damaged(path, "point_contact does not name the contacts of the scene")
-    model = _checked_model(path, data, scene, len(labels))
+    is_superelement = header["method"] == SUPERELEMENT
+    model = _checked_model(path, data, scene, len(labels), is_superelement=is_superelement)
     try:
         recovery = read_recovery(data, scene, len(labels))
     except ValueError as error:
@@ -282,10 +298,18 @@ def _assemble(
 
 
 def _checked_model(
-    path: Path, data: dict[str, Any], scene: Scene, size: int, prefix: str = ""
+    path: Path,
+    data: dict[str, Any],
+    scene: Scene,
+    size: int,
+    prefix: str = "",
+    is_superelement: bool = False,
 ) -> ReducedModel:
     """The model of so many coordinates in arrays that are checked; `prefix` names them."""
-    for name, shape in _shapes(data, scene, size).items():
+    shapes = _shapes(data, scene, size)
+    if is_superelement and data["velocity_matrix"].size > 0:
+        shapes["velocity_matrix"] = (size, size)  # from its file
+    for name, shape in shapes.items():
         array = data[name]
         if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
             found = f"{prefix}{name} has shape {array.shape} and type {array.dtype}"

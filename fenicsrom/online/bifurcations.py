@@ -16,18 +16,18 @@ method, safeguarded by bisection. The function may jump.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.brackets import Bracket, bracketed
 from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
 from fenicsrom.online.curve import CurvePoint, hermite, replaced
 from fenicsrom.online.periodic import STABLE_WITHIN
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
 BRACKET = 0.1 * LOCATED  # width of the final bracket along the curve
-EVALUATIONS = 60  # bisection alone needs about 20
 JUMP = 0.05  # a multiplier that keeps this part of its change in the final bracket jumps
 REAL = 1e-6  # angle of a multiplier below which it counts as real
 
@@ -42,25 +42,6 @@ class Path(Protocol):
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
-
-
-class Bracket(NamedTuple):
-    """Two points of a curve between which a function changes its sign.
-
-    Attributes:
-        before: the point that comes first.
-        after: the other one.
-        values: of the function at both.
-    """
-
-    before: CurvePoint
-    after: CurvePoint
-    values: tuple[float, float]
-
-    @property
-    def nearest(self) -> CurvePoint:
-        """The point at which the function is nearer to zero."""
-        return self.before if abs(self.values[0]) <= abs(self.values[1]) else self.after
 
 
 def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
@@ -154,7 +135,7 @@ def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | N
     return None if first is None or last is None else first + here + last
 
 
-def _kind(bracket: Bracket, rank: int, change: float) -> str:
+def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
     """The kind of a bifurcation at which the multiplier of a rank crosses the unit circle."""
     low, high = bracket.values
     if abs(high - low) > JUMP * change:
@@ -165,12 +146,12 @@ def _kind(bracket: Bracket, rank: int, change: float) -> str:
     return "period doubling" if multiplier.real < 0.0 else "branch point"
 
 
-def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket | None:
+def change_of_sign(
+    path: Path, test: Test, a: CurvePoint, b: CurvePoint
+) -> Bracket[CurvePoint] | None:
     """Bracket the change of sign of a function between two points of a curve.
 
-    Each point is sought on the hyperplane normal to the chord from a to b. The secant method
-    (Illinois) keeps a distance from the ends of the bracket, so that both ends come near. A bracket
-    that three evaluations did not halve is bisected.
+    Each point is sought on the hyperplane normal to the chord from a to b.
 
     Args:
         path: finds points of the curve.
@@ -185,29 +166,11 @@ def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Brac
     chord = path.place(b) - origin
     length = float(np.linalg.norm(chord))
     chord /= length
-    points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
-    ends, slow, width = [0.0, length], 0, length
-    for _ in range(EVALUATIONS):
-        if ends[1] - ends[0] <= BRACKET:
-            return Bracket(points[0], points[1], (values[0], values[1]))
-        low, high = (value * weight for value, weight in zip(values, weights, strict=True))
-        if slow >= 3 or low == high:
-            arc = 0.5 * (ends[0] + ends[1])
-        else:
-            near = 0.45 * BRACKET
-            arc = ends[0] + (ends[1] - ends[0]) * low / (low - high)
-            arc = min(max(arc, ends[0] + near), ends[1] - near)
-        point = _between(path, points, ends, arc, origin, chord)
-        if point is None:
-            return None
-        value = test(point)
-        side = 1 if value * np.sign(values[1]) > 0.0 else 0
-        points[side], values[side], ends[side] = point, value, arc
-        weights = [1.0, 0.5 * weights[1]] if side == 0 else [0.5 * weights[0], 1.0]
-        slow += 1
-        if ends[1] - ends[0] <= 0.5 * width:
-            slow, width = 0, ends[1] - ends[0]
-    return None
+
+    def between(points: list[CurvePoint], ends: list[float], arc: float) -> CurvePoint | None:
+        return _between(path, points, ends, arc, origin, chord)
+
+    return bracketed(between, test, a, b, length, BRACKET)
 
 
 def point_between(path: Path, a: CurvePoint, b: CurvePoint, share: float) -> CurvePoint | None:

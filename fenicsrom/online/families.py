@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA
@@ -34,7 +35,12 @@ Family = Callable[[float], Problem]
 
 
 def frequency_family(
-    model: ReducedModel, contacts: Contacts, period: float, *, spin: bool = False
+    model: ReducedModel,
+    contacts: Contacts,
+    period: float,
+    *,
+    spin: bool = False,
+    displaced: NDArray[np.bool_] | None = None,
 ) -> Family:
     """Problems by the excitation frequency in Hz: all sines keep their ratio to it.
 
@@ -43,8 +49,11 @@ def frequency_family(
         contacts: parameters of the contact points.
         period: of the loads that are given, s.
         spin: whether the surfaces turn in proportion to the frequency (an engine order).
+        displaced: (s,) sines of a given displacement of the supports
+            (`fenicsrom.online.support_motion.displacement_sines`); none by default.
     """
     nothing = no_drift(contacts, model.load_histories)
+    displaced = np.zeros(len(nothing.sines), bool) if displaced is None else displaced
 
     def at(frequency: float) -> Problem:
         factor = frequency * period
@@ -52,6 +61,8 @@ def frequency_family(
         sines[:, OMEGA] *= factor
         by_sines = nothing.sines.copy()
         by_sines[:, OMEGA] = sines[:, OMEGA] / frequency
+        sines[displaced, AMPLITUDE] *= factor**2
+        by_sines[displaced, AMPLITUDE] = 2.0 * sines[displaced, AMPLITUDE] / frequency
         moved, by_contacts = contacts, nothing.contacts
         if spin:
             moved = contacts._replace(spin=contacts.spin * factor)

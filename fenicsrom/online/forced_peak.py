@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from fenicsrom.arrays import Array
@@ -74,6 +75,7 @@ def forced_peaks(
     frequency: float,
     factors: Sequence[float],
     amplitude: Callable[[Problem, CurvePoint], float],
+    displaced: NDArray[np.bool_] | None = None,
 ) -> Iterator[ForcedPeak]:
     """Find the peaks at ascending factors on the loads, each from the one before.
 
@@ -86,6 +88,7 @@ def forced_peaks(
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
         amplitude: of a motion with these data, m.
+        displaced: (s,) as in `fenicsrom.online.families.frequency_family`.
 
     Raises:
         ConvergenceError: a motion or a peak was not found; the error names the factor.
@@ -93,7 +96,7 @@ def forced_peaks(
 
     def at_force(factor: float) -> Family:
         scaled = force_family(model, contacts, period)(factor).model
-        return frequency_family(scaled, contacts, period)
+        return frequency_family(scaled, contacts, period, displaced=displaced)
 
     before = SMALL_FORCE * factors[0]
     problem = at_force(before)(frequency)

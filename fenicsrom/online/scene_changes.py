@@ -9,6 +9,10 @@ from typing import Any
 
 from fenicsrom.scene import Contact, Geometry, Load, Scene
 
+# keys of a contact and of its surface on which the offline stages depend
+CONTACT_KEYS = ("place", "normal", "surface")
+SURFACE_KEYS = ("kind", "point", "axis", "inside")  # the frames of the contact points follow
+
 # keys of [time] that only determine when a run ends
 END_KEYS = ("periods", "duration", "steady_tolerance", "steady")
 
@@ -69,13 +73,11 @@ def _changed_load_key(made: Load, wanted: Load) -> str | None:
 
 
 def _changed_contact_key(made: Contact, wanted: Contact) -> str | None:
-    if (name := first_difference(made, wanted, ("place", "normal"))) is not None:
+    if (name := first_difference(made, wanted, CONTACT_KEYS[:2])) is not None:
         return name
     if made.surface is None or wanted.surface is None:
         return None if made.surface == wanted.surface else "surface"
-    # the frames of the contact points follow from these
-    names = ("kind", "point", "axis", "inside")
-    name = first_difference(made.surface, wanted.surface, names)
+    name = first_difference(made.surface, wanted.surface, SURFACE_KEYS)
     return None if name is None else f"surface.{name}"
 
 
@@ -84,7 +86,15 @@ def changed_run_key(made: Scene, wanted: Scene) -> str | None:
 
     A run that continues may only end at another time: `END_KEYS`.
     """
-    names = ("geometrically_nonlinear", "material", "rotation", "damping", "loads", "contacts")
+    names = (
+        "geometrically_nonlinear",
+        "material",
+        "attachments",
+        "rotation",
+        "damping",
+        "loads",
+        "contacts",
+    )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
     settings = ("scheme", "spectral_radius", "steps_per_period", "tolerance", "step")

@@ -9,9 +9,10 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
-from fenicsrom.online.load_histories import LoadHistories, of_loads
+from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.march import end_of, integrate
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Scene
 
@@ -21,7 +22,7 @@ TOUCH = 1e-9
 
 def load_histories(scene: Scene) -> LoadHistories:
     """The time factors of a scene's loads."""
-    return of_loads(scene.loads)
+    return histories_of(scene.loads)
 
 
 def simulate(

@@ -34,7 +34,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -355,6 +354,8 @@ def change_of(history: Sequence[Record], period: float, multiple: int = 1) -> fl
     ):
         there = was
     else:  # other steps in the two periods: a cubic spline is accurate enough
+        from scipy.interpolate import CubicSpline  # slow to import
+
         there = CubicSpline(before.time, was)(
             np.clip(after.time - period, before.time[0], before.time[-1])
         )

@@ -29,14 +29,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.elasticity_tensor import across, mandel_basis, stiffness
 from fenicsrom.scene import Elasticity, Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 COMPONENTS = ("xx", "yy", "zz", "xy", "yz", "xz")
 ROWS, COLUMNS = (0, 1, 2, 0, 1, 0), (0, 1, 2, 1, 2, 2)
@@ -221,6 +224,8 @@ class StressTable:
     @cached_property
     def recovery(self) -> csr_array:
         """(N, P) values at the vertices from values at the Gauss points."""
+        from scipy.sparse import csr_array  # slow to import, and few models have stresses
+
         v, g = self.extrapolation.shape
         rows = np.repeat(self.cells.reshape(-1), g)
         columns = np.tile(np.arange(self.position.shape[0]).reshape(-1, 1, g), (1, v, 1)).reshape(

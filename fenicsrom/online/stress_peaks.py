@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.measures import has_contact
@@ -185,6 +184,8 @@ def reduced_modes(model: ReducedModel, count: int) -> tuple[Array, Array]:
 
     No contact point touches, and there is no Coriolis force.
     """
+    import scipy.linalg  # slow to import, and few models have stresses
+
     squares, vectors = scipy.linalg.eigh(
         model.elastic.stiffness, model.mass, subset_by_index=(0, min(count, model.size) - 1)
     )

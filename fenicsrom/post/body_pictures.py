@@ -107,6 +107,8 @@ def _marked_fields(solid: Solid) -> dict[str, Array]:
     """The fields that the picture of the set-up marks: what is clamped, and the loads."""
     clamped = np.zeros(solid.local)
     clamped[solid.clamped] = 1.0
+    if solid.slanted is not None:
+        clamped[solid.slanted.nodes * solid.dimension] = 1.0
     return {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
 
 
@@ -180,10 +182,11 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         forces = values[_load(k)]
         sizes = np.linalg.norm(forces, axis=1)
         total = forces.sum(axis=0)
-        everywhere = load.kind == "acceleration"
+        everywhere = load.everywhere
         place = middle if everywhere or not sizes.any() else sizes @ surface.points / sizes.sum()
         size = float(np.linalg.norm(total))
         direction = total / size if size > 0.0 else total
+        direction = -direction if load.moves_supports else direction  # of the supports
         group = "" if everywhere else f' on "{load.place.group}"' if load.place.group else ""
         name = f"{load.kind}{group}"
         name = name if name not in loads else f"{name} ({k + 1})"
@@ -197,7 +200,7 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
         contacts[label] = places[mine], in_space(points.frame[mine, 0])
     probe = None if scene.contacts or np.isnan(solid.probe_position).any() else solid.probe_position
-    return Marks(values[CLAMPED][:, 0] > 0.5, loads, contacts, probe)
+    return Marks(values[CLAMPED].max(axis=1) > 0.5, loads, contacts, probe)
 
 
 def _title(scene: Scene) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.support_motion import moves_supports, support_displacement
 from fenicsrom.online.surfaces import Contacts, unit_normals
 from fenicsrom.post.paraview import (
     CONTACT_NAMES,
@@ -22,11 +23,13 @@ from fenicsrom.post.paraview import (
     stress_fields,
 )
 from fenicsrom.post.vtk import Attached, write_fields, write_motion, write_points
+from fenicsrom.post.vtk_files import in_space
 
 if TYPE_CHECKING:
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene
 
+ABSOLUTE = "absolute_displacement_m"
 FRAMES = 60  # largest number of frames of a motion for ParaView and of an animation
 
 
@@ -192,16 +195,16 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     Argument `contacts` as for `contact_vectors`.
     """
     motion, solid = study.motions["reduced"], study.solid
-    times = motion.time[frame_rows(motion)]
+    times, moving = motion.time[frame_rows(motion)], moving_field(study)
     files = [
         write_motion(
             folder,
             "motion",
             solid.space,
             times,
-            moving_field(study),
+            moving,
             "displacement_m",
-            _attached_to_frames(study),
+            _attached_to_frames(study, moving),
         )
     ]
     if study.scene.contacts and solid.comm.rank == 0:
@@ -209,17 +212,33 @@ def write_last_period(study: Study, folder: Path, contacts: Contacts | None = No
     return files
 
 
-def _attached_to_frames(study: Study) -> Callable[[int], Attached]:
-    """Make a function of the frame number that gives groups, texts and stresses. Collective."""
+def _attached_to_frames(study: Study, moving: Callable[[int], Array]) -> Callable[[int], Attached]:
+    """Make a function of the frame number that gives what goes into the file of a frame.
+
+    These are groups, texts and stresses, and the displacement with that of moving supports; the
+    function `moving` gives the displacement. Collective.
+    """
     groups, texts = Attached(cells=cell_groups(study.solid)), notes(study, "motion")
+    times = study.motions["reduced"].time[frame_rows(study.motions["reduced"])]
+    d, parts = study.solid.dimension, [_stresses_of_frames(study)]
+    if moves_supports(study.scene):
+        moved = support_displacement(study.scene.loads, times, d)
+        parts.append(
+            lambda number: Attached(
+                {ABSOLUTE: in_space(moving(number).reshape(-1, d) + moved[number])}
+            )
+        )
+    return lambda number: joined([groups, *(part(number) for part in parts)], texts)
+
+
+def _stresses_of_frames(study: Study) -> Callable[[int], Attached]:
+    """Make a function of the frame number that gives the stresses, if there are any. Collective."""
     if study.recovery is None:
-        return lambda number: joined([groups], texts)
+        return lambda number: Attached()
     table, attach = study.recovery.stress, stress_fields(study)
     q = frame_coordinates(study.motions["reduced"])
     measure = study.scene.output.stresses
-    return lambda number: joined(
-        [groups, attach(table.stress(q[number], measure), "", "Pa")], texts
-    )
+    return lambda number: attach(table.stress(q[number], measure), "", "Pa")
 
 
 def write_contact_points(

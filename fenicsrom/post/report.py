@@ -19,6 +19,7 @@ from fenicsrom.post.sentences import (
     estimate_sentence,
     periodic_sentence,
     response_rows,
+    support_sentence,
     unreliable_sentence,
 )
 from fenicsrom.post.stress_tables import (
@@ -69,6 +70,8 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         RESPONSE_NOTE,
         *_periodic(motion),
     ]
+    if sentence := support_sentence(scene, found.stored.model.points, {"reduced": motion}):
+        results.append(sentence)
     if found.errors:
         results.append(estimate_sentence(found.errors, motion))
     if found.unfinished:
@@ -110,6 +113,10 @@ def _results(study: Study) -> list[Any]:
         found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
+    if study.motions and (
+        sentence := support_sentence(study.scene, study.solid.points, study.motions)
+    ):
+        found.append(sentence)
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if errors := errors_of(study.motions):

@@ -33,12 +33,15 @@ MARKERS = {
     "last slip": "h",
 }
 FULL_MARKER = "x"
+LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
 UNITS = {
     "frequency": "Hz",
     "force": "N",
     "traction": "Pa",
     "pressure": "Pa",
     "acceleration": "m/s²",
+    "support_acceleration": "m/s²",
+    "support_displacement": "m",
     "mass_damping": "1/s",
     "gap": "m",
     "friction": "",
@@ -161,7 +164,8 @@ def figure(found: Response) -> Figure:
     drawn.align_ylabels(axes)
     handles = legend_handles(found)
     if handles:
-        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), 4))
+        columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
+        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
     return drawn
 
 

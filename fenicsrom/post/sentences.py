@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import (
     has_contact,
     has_settled,
@@ -19,7 +20,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.post.directions import direction_names
 from fenicsrom.post.mode_agreement import agreement_sentence
 from fenicsrom.post.stress_tables import stress_sentences
-from fenicsrom.post.summary import errors_of
+from fenicsrom.post.summary import errors_of, support_summary
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
@@ -117,6 +118,26 @@ def equilibrium_sentence(deflection: Array) -> str:
     return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
+def support_sentence(
+    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
+) -> str | None:
+    """State the absolute amplitudes if the supports move; None otherwise."""
+    found = support_summary(scene, points, motions).get("support_motion", {})
+    parts = []
+    for name, numbers in found.items():
+        absolute = numbers["absolute_amplitude_m"]
+        values = [*absolute["tangential"], absolute["normal"]]
+        parts.append(f"{', '.join(f'{1e3 * value:.5g}' for value in values)} mm ({name})")
+    if not parts:
+        return None
+    moved = next(iter(found.values()))["support_amplitude_m"]
+    along = ", ".join(f"{1e3 * value:.5g}" for value in moved)
+    return (
+        f"Amplitudes are relative to the supports, which move by {along} mm along the axes; "
+        f"absolute amplitudes in the order of the table: {'; '.join(parts)}."
+    )
+
+
 def estimate_sentence(errors: Mapping[str, MotionErrors], motion: Motion) -> str:
     """State the estimated errors of the reduced model.
 
@@ -162,6 +183,9 @@ def rerun_sentences(found: Rerun) -> list[str]:
     """State the results of a run of a stored model, below the table of responses."""
     motion = found.motion
     told = [resumed_sentence(motion), periodic_sentence(motion)]
+    told.append(
+        support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
+    )
     if found.errors:
         told.append(estimate_sentence(found.errors, motion))
     told += out_of_reach(motion, found.stored.model.points)
@@ -243,6 +267,7 @@ def study_sentences(study: Study) -> list[str]:
     found: list[str | None] = []
     if reduced is not None:
         found += [resumed_sentence(reduced), periodic_sentence(reduced)]
+    found.append(support_sentence(study.scene, study.solid.points, study.motions))
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     found += basis_sentences(study)

@@ -120,6 +120,9 @@ def _draw_regions(axis: Axes, surface: Surface, places: Any, marks: Marks) -> No
     ):
         rim = surface.edges[on[surface.edges].all(axis=1)]
         axis.add_collection(LineCollection(places[rim], colors=colour, linewidths=width, zorder=3))
+    drawn = surface.triangles[marks.clamped[surface.triangles].all(axis=1)]
+    nodes = np.setdiff1d(np.flatnonzero(marks.clamped), [*rim.ravel(), *drawn.ravel()])
+    axis.plot(*places[nodes].T, "s", color=MARK_COLOURS["support"], markersize=6, zorder=3)
 
 
 def _draw_loads(axis: Axes, view: View, marks: Marks, reach: float) -> list[Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.measures import (
+    amplitudes,
     errors_percent,
     out_of_reach,
     point_summaries,
@@ -21,6 +23,11 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.support_motion import (
+    absolute_displacement,
+    moves_supports,
+    support_displacement,
+)
 from fenicsrom.post.fields import contact_places
 from fenicsrom.post.mode_agreement import agreement_summary
 from fenicsrom.post.record import Rerun, Study
@@ -62,6 +69,7 @@ def summary(study: Study) -> dict[str, Any]:
             "unstable_directions": study.solid.unstable,
         }
     found |= motions_summary(study.motions, study.solid.points)
+    found |= support_summary(study.scene, study.solid.points, study.motions)
     found["estimated_error_percent"] = estimates_summary(study.errors)
     if study.stresses is not None:
         found |= stress_summary(study.stresses)
@@ -106,6 +114,7 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
             *out_of_reach(motion, stored.model.points),
         ],
         **motions_summary({"reduced": motion}, stored.model.points),
+        **support_summary(stored.scene, stored.model.points, {"reduced": motion}),
         "estimated_error_percent": estimates_summary(found.errors),
         **({} if found.stresses is None else stress_summary(found.stresses)),
     }
@@ -134,6 +143,28 @@ def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dic
     return found
 
 
+def support_summary(
+    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
+) -> dict[str, Any]:
+    """The entry `support_motion` of a scene whose supports move; empty for any other scene.
+
+    Returns:
+        For each model `support_amplitude_m` along the axes, and `absolute_amplitude_m` of what
+        `response.MODEL.amplitude_m` gives relative to the supports.
+    """
+    if not moves_supports(scene):
+        return {}
+    found = {}
+    for name, motion in motions.items():
+        moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
+        absolute = replace(motion, displacement=absolute_displacement(scene, points, motion))
+        found[name] = {
+            "support_amplitude_m": 0.5 * np.ptp(moved[motion.last_period()], axis=0),
+            "absolute_amplitude_m": amplitudes(absolute),
+        }
+    return {"support_motion": found}
+
+
 def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
     """Errors of the reduced model against the full one, percent; empty unless both ran."""
     if "reduced" in motions and "full" in motions:
@@ -141,11 +172,18 @@ def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
     return {}
 
 
-def write_history(path: Path, motions: Mapping[str, Motion]) -> Path:
+def write_history(
+    path: Path,
+    motions: Mapping[str, Motion],
+    scene: Scene | None = None,
+    points: ContactPoints | None = None,
+) -> Path:
     """Write the motions as arrays `MODEL_time`, `MODEL_displacement` and so on.
 
     `HISTORY_ARRAYS` lists the arrays. `MODEL_newton_from` is the time at which Newton's method
-    replaced the marched motion by the periodic one, where it did.
+    replaced the marched motion by the periodic one, where it did. If the supports of the scene
+    move, `MODEL_support_displacement` (ns, d) is their displacement in global axes, and
+    `MODEL_absolute_displacement` is the sum of it and of `MODEL_displacement`.
 
     Raises:
         OSError: the file cannot be written.
@@ -158,6 +196,12 @@ def write_history(path: Path, motions: Mapping[str, Motion]) -> Path:
     for name, motion in motions.items():
         if motion.newton_from is not None:
             arrays[f"{name}_{JUMP}"] = np.array(motion.newton_from)
+        if scene is not None and points is not None and moves_supports(scene):
+            d = scene.geometry.dimension
+            moved = support_displacement(scene.loads, motion.time, d)
+            arrays[f"{name}_support_displacement"] = moved
+            absolute = absolute_displacement(scene, points, motion)
+            arrays[f"{name}_absolute_displacement"] = absolute
     return write_arrays(path, arrays)
 
 
@@ -191,7 +235,9 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
     """
     files = [write_summary(folder / SUMMARY, summary(study))]
     if study.motions:
-        files.append(write_history(folder / HISTORY, study.motions))
+        files.append(
+            write_history(folder / HISTORY, study.motions, study.scene, study.solid.points)
+        )
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
         files += write_checkpoint(folder, study.model, study.scene, motion)
@@ -209,7 +255,7 @@ def write_rerun_numbers(found: Rerun, folder: Path) -> list[Path]:
     stored, motion = found.stored, found.motion
     return [
         write_summary(folder / SUMMARY, rerun_summary(found)),
-        write_history(folder / HISTORY, {"reduced": motion}),
+        write_history(folder / HISTORY, {"reduced": motion}, stored.scene, stored.model.points),
         *write_checkpoint(folder, stored.model, stored.scene, motion),
         *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

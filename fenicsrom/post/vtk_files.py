@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 Values = NDArray[Any]
 
@@ -81,6 +83,8 @@ def refined_grid(points: Values, cells: Values) -> tuple[Grid, csr_array]:
     Returns:
         The grid, and the matrix (n_points, n).
     """
+    from scipy.sparse import csr_array  # slow to import, and only solids with stresses need it
+
     corners = cells.shape[1]
     name = NAMES[points.shape[1], corners]
     shapes = corner_shapes(reference_nodes(name), corners)

@@ -18,14 +18,15 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.load_histories import LoadHistories, of_loads
+from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko
-from fenicsrom.scene import Damping, Scene
+from fenicsrom.scene import Damping, Load, Scene
 from fenicsrom.scene.excitation import highest_frequency
 
 STATIC_ITERATIONS = 50
@@ -319,8 +320,9 @@ def _check_planar(scene: Scene) -> None:
     if len(scene.contacts) > 1:
         refuse(f"the 1D beam has one contact point, but the scene has {len(scene.contacts)}")
     for k, load in enumerate(scene.loads):
-        if load.kind != "force":
-            refuse(f"the 1D beam takes point forces only, but loads[{k}] is of kind {load.kind}")
+        if load.kind != "force" and not load.everywhere:
+            kinds = "point forces, accelerations and motions of the supports only"
+            refuse(f"the 1D beam takes {kinds}, but loads[{k}] is of kind {load.kind}")
     for contact in scene.contacts:
         if contact.normal is None or contact.place.at == "nodes":
             refuse(one_point)
@@ -334,6 +336,21 @@ def _check_planar(scene: Scene) -> None:
         refuse("the 1D beam starts undeformed; remove the static loads")
 
 
+def _load_vector(load: Load, at_load: Array, beam: TimoshenkoBeam) -> Array:
+    """The load vector (n,) of a load of size 1.
+
+    Args:
+        load: the load.
+        at_load: (d, n) displacement of the node at which forces act.
+        beam: the beam.
+    """
+    direction = np.array(load.direction)
+    if not load.everywhere:
+        return direction @ at_load
+    found = beam.translated @ direction[:2]
+    return np.asarray(-found if load.moves_supports else found)
+
+
 def _places(scene: Scene, beam: TimoshenkoBeam) -> BeamPlaces:
     """Find where the loads and contacts of a scene act on its beam."""
     n, d = beam.mass.shape[0], scene.geometry.dimension
@@ -344,7 +361,7 @@ def _places(scene: Scene, beam: TimoshenkoBeam) -> BeamPlaces:
         return found
 
     tip, at_load = rows(beam.tip_node), rows(beam.load_node)
-    loads = [np.array(load.direction) @ at_load for load in scene.loads]
+    loads = [_load_vector(load, at_load, beam) for load in scene.loads]
     frames = [frame(np.array(contact.normal)) for contact in scene.contacts]
     points = no_points(d)
     if frames:
@@ -353,7 +370,7 @@ def _places(scene: Scene, beam: TimoshenkoBeam) -> BeamPlaces:
         points = ContactPoints(np.zeros(1, dtype=np.int64), np.ones(1), position, np.array(frames))
     return BeamPlaces(
         np.array(loads).reshape(-1, n).T,
-        of_loads(scene.loads),
+        histories_of(scene.loads),
         points,
         np.concatenate([axes @ tip for axes in frames] or [np.zeros((0, n))]),
         tip,

@@ -1,12 +1,12 @@
-"""Viscous damping besides the mass-proportional one: stiffness-proportional and modal.
+"""Viscous damping besides the mass-proportional one: stiffness-proportional, modal, and dashpots.
 
-    C = α M + β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ                                       (1)
+    C = α M + β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ + diag(c)                             (1)
 
 K is the stiffness at the equilibrium, and ω_k, φ_k are the frequencies and the mass-normalised
 normal modes there, without contact (Craig and Kurdila, Fundamentals of Structural Dynamics, 2006,
-section 10.3). A mode φ_k then has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The last two terms
-of (1) depend on the body only and not on the basis: the full model and all reduced models have the
-same damping.
+section 10.3); c_i is the coefficient of the dashpots to the ground at unknown i. Without dashpots a
+mode φ_k has the damping ratio ζ_k + α/(2 ω_k) + β ω_k/2. The last three terms of (1) depend on the
+body only and not on the basis: the full model and all reduced models have the same damping.
 """
 
 from __future__ import annotations
@@ -22,25 +22,27 @@ UNDAMPED = Damping()
 
 
 class ViscousDamping:
-    """The last two terms of (1) for a structure.
+    """The last three terms of (1) for a structure.
 
     Attributes:
         stiffness: β, s.
         modal: (local, k) vectors sqrt(2 ζ_k ω_k) M φ_k.
+        dashpots: (local,) coefficients c of the dashpots, N s/m.
     """
 
-    def __init__(self, structure: Structure, damping: Damping):
+    def __init__(self, structure: Structure, damping: Damping, dashpots: Array):
         """Compute the damped modes.
 
         Args:
             structure: the structure in its equilibrium.
             damping: the table [damping] of its scene.
+            dashpots: (local,) coefficients of the dashpots, N s/m.
 
         Raises:
             SceneError: there are more damping ratios than modes.
         """
         self._structure = structure
-        self.stiffness = damping.stiffness
+        self.stiffness, self.dashpots = damping.stiffness, dashpots
         self.modal = np.zeros((structure.local, 0))
         ratios = np.array(damping.modal)
         if not np.any(ratios):
@@ -60,13 +62,21 @@ class ViscousDamping:
     def times(self, block: Array) -> Array:
         """Give the damping matrix without α M, times a block (local, k)."""
         found = self.modal @ self._structure.inner(self.modal, block)
+        found += self.dashpots[:, None] * block
         if self.stiffness > 0.0:
             found += self.stiffness * self._structure.stiffness_times(block)
         return np.asarray(found)
 
 
-def viscous_damping(structure: Structure, damping: Damping) -> ViscousDamping | None:
-    """The viscous damping of a structure; None without any; errors as `ViscousDamping`."""
-    if damping.stiffness == 0.0 and not any(damping.modal):
+def viscous_damping(
+    structure: Structure, damping: Damping, dashpots: Array | None = None
+) -> ViscousDamping | None:
+    """The viscous damping of a structure; None without any; arguments as `ViscousDamping`.
+
+    Raises:
+        SceneError: as `ViscousDamping`.
+    """
+    dashpots = np.zeros(structure.local) if dashpots is None else dashpots
+    if not (damping.viscous or structure.comm.allreduce(bool(dashpots.any()))):
         return None
-    return ViscousDamping(structure, damping)
+    return ViscousDamping(structure, damping, dashpots)

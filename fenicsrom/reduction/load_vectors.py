@@ -7,9 +7,16 @@ the part of the work of this response that the Galerkin projection keeps; the re
 
 It is the relative error of the displacement at the load, in its direction, and the square of the
 relative error of the response in the energy norm. The lowest modes of a slender body bend it: an
-axial load does no work on them, and its share is 1. A share above `LOAD_SHARE` adds the static
-response K⁻¹ p (an attachment mode: Rubin 1975; mode acceleration corrects the same error after the
-run) to the basis.
+axial load does no work on them, and its share is 1.
+
+The work of an oblique load is that of bending, so that (1) does not see its axial part. With the
+part pₐ of the load along the axis a, the relative error of the displacement at the load along this
+axis is
+
+    share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (2)
+
+The largest share counts. If it is above `LOAD_SHARE`, the static response K⁻¹ p (an attachment
+mode: Rubin 1975; mode acceleration corrects the same error after the run) joins the basis.
 """
 
 from __future__ import annotations
@@ -25,6 +32,12 @@ from fenicsrom.reduction.protocols import Structure
 LOAD_SHARE = 0.05
 """Largest share of a static response that is left out; as the accepted error by the basis."""
 
+LOAD_PART = 0.05
+"""A load acts along an axis if its part along this axis has this size, relative to the load.
+
+As for the estimates of the errors, a smaller direction does not count by itself.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class LoadVectors:
@@ -33,7 +46,8 @@ class LoadVectors:
     Attributes:
         labels: (k,) labels: 1L is the response to the first load of the scene.
         vectors: (local, k) responses to unit loads.
-        shares: share (1) that the modes leave out, by the label of each load that varies.
+        shares: largest share, (1) or (2), that the modes leave out, by the label of each load that
+            varies.
     """
 
     labels: tuple[str, ...]
@@ -86,14 +100,20 @@ def load_vectors(structure: Structure, basis: Array, responses: Array) -> LoadVe
 
 
 def _share_left_out(structure: Structure, vectors: Array, load: Array, response: Array) -> float:
-    """The share (1) for a load (local, 1) with its response (local, 1)."""
-    work = float(structure.inner(load, response)[0, 0])
+    """The largest share, (1) or (2), for a load (local, 1) with its response (local, 1)."""
+    inner = structure.inner
+    work = float(inner(load, response)[0, 0])
     if vectors.shape[1] == 0 or work <= 0.0:
         return float(work > 0.0)
-    stiffness = structure.inner(vectors, structure.stiffness_times(vectors))
+    stiffness = inner(vectors, structure.stiffness_times(vectors))
     size = np.sqrt(np.abs(np.diag(stiffness)))
-    force = structure.inner(vectors, load)[:, 0] / size
-    stiffness = stiffness / np.outer(size, size)
+    scaled = stiffness / np.outer(size, size)
     # nearly dependent vectors (static and normal modes): the pseudo-inverse drops round-off
-    kept = float(force @ np.linalg.lstsq(stiffness, force, rcond=1e-12)[0])
-    return max(0.0, 1.0 - kept / work)
+    q = np.linalg.lstsq(scaled, inner(vectors, load)[:, 0] / size, rcond=1e-12)[0] / size
+    missing = response - vectors @ q[:, None]
+    parts = load * structure.translations()
+    sizes = np.sqrt(np.diag(inner(parts, parts)))
+    parts = parts[:, sizes > LOAD_PART * np.linalg.norm(sizes)]
+    parts = np.concatenate([load, parts], axis=1)
+    whole, left_out = np.abs(inner(parts, response)[:, 0]), np.abs(inner(parts, missing)[:, 0])
+    return float(np.max(left_out[whole > 0.0] / whole[whole > 0.0]))

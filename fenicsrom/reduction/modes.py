@@ -94,12 +94,13 @@ class ConstrainedInverse:
     def __init__(self, inverse: Inverse, rows: Array, masters: Array, structure: Structure):
         """Store K⁻¹, Bᵀ (m, local) and R_m (local, m)."""
         self._inverse, self._rows, self._masters = inverse, rows, masters
-        self._inner = structure.inner
+        self._structure = structure
 
     def solve(self, block: Array) -> Array:
         """K_held⁻¹ times the columns of a block (local, k)."""
-        free = self._inverse.solve(block - self._rows.T @ self._inner(self._masters, block))
-        return np.asarray(free - self._masters @ self._inner(self._rows.T, free))
+        inner = self._structure.inner
+        free = self._inverse.solve(block - self._rows.T @ inner(self._masters, block))
+        return np.asarray(free - self._masters @ inner(self._rows.T, free))
 
 
 @dataclass(frozen=True, eq=False)

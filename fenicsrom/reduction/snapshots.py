@@ -2,6 +2,11 @@
 
 Two sets of snapshots (Mashayekhi and Zucca 2024, sec. 2.2): U_t of a geometrically linear transient
 with friction, and U_st of nonlinear statics under the force of eq. (18).
+
+A response curve over the frequency moves the body at other frequencies too. U_t then has more
+transients: at both ends of the curve, and where a load or one of its harmonics meets a natural
+frequency. A linear resonance is too large and would hide the rest, so that none of these transients
+counts more than the one of the scene.
 """
 
 from __future__ import annotations
@@ -13,13 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.families import frequency_family
+from fenicsrom.online.load_histories import OMEGA
+from fenicsrom.online.march import integrate
+from fenicsrom.online.periodic import settled_contacts
 from fenicsrom.online.simulate import simulate
 from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, Time
 
 SNAPSHOTS = 200
 """Largest number of snapshots of the linear transient."""
@@ -47,6 +58,10 @@ basis.
 """
 
 
+MOST_RESONANCES = 6
+"""Most resonances of a response curve at which there are linear transients."""
+
+
 class Snapshots:
     """The snapshots of a structure; each set is computed when it is first read."""
 
@@ -62,27 +77,69 @@ class Snapshots:
 
     @cached_property
     def linear(self) -> Array:
-        """U_t (local, s): snapshots of the linear transient, m."""
-        return linear_snapshots(self._structure, self._scene, self._modes)
+        """U_t (local, s): snapshots of the linear transients, m."""
+        largest = self._sizes(self._own).max(initial=0.0)
+        found = [self._own]
+        for frequency in curve_frequencies(self._structure, self._scene, self._modes):
+            try:
+                more = linear_snapshots(self._structure, self._scene, self._modes, frequency)
+            except (AccuracyError, ConvergenceError) as error:
+                self._structure.warnings.append(
+                    f"the selection of derivatives leaves out {frequency:.5g} Hz: {error}"
+                )
+                continue
+            size = self._sizes(more).max(initial=0.0)
+            found.append(more * min(1.0, largest / size) if size > 0.0 else more)
+        return np.concatenate(found, axis=1)
 
     @cached_property
     def static(self) -> Array:
         """U_st (local, `STATIC_LEVELS`): snapshots of the nonlinear statics, m."""
-        return static_snapshots(self._structure, self.linear)
+        return static_snapshots(self._structure, self._own)
+
+    @cached_property
+    def _own(self) -> Array:
+        """Snapshots (local, s) of the linear transient of the scene, m."""
+        return linear_snapshots(self._structure, self._scene, self._modes)
+
+    def _sizes(self, block: Array) -> Array:
+        """Size (k,) of each column of a block (local, k), by its mass."""
+        inner = self._structure.mass_inner
+        return np.sqrt(np.array([inner(u[:, None], u[:, None])[0, 0] for u in block.T]))
 
 
-def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) -> Array:
+def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes) -> list[float]:
+    """The frequencies, in Hz, at which a response curve needs more linear transients.
+
+    These are both ends of a curve over the frequency, and between them the lowest frequencies of
+    the loads at which one of their sines meets a natural frequency; none without such a curve.
+    """
+    response = scene.response
+    if response is None or response.parameter != "frequency" or scene.period is None:
+        return []
+    orders = structure.load_histories.sines[:, OMEGA] * scene.period / (2.0 * np.pi)
+    meeting = np.outer(modes.frequencies_hz, 1.0 / np.unique(orders[orders > 0.0])).ravel()
+    between = meeting[(meeting > response.first) & (meeting < response.last)]
+    inner = np.sort(between)[:MOST_RESONANCES]
+    return [float(value) for value in (response.first, *inner, response.last) if value > 0.0]
+
+
+def linear_snapshots(
+    structure: Structure, scene: Scene, modes: ComponentModes, frequency: float | None = None
+) -> Array:
     """Compute a geometrically linear transient with friction in the component modes.
 
     Args:
         structure: the structure.
         scene: its contacts and time integration.
         modes: component modes of the structure.
+        frequency: the lowest frequency of the loads, Hz; by default that of the scene.
 
     Returns:
         Deflections (local, s) over the last period, from the equilibrium, m.
 
     Raises:
+        AccuracyError: the energy balance is off.
         ConvergenceError: a time step did not converge.
     """
     labels = [label for label in modes.labels if label.endswith("V")]
@@ -95,16 +152,36 @@ def linear_snapshots(structure: Structure, scene: Scene, modes: ComponentModes) 
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    time = scene.time
-    if scene.period is not None:
-        steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
-        time = time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
     model = project(structure, basis, nonlinear=False)
-    motion = simulate(model, replace(scene, time=time), keep_coordinates=True)
+    scene = replace(scene, time=transient_time(scene))
+    if frequency is None:
+        motion = simulate(model, scene, keep_coordinates=True)
+    else:
+        contacts = settled_contacts(contacts_of(scene, model.points))
+        spin = bool(np.any(contacts.height))
+        assert scene.period is not None
+        problem = frequency_family(model, contacts, scene.period, spin=spin)(frequency)
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            scene.time,
+            problem.period,
+            dimension=scene.geometry.dimension,
+            keep_coordinates=True,
+        )
     assert motion.coordinates is not None
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return basis.vectors @ motion.coordinates[rows].T
+
+
+def transient_time(scene: Scene) -> Time:
+    """The time integration of the linear transient of a scene."""
+    time = scene.time
+    if scene.period is None:
+        return time
+    steadiness = max(time.tolerance or 0.0, SNAPSHOT_STEADINESS)
+    return time.changed(periods=SNAPSHOT_PERIODS, steady_tolerance=steadiness, steady="march")
 
 
 def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray[np.int64]:

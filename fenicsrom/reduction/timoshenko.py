@@ -130,6 +130,8 @@ class TimoshenkoBeam:
         mass: consistent mass (n, n), kg, kg m and kg m²; read-only.
         stiffness: tangent of the undeformed beam (n, n); read-only.
         load_node: node at which the load acts.
+        translated: (n, 2) load vectors of unit accelerations along and across the beam, kg;
+            read-only.
     """
 
     elements: int
@@ -141,6 +143,7 @@ class TimoshenkoBeam:
     mass: Array
     stiffness: Array
     load_node: int
+    translated: Array
 
     @property
     def tip_node(self) -> int:
@@ -210,10 +213,16 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
     n, length = section.elements, section.length / section.elements
     section_shear = SHEAR_CORRECTION * axial / (2.0 * (1.0 + poisson))
     shear = 1.0 / (1.0 / section_shear + length**2 / (12.0 * bending))
-    mass = _consistent_mass(n, material.density * length * np.array([area, area, inertia]))
+    line = _consistent_mass(n)
+    each = np.diag(material.density * length * np.array([area, area, inertia]))
+    mass, translated = (
+        np.asarray(np.kron(block, part), np.float64)
+        for block, part in ((line[1:, 1:], each), (line[1:].sum(axis=1)[:, None], each[:, :2]))
+    )
     stiffness = _assemble(np.zeros(UNKNOWNS * (n + 1)), length, axial, shear, bending)[2][
         UNKNOWNS:, UNKNOWNS:
     ].copy()
+    translated.setflags(write=False)
     mass.setflags(write=False)
     stiffness.setflags(write=False)
     return TimoshenkoBeam(
@@ -226,19 +235,15 @@ def timoshenko(section: BeamSection, material: Material, linear: bool) -> Timosh
         mass,
         stiffness,
         load_node=_node_at(section.load_at, n),
+        translated=translated,
     )
 
 
-def _consistent_mass(elements: int, inertia: Array) -> Array:
-    """Consistent mass matrix (n, n) of linear shape functions, without the clamped node.
-
-    Args:
-        elements: number of elements.
-        inertia: (3,) inertia of one element for u, w and θ, kg, kg and kg m².
-    """
+def _consistent_mass(elements: int) -> Array:
+    """Consistent mass matrix of the nodes of one component, for elements of inertia 1."""
     first, second = np.eye(elements + 1)[:-1], np.eye(elements + 1)[1:]
     line = (2.0 * (first.T @ first + second.T @ second) + first.T @ second + second.T @ first) / 6.0
-    return np.kron(line[1:, 1:], np.diag(inertia))
+    return np.asarray(line, np.float64)
 
 
 def _node_at(fraction: float, elements: int) -> int:

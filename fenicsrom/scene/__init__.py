@@ -18,6 +18,8 @@ from fenicsrom.scene.loads import (
     Pulse,
     PulseTable,
     Static,
+    SupportAcceleration,
+    SupportDisplacement,
     Sweep,
     SweepTable,
     Table,
@@ -41,6 +43,7 @@ from fenicsrom.scene.schema import (
     Scene,
     Surface,
 )
+from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.times import (
     Duration,
     EquilibriumOnly,
@@ -94,8 +97,11 @@ __all__ = [
     "Rotation",
     "Scene",
     "Static",
+    "Statics",
     "StepsPerPeriod",
     "Support",
+    "SupportAcceleration",
+    "SupportDisplacement",
     "Surface",
     "Sweep",
     "SweepTable",

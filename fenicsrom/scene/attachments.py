@@ -1,4 +1,4 @@
-"""Concentrated masses and springs to the ground at places of the body."""
+"""Concentrated masses, springs and dashpots to the ground at places of the body."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from fenicsrom.scene.rules import number
 
 @dataclass(frozen=True, kw_only=True)
 class Attachment:
-    """A mass, a spring to the ground, or both, at a node or spread over a region.
+    """A mass, a spring to the ground and a dashpot, or some of them, at a node or over a region.
 
     Over a region, each node has a part that is in proportion to its share of the area. A spring
-    acts in all directions, with the force −k u.
+    acts in all directions, with the force −k u, and a dashpot with the force −c u̇.
 
     Attributes:
         place: where it is.
@@ -22,9 +22,18 @@ class Attachment:
         stiffness: stiffness k of the spring.
         stiffness_per_area: stiffness of the spring per area of a region of facets, per length of
             edges, or per node of a group of nodes.
+        damping: damping coefficient c of the dashpot; modes and Campbell diagrams leave it out.
+        damping_per_area: damping coefficient per area, length or node, as `stiffness_per_area`.
     """
 
     place: Annotated[Place, Place]
     mass: Annotated[float, number(least=0.0, unit="kg")] = 0.0
     stiffness: Annotated[float, number(least=0.0, unit="N/m")] = 0.0
     stiffness_per_area: Annotated[float, number(least=0.0, unit="N/m³")] = 0.0
+    damping: Annotated[float, number(least=0.0, unit="N s/m")] = 0.0
+    damping_per_area: Annotated[float, number(least=0.0, unit="N s/m³")] = 0.0
+
+    @property
+    def viscous(self) -> bool:
+        """Whether there is a dashpot."""
+        return self.damping > 0.0 or self.damping_per_area > 0.0

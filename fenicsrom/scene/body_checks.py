@@ -30,24 +30,32 @@ def support_problems(scene: Scene) -> Problems:
             if axis not in known:
                 allowed = f"must be {' or '.join(known)} in {len(known)}D"
                 yield Problem(f"supports[{index}].components[{k}]", axis, allowed)
-        if support.components is not None and scene.reference.beam is not None:
-            allowed = "not allowed with reference.beam, whose end is clamped"
-            yield Problem(f"supports[{index}].components", list(support.components), allowed)
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None and scene.reference.beam is not None:
+                allowed = "not allowed with reference.beam, whose end is clamped"
+                yield Problem(f"supports[{index}].{name}", list(value), allowed)
+        if support.normal is not None and support.components is not None:
+            yield Problem(
+                f"supports[{index}].normal", support.normal, "not allowed with components"
+            )
 
 
 def attachment_problems(scene: Scene) -> Problems:
-    """Yield the problems of the masses and springs."""
+    """Yield the problems of the masses, springs and dashpots."""
     for index, found in enumerate(scene.attachments):
         key = f"attachments[{index}]"
-        if not (found.mass or found.stiffness or found.stiffness_per_area):
-            yield Problem(f"{key}.mass", MISSING, "a mass or a stiffness above 0 must be given")
+        if not (found.mass or found.stiffness or found.stiffness_per_area or found.viscous):
+            allowed = "a mass, a stiffness or a damping above 0 must be given"
+            yield Problem(f"{key}.mass", MISSING, allowed)
         if found.mass and scene.rotation is not None:
             allowed = "not allowed with [rotation]; model the mass by cells with a density"
             yield Problem(f"{key}.mass", found.mass, allowed)
         point = found.place.node or found.place.nearest or found.place.at != "mean"
-        if found.stiffness_per_area and point:
-            allowed = "only allowed on a whole region; use stiffness"
-            yield Problem(f"{key}.stiffness_per_area", found.stiffness_per_area, allowed)
+        for name in ("stiffness", "damping"):
+            per_area = getattr(found, f"{name}_per_area")
+            if per_area and point:
+                allowed = f"only allowed on a whole region; use {name}"
+                yield Problem(f"{key}.{name}_per_area", per_area, allowed)
     if not scene.attachments:
         return
     if scene.reference.beam is not None:
@@ -59,6 +67,6 @@ def attachment_problems(scene: Scene) -> Problems:
 
 def damping_problems(scene: Scene) -> Problems:
     """Yield the problems of the viscous damping."""
-    if scene.viscous and scene.output.stresses != "none":
+    if scene.damping.viscous and scene.output.stresses != "none":
         allowed = 'must be "none" with [damping], whose forces the reactions lack'
         yield Problem("output.stresses", scene.output.stresses, allowed)

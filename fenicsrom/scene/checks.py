@@ -15,11 +15,10 @@ from fenicsrom.scene.body_checks import (
     material_problems,
     support_problems,
 )
-from fenicsrom.scene.loads import Load
+from fenicsrom.scene.curve_checks import backbone_problems, response_problems, statics_problems
+from fenicsrom.scene.loads import Load, SupportDisplacement
 from fenicsrom.scene.places import Place, Region
 from fenicsrom.scene.problem import Problem, Problems
-from fenicsrom.scene.response import parameter_of
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
 from fenicsrom.scene.tables import plain
 from fenicsrom.scene.times import (
@@ -35,7 +34,6 @@ from fenicsrom.scene.times import (
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
 INTERFACE_MODES = 10  # number of interface modes for more points
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
-MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
 
@@ -56,18 +54,21 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):
         yield from _load_problems(load, f"loads[{index}]")
+        if load.moves_supports:
+            yield from _support_motion_problems(load, f"loads[{index}]", scene.rotation)
     seen = scene.contacts or scene.probe or any(map(_acts_at_a_place, scene.loads))
     if not seen and not unloaded:
         what = "without contacts and without a load at a place"
         yield Problem("probe", MISSING, f"must be a table in a scene {what}")
     yield from _basis_problems(scene)
     yield from _time_problems(scene)
-    yield from _response_problems(scene)
-    yield from _backbone_problems(scene)
+    yield from response_problems(scene)
+    yield from backbone_problems(scene)
+    yield from statics_problems(scene)
 
 
 def _acts_at_a_place(load: Load) -> bool:
-    return load.kind != "acceleration"
+    return not load.everywhere
 
 
 def _places(scene: Scene) -> list[tuple[str, Place]]:
@@ -88,7 +89,7 @@ def _regions(scene: Scene) -> list[tuple[str, Region]]:
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple[float, ...] | None]]:
     """Yield every vector of a scene, or None, with its key."""
     for key, region in _regions(scene):
-        for name in ("node", "nearest"):
+        for name in ("node", "nearest", "normal"):  # the normal of a support
             yield f"{key}.{name}", getattr(region, name, None)
         for index, corner in enumerate(region.box or ()):
             yield f"{key}.box[{index}]", corner
@@ -177,7 +178,7 @@ def _load_problems(load: Load, key: str) -> Problems:
     """Yield the keys of a place on which this kind of load cannot act."""
     if load.kind == "force":
         return
-    whole = load.kind == "acceleration"
+    whole = load.everywhere
     where = "the whole body" if whole else "facets"
     why = f"not allowed with {load.kind}, which acts on {where}"
     for name in REGION_KEYS if whole else ("node", "nearest"):
@@ -185,6 +186,22 @@ def _load_problems(load: Load, key: str) -> Problems:
             yield Problem(f"{key}.{name}", plain(value), why)
     if load.place.at != "mean":
         yield Problem(f"{key}.at", load.place.at, why)
+
+
+def _support_motion_problems(load: Load, key: str, rotation: Rotation | None) -> Problems:
+    """Yield the keys that do not agree with a motion of the supports."""
+    if load.static:
+        allowed = "must vary in time; use acceleration for a constant one"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
+    if load.transient and isinstance(load.action, SupportDisplacement):
+        allowed = (
+            "must have a frequency or harmonics, so that its acceleration is known; use "
+            "support_acceleration"
+        )
+        yield Problem(f"{key}.support_displacement", load.size, allowed)
+    if rotation is not None:
+        allowed = "not allowed with [rotation], whose axis is at rest"
+        yield Problem(f"{key}.{load.kind}", load.size, allowed)
 
 
 def _geometry_problems(geometry: Geometry) -> Problems:
@@ -313,66 +330,3 @@ def _period_problems(scene: Scene) -> Problems:
         if frequency is not None and abs(math.remainder(frequency, lowest)) > 1e-9 * lowest:
             allowed = f"must be an integer multiple of the lowest frequency, {lowest:.12g}"
             yield Problem(f"loads[{index}].frequency", frequency, allowed)
-
-
-def _response_problems(scene: Scene) -> Problems:
-    """Yield the problems of the table [response]."""
-    response = scene.response
-    if response is None:
-        return
-    if scene.period is None:
-        allowed = "only allowed in a scene whose loads repeat"
-        yield Problem("response.parameter", response.parameter, allowed)
-    if not response.last > response.first:
-        allowed = f"must be above first, {response.first:g}"
-        yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
-    for value in response.isolated or ():
-        if not response.first <= value <= response.last:
-            allowed = f"must be from {response.first:g} to {response.last:g}"
-            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
-    for k, value in enumerate(response.full_values):
-        if not response.first <= value <= response.last:
-            allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
-            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
-            return
-    table, index, name = parameter_of(response.parameter)
-    if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
-        present = len(getattr(scene, table))
-        allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
-        if present == 0:
-            allowed = f"the scene has no {table}"
-        yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
-    elif table == "loads":
-        load = scene.loads[index]
-        if load.static or load.kind != name:
-            kind = f"static {load.kind}" if load.static else load.kind
-            allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
-            yield Problem("response.parameter", response.parameter, allowed)
-    if response.first == 0.0 and name not in MAY_BE_ZERO:
-        yield Problem("response.first", response.first, "must be above 0", ErrorKind.RANGE)
-    if table == "contacts" and name == "gap" and _has_radius(scene, index):
-        allowed = "not allowed with surface.radius, which determines the gap"
-        yield Problem("response.parameter", response.parameter, allowed)
-
-
-def _backbone_problems(scene: Scene) -> Problems:
-    """Yield the problems of the table [backbone]."""
-    backbone = scene.backbone
-    if backbone is None:
-        return
-    if not backbone.last > backbone.first:
-        allowed = f"must be above first, {backbone.first:g}"
-        yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
-    factors = backbone.load_factors
-    if list(factors) != sorted(factors):
-        allowed = "must be in ascending order"
-        yield Problem("backbone.load_factors", list(factors), allowed, ErrorKind.RANGE)
-    if factors and scene.period is None:
-        allowed = "only allowed in a scene whose loads repeat"
-        yield Problem("backbone.load_factors", list(factors), allowed)
-
-
-def _has_radius(scene: Scene, index: int) -> bool:
-    """Whether a contact has a surface of a given radius."""
-    surface = scene.contacts[index].surface if index < len(scene.contacts) else None
-    return surface is not None and surface.radius is not None

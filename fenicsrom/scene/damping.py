@@ -32,3 +32,8 @@ class Damping:
         if isinstance(self.ratios, tuple):
             return self.ratios
         return (self.ratios,) * self.modes
+
+    @property
+    def viscous(self) -> bool:
+        """Whether anything is damped."""
+        return self.stiffness > 0.0 or any(self.modal)

@@ -7,6 +7,7 @@ from dataclasses import MISSING
 from typing import Any
 
 from fenicsrom.scene.checks import REGION_KEYS
+from fenicsrom.scene.loads import WHOLE_BODY
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
 
@@ -50,7 +51,7 @@ def _table(kind: type) -> dict[str, Any]:
 
 
 def _place_alternatives(kind: type) -> list[dict[str, Any]]:
-    """Give the alternatives of a table with a place: one of its keys, or none (acceleration)."""
+    """Give the alternatives of a table with a place: one of its keys, or none."""
     names = key_names(kind)
     keys_of_place = [name for name in REGION_KEYS if name in names]
     if "group" not in keys_of_place:
@@ -59,9 +60,10 @@ def _place_alternatives(kind: type) -> list[dict[str, Any]]:
     for name in keys_of_place:
         others = [{"required": [other]} for other in keys_of_place if other != name]
         found.append({"required": [name], "not": {"anyOf": others}})
-    if "acceleration" in names:
-        every = [{"required": [name]} for name in keys_of_place]
-        found.append({"required": ["acceleration"], "not": {"anyOf": every}})
+    every = [{"required": [name]} for name in keys_of_place]
+    for tag in WHOLE_BODY:
+        if tag in names:
+            found.append({"required": [tag], "not": {"anyOf": every}})
     return found
 
 

@@ -5,6 +5,7 @@ Action and history are tagged alternatives: the given keys select one action and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,8 +81,7 @@ class Acceleration:
 
     Attributes:
         direction: direction of the load, scaled to unit length.
-        acceleration: size of an acceleration of the whole body, a force per volume (gravity; or
-            minus the acceleration of the supports, with displacements relative to them).
+        acceleration: size of an acceleration of the whole body, a force per volume (gravity).
     """
 
     WHERE: ClassVar[str] = "with an acceleration"
@@ -94,8 +94,61 @@ class Acceleration:
         return self.acceleration
 
 
-Action = PointForce | Traction | Pressure | Acceleration
-ACTIONS = OneOf(force=PointForce, traction=Traction, pressure=Pressure, acceleration=Acceleration)
+@dataclass(frozen=True, kw_only=True)
+class SupportAcceleration:
+    """A translation of all supports, given by its acceleration.
+
+    Attributes:
+        direction: direction of the load, scaled to unit length.
+        support_acceleration: size of the acceleration of all supports, which move together;
+            displacements are relative to them.
+    """
+
+    WHERE: ClassVar[str] = "with a support_acceleration"
+    direction: Direction
+    support_acceleration: Annotated[float, number(unit="m/s²")]
+
+    @property
+    def size(self) -> float:
+        """The size in m/s²."""
+        return self.support_acceleration
+
+
+@dataclass(frozen=True, kw_only=True)
+class SupportDisplacement:
+    """A periodic translation of all supports, given by its displacement.
+
+    Attributes:
+        direction: direction of the load, scaled to unit length.
+        support_displacement: size of the displacement of all supports, which move together, in a
+            load with frequency or harmonics; displacements are relative to them.
+    """
+
+    WHERE: ClassVar[str] = "with a support_displacement"
+    direction: Direction
+    support_displacement: Annotated[float, number(unit="m")]
+
+    @property
+    def size(self) -> float:
+        """The size in m."""
+        return self.support_displacement
+
+
+SupportMotion = SupportAcceleration | SupportDisplacement
+Action = PointForce | Traction | Pressure | Acceleration | SupportMotion
+ACTIONS = OneOf(
+    force=PointForce,
+    traction=Traction,
+    pressure=Pressure,
+    acceleration=Acceleration,
+    support_acceleration=SupportAcceleration,
+    support_displacement=SupportDisplacement,
+)
+
+WHOLE_BODY = tuple(
+    tag for tag, kind in ACTIONS.tags.items() if issubclass(kind, Acceleration | SupportMotion)
+)
+"""Keys of the actions on the whole body, which have no place."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -242,7 +295,7 @@ class Load:
 
     Attributes:
         place: where the load acts: a region of facets for a traction or a pressure, None for an
-            acceleration.
+            acceleration and for a motion of the supports.
         action: the kind of the load, and its size.
         history: the factor of the size as a function of time.
     """
@@ -262,13 +315,23 @@ class Load:
 
     @property
     def kind(self) -> str:
-        """The key of the action: "force", "traction", "pressure" or "acceleration"."""
+        """The key of the action, such as "force" or "acceleration"."""
         return next(tag for tag, kind in ACTIONS.tags.items() if isinstance(self.action, kind))
 
     @property
     def size(self) -> float:
-        """The size in N, Pa or m/s²."""
+        """The size in N, Pa, m/s² or m."""
         return self.action.size
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether the load acts on the whole body, and has no place."""
+        return self.kind in WHOLE_BODY
+
+    @property
+    def moves_supports(self) -> bool:
+        """Whether the load is a motion of the supports."""
+        return isinstance(self.action, SupportMotion)
 
     @property
     def direction(self) -> tuple[float, ...] | None:
@@ -289,6 +352,22 @@ class Load:
     def transient(self) -> bool:
         """Whether the load varies in time and does not repeat."""
         return isinstance(self.history, Sweep | Pulse | Table)
+
+    def by_acceleration(self) -> Load:
+        """Give this load with the acceleration of the supports in place of their displacement.
+
+        The displacement A sin(ω t + φ) has the acceleration −ω² A sin(ω t + φ).
+        """
+        action, history = self.action, self.history
+        if not isinstance(action, SupportDisplacement):
+            return self
+        assert isinstance(history, Harmonic | Harmonics)
+        size = -((2.0 * math.pi * history.frequency) ** 2) * action.size
+        if isinstance(history, Harmonics):
+            terms = ((order, order**2 * part, phase) for order, part, phase in history.harmonics)
+            history = replace(history, harmonics=tuple(terms))
+        accelerated = SupportAcceleration(direction=action.direction, support_acceleration=size)
+        return replace(self, action=accelerated, history=history)
 
 
 def with_rows(load: Load, rows: tuple[tuple[float, float], ...]) -> Load:

@@ -61,13 +61,16 @@ class Place(Region):
 
 @dataclass(frozen=True, kw_only=True)
 class Support(Region):
-    """A region or a node on which the displacement, or components of it, are clamped.
+    """A region or a node on which the displacement, or a part of it, is clamped.
 
     Attributes:
         node: coordinates of a node, which must exist there.
         components: components that are clamped: ["y"] for a roller on a plane y = constant or for
             a plane of symmetry; by default all.
+        normal: direction of the only displacement that is clamped, as on a slanted roller or a
+            slanted plane of symmetry; not with components.
     """
 
     node: Annotated[tuple[float, ...] | None, rules.point] = None
     components: Annotated[tuple[str, ...] | None, list_of(choice(*AXES))] = None
+    normal: Annotated[tuple[float, ...] | None, rules.direction] = None

@@ -166,7 +166,7 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     """Give the scene with its files found and the defaults that depend on other keys filled in."""
     probe = scene.probe
     if probe is None and not scene.contacts:
-        places = (load.place for load in scene.loads if load.kind != "acceleration")
+        places = (load.place for load in scene.loads if not load.everywhere)
         probe = next(places, None)
     rotation = scene.rotation
     if rotation is not None and rotation.point is None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.loads import ACTIONS
 from fenicsrom.scene.rules import Rule, Where, integer, is_sequence, list_of, name, number
 from fenicsrom.scene.tables import table_of
 
-LOAD_SIZES = ("force", "traction", "pressure", "acceleration")
+LOAD_SIZES = tuple(ACTIONS.tags)
 CONTACT_NUMBERS = ("preload", "gap", "normal_stiffness", "tangential_stiffness", "friction")
 PATTERN = (
     r"^(frequency|material\.mass_damping"

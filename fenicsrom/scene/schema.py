@@ -25,6 +25,7 @@ from fenicsrom.scene.materials import GroupMaterial, Material
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
+from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
 
@@ -377,7 +378,7 @@ class Scene:
         material: the material of all cells that are in no group of `materials`.
         materials: materials of groups of cells.
         supports: the supports, at least one.
-        attachments: concentrated masses and springs.
+        attachments: concentrated masses, springs and dashpots.
         loads: the loads.
         contacts: the contact points.
         rotation: the rotation of the body; without it the body is at rest.
@@ -392,6 +393,7 @@ class Scene:
         campbell: the diagram of `fenicsrom campbell`.
         response: the curves of `fenicsrom response`.
         backbone: the nonlinear mode of `fenicsrom backbone`.
+        statics: the equilibrium path of `fenicsrom statics`.
         source: the file of the scene.
     """
 
@@ -417,6 +419,7 @@ class Scene:
     campbell: Annotated[Campbell, table_of(Campbell)] = Campbell()
     response: Annotated[Response | None, table_of(Response)] = None
     backbone: Annotated[Backbone | None, table_of(Backbone)] = None
+    statics: Annotated[Statics, table_of(Statics)] = field(default_factory=Statics)
     source: str = ""
 
     @property
@@ -433,7 +436,7 @@ class Scene:
     @property
     def viscous(self) -> bool:
         """Whether there is damping besides the mass-proportional one."""
-        return self.damping.stiffness > 0.0 or any(self.damping.modal)
+        return self.damping.viscous or any(found.viscous for found in self.attachments)
 
     @property
     def velocity_forces(self) -> bool:

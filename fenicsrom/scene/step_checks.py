@@ -24,7 +24,10 @@ def step_problems(scene: Scene) -> Problems:
     key, period = fastest
     shortest = f"the shortest period of {key}, {period:.6g} s"
     if key.endswith(".table"):
-        shortest += " (twice its shortest swing; smooth the table if this is noise)"
+        shortest += (
+            " (twice its shortest swing; if this is noise, smooth the table, or take a step of "
+        )
+        shortest += "which all its times are multiples)"
     match scene.time.stepping:
         case FixedStep(step=step) if step > (1.0 + ROUNDING) * period / STEPS:
             allowed = f"must be at most {period / STEPS:.6g}, so that {STEPS} steps resolve"

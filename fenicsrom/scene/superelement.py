@@ -166,6 +166,12 @@ def parse_superelement_scene(
         if load.kind != "force":
             place = where.at("loads").at(index).at(load.kind)
             raise place.refuse(load.size, "must be a force on interface nodes", ErrorKind.CONFLICT)
+    for index, support in enumerate(scene.supports):
+        for name in ("components", "normal"):
+            if (value := getattr(support, name)) is not None:
+                place = where.at("supports").at(index).at(name)
+                allowed = "not allowed in the scene of a superelement, whose nodes are clamped"
+                raise place.refuse(list(value), allowed, ErrorKind.CONFLICT)
     if scene.output.stresses != "none":
         place = where.at("output").at("stresses")
         raise place.refuse(scene.output.stresses, 'must be "none"', ErrorKind.CONFLICT)

@@ -22,6 +22,7 @@ def backbone(
     *,
     folder: Path | None = None,
     stop: Callable[[], bool] = never,
+    fresh: bool = False,
 ) -> Backbone:
     """Build the reduced model of a scene and compute its nonlinear mode.
 
@@ -31,6 +32,7 @@ def backbone(
         say: receives the progress, one line at a time; by default nobody.
         folder: folder of the reduced model; None writes no model.
         stop: asked between the offline stages; the run ends where it returns True.
+        fresh: compute all offline results, also where the cache has them.
 
     Raises:
         SceneError: the scene cannot be used.
@@ -43,7 +45,7 @@ def backbone(
     from fenicsrom.post.summary import MODEL, stored_model
 
     check_backbone(scene)
-    built = offline(scene, comm, Stopwatch(say), stop=stop)
+    built = offline(scene, comm, Stopwatch(say), stop=stop, fresh=fresh)
     stored = stored_model(built)
     if folder is not None and built.solid.comm.rank == 0:
         save_model(folder / MODEL, stored)

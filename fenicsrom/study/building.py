@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from typing import TYPE_CHECKING
 
 from fenicsrom.study.stage import Run
+
+if TYPE_CHECKING:
+    from fenicsrom.post.record import Study
+    from fenicsrom.reduction.modes import ComponentModes
 
 
 def mesh(run: Run) -> None:
@@ -30,16 +35,24 @@ def solid(run: Run) -> None:
 
 def modes(run: Run) -> None:
     """Compute the component modes."""
+    from fenicsrom.reduction.modes import component_modes
+
+    set_modes(run, component_modes(run.study.solid, run.study.scene.basis))
+
+
+def set_modes(run: Run, found: ComponentModes) -> None:
+    """Take component modes into the record, say what they lack, and begin the reduction."""
     from fenicsrom.reduction.load_vectors import LOAD_SHARE
     from fenicsrom.reduction.mode_count import missing_modes
-    from fenicsrom.reduction.modes import component_modes, with_mode_count
+    from fenicsrom.reduction.modes import with_mode_count
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
+    from fenicsrom.scene.excitation import highest_frequency
 
     study = run.study
-    study.modes = component_modes(study.solid, study.scene.basis)
-    study.scene = with_mode_count(study.scene, study.modes)
-    if (sentence := missing_modes(study.solid.excitation, study.modes.frequencies_hz)) is not None:
+    study.modes, study.scene = found, with_mode_count(study.scene, found)
+    sentence = missing_modes(highest_frequency(study.scene), found.frequencies_hz)
+    if sentence is not None:
         study.warnings.append(sentence)
     for label, share in study.modes.loads.shares.items():
         if label not in study.modes.loads.labels:
@@ -69,10 +82,17 @@ def selection(run: Run) -> None:
 
     study = run.study
     assert study.modes is not None
-    selected = study.selection = run.reduction.selection
+    study.selection = run.reduction.selection
     study.derivatives = Derivatives((), study.modes.normal[:, :0])  # placeholder
-    if not selected.derivatives:
+    if not study.selection.derivatives:
         run.reduction.derivatives = study.derivatives
+    note_selection(study)
+
+
+def note_selection(study: Study) -> None:
+    """Note the modes and derivatives that the selection left out."""
+    assert study.modes is not None
+    selected = study.selection
     threshold = study.scene.basis.threshold
     dropped = [label for label in study.modes.labels if label not in selected.modes]
     light = [label for label in selected.weights if label not in selected.derivatives]

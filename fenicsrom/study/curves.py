@@ -27,6 +27,7 @@ def response(
     resume: Path | None = None,
     workers: int = 1,
     stop: Callable[[], bool] = never,
+    fresh: bool = False,
 ) -> Response:
     """Build the reduced model of a scene, compute its response curves and write their files.
 
@@ -40,6 +41,7 @@ def response(
             `fenicsrom.assess.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
+        fresh: compute all offline results, also where the cache has them.
 
     Raises:
         SceneError: the scene or the earlier state cannot be used.
@@ -56,7 +58,7 @@ def response(
     check_response(scene)
     if resume is not None:
         check_folder(resume)
-    built = offline(scene, comm, Stopwatch(say), stop=stop)
+    built = offline(scene, comm, Stopwatch(say), stop=stop, fresh=fresh)
     stored, ranks = stored_model(built), built.solid.comm
     kept = folder if ranks.rank == 0 else None
     if kept is not None:

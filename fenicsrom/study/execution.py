@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fenicsrom.post.picture import Picture
     from fenicsrom.post.record import Study
     from fenicsrom.scene import Scene
+    from fenicsrom.study.offline_cache import OfflineCache
 
 
 SETUP = ("mesh", "solid")
@@ -36,6 +37,7 @@ def run(
     stop: Callable[[], bool] = never,
     mesh: Mesh | None = None,
     overwrite: bool = False,
+    fresh: bool = False,
 ) -> Study:
     """Run all stages that a scene needs.
 
@@ -49,6 +51,7 @@ def run(
         stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None makes or reads the mesh of the scene.
         overwrite: replace the results of another scene in the folder.
+        fresh: compute all offline results, also where the cache has them.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
@@ -70,7 +73,8 @@ def run(
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
     )
     with guarded:
-        execute(run, stages(scene, modes_only, files=folder is not None))
+        listed = stages(scene, modes_only, files=folder is not None)
+        execute(run, listed, None if modes_only else _cache(run, fresh))
     return run.study
 
 
@@ -80,8 +84,9 @@ def offline(
     watch: Stopwatch,
     mesh: Mesh | None = None,
     stop: Callable[[], bool] = never,
+    fresh: bool = False,
 ) -> Study:
-    """Run the stages up to the reduced model; write no files.
+    """Run the stages up to the reduced model; write no files but those of the cache.
 
     Args:
         scene: the scene.
@@ -89,11 +94,12 @@ def offline(
         watch: times the stages.
         mesh: the mesh; None makes or reads the mesh of the scene.
         stop: called between stages; the run ends when it returns True.
+        fresh: compute all results, also where the cache has them.
     """
     from fenicsrom.post.record import Study
 
     run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
-    execute(run, offline_stages(scene, modes_only=False))
+    execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
 
 
@@ -122,13 +128,16 @@ def setup_picture(
     return picture, run.study.warnings
 
 
-def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> StoredModel:
+def build_model(
+    scene: Scene, mesh: Mesh | None = None, comm: Any = None, fresh: bool = False
+) -> StoredModel:
     """Build the reduced model of a scene, without integrating it.
 
     Args:
         scene: the scene.
         mesh: the mesh; None makes or reads the mesh of the scene.
         comm: MPI communicator; by default all ranks.
+        fresh: compute all results, also where the cache has them.
 
     Returns:
         The model with its scene and labels, for `StoredModel.simulate` and `save_model`.
@@ -151,13 +160,18 @@ def build_model(scene: Scene, mesh: Mesh | None = None, comm: Any = None) -> Sto
             key="basis.elastic_force",
             source=scene.source,
         )
-    return stored_model(offline(scene, comm, Stopwatch(), mesh))
+    return stored_model(offline(scene, comm, Stopwatch(), mesh, fresh=fresh))
 
 
-def execute(run: Run, listed: list[Stage]) -> None:
+def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) -> None:
     """Run the needed stages in their order.
 
     After a failed motion or check, only the stages that write files run.
+
+    Args:
+        run: the run.
+        listed: its stages.
+        cache: has the results of earlier stages, which do not run, and takes those of others.
     """
     study = run.study
     study.left_out += [
@@ -169,11 +183,25 @@ def execute(run: Run, listed: list[Stage]) -> None:
     for stage in listed:
         if not stage.needed or (study.unfinished and not stage.writes):
             continue
+        if cache is not None and cache.has(stage.name):
+            continue
         stop_where_asked(run.stop)
         with run.watch(stage.name):
             stage.run(run)
         if not stage.writes:
             study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
+        if cache is not None:
+            cache.keep(stage.name)
+
+
+def _cache(run: Run, fresh: bool) -> OfflineCache | None:
+    """The cache of a run whose reduced model can be stored; None for others."""
+    from fenicsrom.study.offline_cache import offline_cache
+
+    scene = run.study.scene
+    if scene.static_only or _is_projected(scene):
+        return None
+    return offline_cache(run, fresh)
 
 
 def _is_projected(scene: Scene) -> bool:

@@ -42,8 +42,8 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
+    from fenicsrom.online.archive import SUPERELEMENT
     from fenicsrom.online.checkpoints import load_checkpoint
-    from fenicsrom.online.exchange.superelement import METHOD
     from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import (
         UNJUDGED,
@@ -65,7 +65,7 @@ def rerun(
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         if stored.candidates is None:
-            imported = stored.method == METHOD
+            imported = stored.method == SUPERELEMENT
             warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
         stop_where_asked(stop)
         with watch("checks"):
@@ -153,20 +153,29 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
     A picture that cannot be drawn adds a warning.
     """
-    from fenicsrom.post.pictures import draw_pictures, motion_pictures, write_stress_picture
     from fenicsrom.post.report import write_rerun_report
     from fenicsrom.post.summary import write_rerun_numbers
 
-    motion, warnings = found.motion, found.warnings
     stop_where_asked(stop)
     with watch("numbers"):
         files = write_rerun_numbers(found, folder)
     stop_where_asked(stop)
-    pictures = motion_pictures({"reduced": motion}) if found.stored.scene.output.pictures else []
-    with watch("pictures"):
-        written = draw_pictures(pictures, folder, warnings)
-        if found.stresses is not None and found.stored.scene.output.pictures:
-            assert found.stored.recovery is not None
-            written += write_stress_picture(found.stored.recovery, found.stresses, folder, warnings)
+    written: list[tuple[str, Path]] = []
+    if found.stored.scene.output.pictures:
+        with watch("pictures"):
+            written = _draw(found, folder)
     report = write_rerun_report(found, written, folder)
     found.files += [report, *files, *(path for _, path in written)]
+
+
+def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
+    """Draw the motion and the stresses; give the titles and the files."""
+    from fenicsrom.post.pictures import draw_pictures, motion_pictures, write_stress_picture
+
+    written = draw_pictures(motion_pictures({"reduced": found.motion}), folder, found.warnings)
+    if found.stresses is not None:
+        assert found.stored.recovery is not None
+        written += write_stress_picture(
+            found.stored.recovery, found.stresses, folder, found.warnings
+        )
+    return written

@@ -35,6 +35,7 @@ def sweep(
     workers: int = 1,
     resume: bool = False,
     stop: Callable[[], bool] = never,
+    fresh: bool = False,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values, and write the files.
 
@@ -49,6 +50,7 @@ def sweep(
         workers: largest number of processes; with several ranks there are no processes.
         resume: keep the results that an earlier sweep left in the folder.
         stop: asked often; the sweep ends where it returns True.
+        fresh: compute all offline results, also where the cache has them.
 
     Returns:
         The sweep; on ranks above 0 without results and files.
@@ -74,12 +76,12 @@ def sweep(
     wanted = {run.model for run in pending}
     jobs = _Jobs(comm, workers, stop, say)
     try:
-        build = [(model, path) for path, model in models.items() if path in wanted]
+        build = [(model, path, fresh) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
         if build and comm is not None and comm.size > 1:
             import fenicsrom.fem.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
         failures = dict(
-            zip((path for _, path in build), jobs(_build, build, "model"), strict=False)
+            zip((path for _, path, _ in build), jobs(_build, build, "model"), strict=False)
         )
         for run in pending:
             if (error := failures.get(run.model)) is not None:
@@ -158,16 +160,16 @@ def _assign_models(
     return runs, models
 
 
-def _build(job: tuple[Scene, Path], report: Callable[[float, str], None]) -> Exception | None:
+def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) -> Exception | None:
     """Build the reduced model of a scene and write it; give the error if this fails."""
     from mpi4py import MPI
 
     from fenicsrom.online.archive import save_model
     from fenicsrom.study.execution import build_model
 
-    (scene, path), failed = job, None
+    (scene, path, fresh), failed = job, None
     try:
-        save_model(path, build_model(scene, comm=MPI.COMM_SELF))
+        save_model(path, build_model(scene, comm=MPI.COMM_SELF, fresh=fresh))
     except (SceneError, ConvergenceError, AccuracyError) as error:
         failed = error
     report(1.0, f"model {path.stem}")

@@ -473,6 +473,23 @@ def test_interrupt_during_the_imports_ends_with_a_sentence():
     assert done.stderr == "fenicsrom: interrupted\n"
 
 
+def test_run_of_stored_model_imports_no_slow_module(results, tmp_path):
+    program = (
+        "import sys\n"
+        "from fenicsrom.cli import main\n"
+        "code = main(sys.argv[1:])\n"
+        "slow = ('scipy.signal', 'scipy.stats', 'scipy.interpolate', 'matplotlib', 'mpi4py')\n"
+        "print([name for name in slow if name in sys.modules])\n"
+        "sys.exit(code)\n"
+    )
+    model = str(results / "reduced_model.npz")
+    arguments = ["run", "--from", model, "--output", str(tmp_path), *NO_PICTURES]
+    done = subprocess.run(
+        [sys.executable, "-c", program, *arguments], check=True, capture_output=True, text=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
 @pytest.mark.parametrize("command", [["--version"], ["--help"], ["plan", str(SCENE)]])
 def test_light_command_imports_no_heavy_module(command):
     program = (

@@ -4,6 +4,7 @@ computes."""
 from __future__ import annotations
 
 import runpy
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,10 @@ def test_demo_script_is_imported_without_error(path: Path, monkeypatch: pytest.M
 
 
 @pytest.fixture(scope="module")
-def paper() -> dict[str, Any]:
-    return runpy.run_path(str(DEMOS / "paper" / "reproduce.py"), run_name="imported")
+def paper() -> Iterator[dict[str, Any]]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(DEMOS / "paper"))
+        yield runpy.run_path(str(DEMOS / "paper" / "paper_cases.py"), run_name="imported")
 
 
 def printed(label: str) -> list[str]:

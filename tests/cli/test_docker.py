@@ -60,6 +60,7 @@ def test_image_is_built_once_and_command_keeps_folder_and_exit_code(engine: Path
     assert asked[asked.index("-w") + 1] == "/src/tests"
     assert f"{CHECKOUT}:/src" in asked
     assert f"{os.getuid()}:{os.getgid()}" in asked
+    assert any(word.startswith("PYTHONPYCACHEPREFIX=/cache/") for word in asked)
     assert docker_run(engine, "true") == (7, "")
 
 

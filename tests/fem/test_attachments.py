@@ -1,4 +1,4 @@
-"""Concentrated masses and springs: beams against closed forms, exact reduction."""
+"""Concentrated masses, springs and dashpots: beams against closed forms, exact reduction."""
 
 from __future__ import annotations
 
@@ -13,14 +13,21 @@ from support import (
     assert_polynomial_is_exact,
     assert_tangent_of_force,
     beam_scene,
+    dense,
+    enriched,
+    free_unknowns,
     make_solid,
     refusal,
+    scene_of,
 )
 
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.full import full_model
+from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.modes import component_modes
+from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Basis
 
 SLENDER = tuple(
@@ -108,6 +115,57 @@ def test_polynomial_with_springs_is_exact(sprung: Any) -> None:
     assert_polynomial_is_exact(sprung)
 
 
+def test_dashpot_at_the_end_of_a_bar_damps_it_as_in_the_closed_form() -> None:
+    """All axial modes of a clamped bar decay with (a / 2L) log((1 + r) / (1 − r)), r = c / ρ a.
+
+    The wave speed is a = √(E / ρ). A dashpot with c per area at the end reflects the part
+    (1 − r) / (1 + r) of a wave. The frequencies (2k − 1) a / 4L are those without the dashpot.
+    """
+    speed, ratio = np.sqrt(207e9 / 7801.0), 0.6
+    end = {"group": "tip", "damping_per_area": ratio * 7801.0 * speed}
+    free = ("material.poisson=0.0", "material.mass_damping=0.0", "geometrically_nonlinear=false")
+    solid = make_solid(beam_scene(2, (*STOCKY, *free), contacts=None, attachments=[end]))
+    keep = free_unknowns(solid)
+    mass, stiffness = dense(solid.mass, keep), dense(solid.stiffness, keep)
+    unit = np.zeros((solid.local, keep.size))
+    unit[keep, np.arange(keep.size)] = 1.0
+    model = full_model(solid)
+    velocity = np.array([model.velocity_times(column) for column in unit.T])[:, keep]
+    lower = -np.linalg.solve(mass, np.hstack([stiffness, velocity]))
+    values = np.linalg.eigvals(np.block([[np.zeros_like(mass), np.eye(keep.size)], [lower]]))
+    rate = speed / 2.0 * np.log((1.0 + ratio) / (1.0 - ratio))
+    for k in (1, 2):
+        exact = complex(-rate, (2 * k - 1) * np.pi / 2.0 * speed)
+        assert np.abs(values - exact).min() < 2e-3 * abs(exact)
+
+
+@pytest.mark.parametrize("linear", [True, False], ids=["linear", "nonlinear"])
+def test_reduced_model_with_dashpots_moves_as_the_full_one(linear: bool) -> None:
+    """Both keep the energy ledger, and the dashpot dissipates as much in both."""
+    run = (
+        *STOCKY,
+        f"geometrically_nonlinear={str(not linear).lower()}",
+        "material.mass_damping=0.0",
+        "loads.0.frequency=100.0",
+        "loads.0.force=2e6",
+        "time.steady='march'",
+        "time.periods=2",
+        "time.steps_per_period=40",
+    )
+    dashpot = {"group": "tip", "damping": 2e4}
+    solid = make_solid(beam_scene(2, run, contacts=None, attachments=[dashpot]))
+    _, _, basis = enriched(solid, modes=44 if linear else 8, wanted=() if linear else None)
+    reduced = simulate(project(solid, basis, not linear), scene_of(solid))
+    full = simulate(full_model(solid), scene_of(solid))
+    assert reduced.relative_imbalance < 1e-10 and full.relative_imbalance < 1e-10
+    assert full.damping_dissipation[-1] > 0.2 * np.max(full.kinetic + full.elastic)
+    np.testing.assert_allclose(
+        reduced.damping_dissipation[-1], full.damping_dissipation[-1], rtol=5e-3
+    )
+    size = np.abs(full.displacement).max()
+    np.testing.assert_allclose(reduced.displacement, full.displacement, atol=5e-3 * size)
+
+
 @pytest.mark.parametrize(
     ("attachment", "kind", "key"),
     [
@@ -123,9 +181,15 @@ def test_polynomial_with_springs_is_exact(sprung: Any) -> None:
             ErrorKind.CONFLICT,
             "attachments[0].stiffness_per_area",
         ),
+        (
+            {"node": [1.0, 0.0], "damping_per_area": 1.0},
+            ErrorKind.CONFLICT,
+            "attachments[0].damping_per_area",
+        ),
+        ({"group": "tip", "damping": -1.0}, ErrorKind.RANGE, "attachments[0].damping"),
         ({"mass": 1.0}, ErrorKind.MISSING, "attachments[0].group"),
     ],
-    ids=["nothing", "clamped", "area of a node", "area of a centre", "no place"],
+    ids=["nothing", "clamped", "area", "area of a centre", "damped area", "negative", "no place"],
 )
 def test_bad_attachments_are_refused(attachment: dict[str, Any], kind: ErrorKind, key: str) -> None:
     with refusal(kind, key):

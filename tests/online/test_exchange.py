@@ -6,12 +6,13 @@ import contextlib
 import runpy
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, random_model, refusal
+from support import STEEL, beam_scene, random_model, refusal
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
@@ -24,7 +25,7 @@ from fenicsrom.online.exchange.superelement import read_matrices, superelement_m
 from fenicsrom.online.matrices import model_arrays
 from fenicsrom.online.measures import amplitude
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene import Damping, Scene, scene_table
 from fenicsrom.scene.superelement import parse_superelement_scene, read_superelement_scene
 
 DEMO = Path(__file__).parents[2] / "demos" / "superelement"
@@ -207,9 +208,70 @@ def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
     stored = imported(damped, interface_table(scene))
     assert stored.scene.material.mass_damping == pytest.approx(8.0)
     assert stored.model.damping == stored.scene.material.mass_damping
-    stiff = MatrixSet(plain.mass, plain.stiffness, 1e-5 * plain.stiffness)
-    with refusal(ErrorKind.SUPPORT, key="superelement"):
-        imported(stiff, interface_table(scene))
+
+
+@pytest.mark.parametrize("where", ["file", "scene", "exported"])
+def test_damping_that_is_not_proportional_rubs_as_in_the_beam(where: str, tmp_path: Path) -> None:
+    from fenicsrom.reduction.beam import beam_model
+
+    scene = replace(rubbing_scene(), damping=Damping(stiffness=2e-4, ratios=(0.0, 0.1)))
+    damping = {"stiffness": 2e-4, "ratios": [0.0, 0.1]}
+    theirs = simulate(beam_model(scene), scene)
+    plain, table = beam_matrices(scene), interface_table(scene)
+    made = imported(plain, {**table, "damping": damping})
+    if where == "file":
+        assert made.model.velocity_matrix.shape == made.model.mass.shape
+        matrix = 5.0 * plain.mass + made.model.velocity_matrix
+        table["superelement"]["mass_damping"] = 0.0
+        made = imported(MatrixSet(plain.mass, plain.stiffness, matrix), table)
+        assert made.model.damping == 0.0
+    if where == "exported":
+        matrices, again = export(made, tmp_path / "beam.op4", "op4").files
+        given = read_superelement_scene(again, matrices)
+        made = superelement_model(read_matrices(matrices), given)
+    save_model(tmp_path / "model.npz", made)
+    ours = load_model(tmp_path / "model.npz").simulate()
+    size = np.abs(theirs.displacement).max()
+    lighter = imported(plain, interface_table(scene)).simulate()
+    assert np.abs(ours.displacement - lighter.displacement).max() > 0.01 * size
+    np.testing.assert_allclose(ours.displacement, theirs.displacement, rtol=0, atol=1e-9 * size)
+
+
+def test_dashpots_and_gyroscopic_matrix_of_a_file_give_the_exact_response() -> None:
+    """The amplitude of a linear model is that of (K − ω² M + i ω C)⁻¹ f in the limit."""
+    plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
+    damping = np.zeros_like(plain.mass)
+    damping[7, 7] = damping[16, 16] = 9.0
+    damping[15, 16], damping[16, 15] = 3.0, -3.0
+    table = {key: table[key] for key in ("superelement", "nodes", "loads")}
+    table["superelement"]["mass_damping"] = 0.0
+    table |= {"probe": {"group": "tip"}}
+    omega = 2.0 * np.pi * table["loads"][0]["frequency"]
+    force = np.zeros(len(damping))
+    force[7] = table["loads"][0]["force"]
+    dynamic = plain.stiffness - omega**2 * plain.mass + 1j * omega * damping
+    exact = np.abs(np.linalg.solve(dynamic, force))[[15, 16]]
+    found = []
+    for steps in (100, 200):
+        table["time"] = {"steps_per_period": steps, "periods": 40}
+        made = imported(MatrixSet(plain.mass, plain.stiffness, damping), table)
+        motion = made.simulate()
+        assert motion.steady
+        x = motion.displacement[motion.last_period(), 0][:-1]
+        wave = np.exp(-2j * np.pi * np.arange(steps) / steps)
+        found.append(np.abs(2.0 / steps * wave @ x))
+    errors = [np.abs(amplitudes / exact - 1.0).max() for amplitudes in found]
+    assert errors[1] < 2e-3
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
+    np.testing.assert_allclose((4.0 * found[1] - found[0]) / 3.0, exact, rtol=1e-5)
+
+
+def test_damping_that_cannot_be_is_refused() -> None:
+    plain, table = beam_matrices(rubbing_scene()), interface_table(rubbing_scene())
+    with refusal(ErrorKind.SUPPORT, key="superelement", names="energy"):
+        imported(MatrixSet(plain.mass, plain.stiffness, -1e-5 * plain.stiffness), table)
+    with refusal(ErrorKind.RANGE, key="damping.ratios"):
+        imported(plain, {**table, "damping": {"ratios": 0.01, "modes": 19}})
 
 
 @pytest.mark.parametrize(
@@ -219,6 +281,16 @@ def test_damping_of_a_file_is_read_if_it_is_proportional_to_the_mass() -> None:
         ({"nodes": []}, ErrorKind.TYPE, "nodes"),
         ({"superelement": {}}, ErrorKind.MISSING, "superelement.dimension"),
         ({"superelement": {"dimension": 3}}, ErrorKind.CONFLICT, "nodes[0].position"),
+        (
+            {"supports": [{"group": "tip", "normal": [0.0, 1.0]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].normal",
+        ),
+        (
+            {"supports": [{"group": "tip", "components": ["y"]}]},
+            ErrorKind.CONFLICT,
+            "supports[0].components",
+        ),
         (
             {"nodes": [{"name": "tip", "position": [0.0, 0.0]}]},
             ErrorKind.CONFLICT,
@@ -473,21 +545,63 @@ def test_polynomial_in_matlab_file_is_the_elastic_force(curved: tuple[StoredMode
     assert file["units"]["stiffness"][0, 0][0] == "N/m"
 
 
-@pytest.mark.skipif(shutil.which("octave") is None, reason="octave is not installed")
+in_octave = pytest.mark.skipif(
+    shutil.which("octave-cli") is None,
+    reason="octave is not installed; to run the test: docker/run sh -c 'apt-get update && apt-get "
+    "install -y --no-install-recommends octave && python3 -m pytest -k octave tests/online'",
+)
+
+
+def octave(folder: Path, *lines: str) -> np.ndarray:
+    """The numbers that Octave prints after it has loaded the model as m."""
+    start = f"addpath('{RIGHT_SIDE.parent}'); m = load('{folder / 'model.mat'}');"
+    found = subprocess.run(
+        ["octave-cli", "--quiet", "--eval", start + "\n".join(lines)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return np.array([float(word) for word in found.stdout.split()])
+
+
+@in_octave
 def test_right_side_in_octave_is_that_of_the_model(curved: tuple[StoredModel, Path]) -> None:
     stored, folder = curved
     arrays = model_arrays(stored.model)
     q, v, load = np.array([0.1, -0.2, 0.05]), np.array([1.0, 0.5, -1.0]), 7.0
-    line = (
-        f"addpath('{RIGHT_SIDE.parent}'); m = load('{folder / 'model.mat'}');"
-        f"printf('%.17g ', right_side([{q[0]};{q[1]};{q[2]};{v[0]};{v[1]};{v[2]}], m, {load}))"
-    )
-    found = subprocess.run(
-        ["octave", "--quiet", "--eval", line], capture_output=True, text=True, check=True
-    )
-    rate = np.array([float(word) for word in found.stdout.split()])
+    contact = np.array([2.0, -1.0])
     force = load * arrays.loads[:, 0] - arrays.damping @ v - arrays.elastic_force(q)
-    np.testing.assert_allclose(rate, [*v, *np.linalg.solve(arrays.mass, force)], rtol=1e-10)
+    for more, push in (("", 0.0), (", [2; -1]", arrays.contact_rows.T @ contact)):
+        state = ";".join(map(str, [*q, *v]))
+        rate = octave(folder, f"printf('%.17g ', right_side([{state}], m, {load}{more}))")
+        wanted = [*v, *np.linalg.solve(arrays.mass, force - push)]
+        np.testing.assert_allclose(rate, wanted, rtol=1e-10)
+
+
+@in_octave
+def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) -> None:
+    load = {"group": "load", "direction": [0.0, 1.0], "force": 4.0, "frequency": 0.5, "phase": 0.2}
+    material = {**STEEL, "mass_damping": 0.3}
+    body: dict[str, Any] = {"material": material, "contacts": None, "loads": [load]}
+    ends = []
+    for steps in (200, 400):
+        time = {"periods": 3, "steps_per_period": steps, "steady": "march"}
+        scene = beam_scene(2, **body, time=time, probe={"group": "tip"})
+        model = random_model(3)._replace(load_histories=load_histories(scene), damping=0.3)
+        stored = StoredModel(model, scene, "rubin", ("1V", "2V", "3V"), 9, np.array([3.6]), {})
+        ends.append(simulate(stored, scene).displacement[-1, 0])
+    export(stored, tmp_path / "model.mat", "mat")
+    theirs = octave(
+        tmp_path,
+        "lsode_options('relative tolerance', 1e-11); lsode_options('absolute tolerance', 1e-12);",
+        "rate = @(y, t) right_side(y, m, 4 * sin(2 * pi * 0.5 * t + 0.2));",
+        "y = lsode(rate, zeros(6, 1), [0 6]); printf('%.17g ', m.probe_rows * y(end, 1:3)');",
+    )
+    coarse, fine = (np.linalg.norm(end - theirs) / np.linalg.norm(theirs) for end in ends)
+    assert fine < 1e-3
+    assert coarse / fine == pytest.approx(4.0, abs=0.1)  # the scheme is of second order
+    limit = (4.0 * ends[1] - ends[0]) / 3.0
+    np.testing.assert_allclose(limit, theirs, rtol=0, atol=1e-6 * np.linalg.norm(theirs))
 
 
 def test_python_module_of_a_model_moves_as_the_model(curved: tuple[StoredModel, Path]) -> None:

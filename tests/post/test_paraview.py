@@ -181,3 +181,44 @@ def test_model_without_stresses_warns_when_they_are_asked_for(tmp_path: Path) ->
 def test_index_of_a_run_without_files_is_not_written(tmp_path: Path) -> None:
     assert write_index(tmp_path, [tmp_path / "summary.json"]) == []
     assert not list(tmp_path.iterdir())
+
+
+def test_files_of_moving_supports_hold_relative_and_absolute_motion(tmp_path: Path) -> None:
+    """In ParaView, in the history and in the summary."""
+    shaken = {"direction": [0.6, 0.8], "support_displacement": 0.02, "frequency": 60.0}
+    scene = beam_scene(
+        2,
+        (
+            *STOCKY,
+            "time.periods=1",
+            "time.steps_per_period=40",
+            "time.steady_tolerance=0.0",
+            "output.pictures=false",
+            "output.motion=true",
+        ),
+        loads=[shaken],
+        contacts=None,
+        probe={"nearest": [1.0, 0.0]},
+        geometrically_nonlinear=False,
+    )
+    found = study.run(scene, folder=tmp_path)
+    times, motion = pyvista.get_reader(tmp_path / "motion/motion.pvd"), found.motions["reduced"]
+    times.set_active_time_value(times.time_values[13])
+    body = times.read()[0]
+    wave = 0.02 * np.sin(2.0 * np.pi * 60.0 * times.time_values[13])
+    relative, absolute = body["displacement_m"], body["absolute_displacement_m"]
+    np.testing.assert_allclose(
+        absolute - relative, np.tile([0.6 * wave, 0.8 * wave, 0.0], (len(relative), 1)), atol=1e-14
+    )
+    with np.load(tmp_path / "history.npz") as history:
+        moved = history["reduced_support_displacement"]
+        total = history["reduced_absolute_displacement"]
+    np.testing.assert_allclose(total[:, 0], motion.displacement[:, 0] + moved)
+    row = int(np.argmin(np.abs(motion.time - times.time_values[13])))
+    at_probe = np.argmin(np.linalg.norm(body.points - [1.0, 0.0, 0.0], axis=1))
+    np.testing.assert_allclose(absolute[at_probe, :2], total[row, 0], atol=1e-12)
+    summary = json.loads((tmp_path / "summary.json").read_text())["support_motion"]["reduced"]
+    np.testing.assert_allclose(summary["support_amplitude_m"], [0.012, 0.016], rtol=1e-12)
+    half = np.ptp(total[:, 0], axis=0) / 2.0
+    assert summary["absolute_amplitude_m"]["tangential"] == pytest.approx([half[1]])
+    assert "absolute amplitudes" in (tmp_path / "report.html").read_text()

@@ -16,11 +16,13 @@ from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis
 
+SECTION = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
+SLENDER = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 20, "load_at": 0.7}
+
 
 def reduced(method: str, derivatives: object = "none") -> tuple[BeamStructure, Reduction, Array]:
     """A beam, its reduction with one mode, and the basis with its candidates."""
-    section = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
-    scene = beam_scene(2, reference={"beam": True, "beam_section": section})
+    scene = beam_scene(2, reference={"beam": True, "beam_section": SECTION})
     basis = replace(scene.basis, method=method, modes=1, derivatives=derivatives)
     scene = replace(scene, basis=basis)
     beam = beam_structure(scene)
@@ -45,7 +47,9 @@ def test_candidates_extend_the_basis_and_rest_at_the_contact(method: str) -> Non
 def test_candidates_hold_next_modes_load_and_missing_derivatives(method: str) -> None:
     beam, found, extended = reduced(method)
     more = component_modes(beam, Basis(method=method, modes=4))
-    held = [more.normal[:, 1:], beam.factor.solve(beam.load_vectors)]
+    loaded = beam.factor.solve(beam.load_vectors)
+    inertial = beam.factor.solve(beam.mass_times(loaded))
+    held = [more.normal[:, 1:], loaded, inertial]
     for vectors in held:
         rest = vectors - extended @ np.linalg.lstsq(extended, vectors, rcond=None)[0]
         assert np.linalg.norm(rest) < 1e-7 * np.linalg.norm(vectors)
@@ -57,3 +61,32 @@ def test_kept_derivatives_are_not_missing() -> None:
     _, found, _ = reduced("rubin", ("1V1V",))
     labels = missing_derivatives(found.modes, found.modes, found.selection, found.derivatives)
     assert "1V1V" not in labels and "1V1S" in labels
+
+
+@pytest.mark.parametrize("part", [0.2, 0.4])
+def test_candidates_judge_an_axial_motion(part: float) -> None:
+    """Below the first axial frequency; the next modes bend."""
+    scene = beam_scene(
+        2,
+        ("geometrically_nonlinear=false", "loads.0.direction=[1, 0]"),
+        contacts=None,
+        probe={"group": "tip"},
+        reference={"beam": True, "beam_section": SLENDER},
+    )
+    basis = replace(scene.basis, modes=2)
+    beam = beam_structure(scene)
+    found = Reduction(beam, replace(scene, basis=basis), lambda stage: nullcontext())
+    extended = candidate_basis(
+        beam, basis, found.modes, found.selection, found.derivatives, found.basis
+    )
+    load, axial = beam.load_vectors[:, 0], beam.probe_rows[0]
+    # the first axial frequency is pi c / 2 L
+    square = (part * 0.5 * np.pi / 2.54) ** 2 * 207e9 / 7801.0
+
+    def response(r: Array) -> float:
+        stiffness = r.T @ (beam.stiffness - square * beam.mass) @ r
+        return float(axial @ r @ np.linalg.solve(stiffness, r.T @ load))
+
+    exact = response(np.eye(beam.local))
+    error, left = (abs(response(r) / exact - 1.0) for r in (found.basis.vectors, extended.vectors))
+    assert error > 0.003 and left < 0.1 * error

@@ -15,7 +15,14 @@ from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.load_vectors import LOAD_SHARE
 from fenicsrom.reduction.mode_count import MOST_LINEAR_MODES, MOST_MODES, missing_modes
 from fenicsrom.reduction.modes import ComponentModes, component_modes, with_mode_count
-from fenicsrom.reduction.snapshots import SNAPSHOTS, snapshot_rows
+from fenicsrom.reduction.selection import modal_coordinates
+from fenicsrom.reduction.snapshots import (
+    SNAPSHOTS,
+    STATIC_LEVELS,
+    Snapshots,
+    curve_frequencies,
+    snapshot_rows,
+)
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, make_scene, scene_table
 from fenicsrom.scene.excitation import highest_frequency
@@ -129,6 +136,22 @@ def test_axial_load_adds_its_static_response() -> None:
     np.testing.assert_allclose(structure.stiffness @ modes.loads.vectors, load, atol=1e-6)
 
 
+def test_oblique_load_adds_its_static_response() -> None:
+    """The modes hold the work of the load, which is bending, and nothing of its axial part."""
+    _, slightly = modes_of("loads.0.direction=[0.01, 1.0]", **OPEN)
+    assert slightly.loads.labels == ()
+    scene = scene_with("loads.0.direction=[0.3, 1.0]", "basis.derivatives='none'", **OPEN)
+    structure = beam_structure(scene)
+    basis = Reduction(structure, scene, lambda stage: nullcontext()).basis
+    assert basis.labels == ("1V", "2V", "3V", "1L")
+    r, load = basis.vectors, structure.load_vectors[:, 0]
+    reduced = r @ np.linalg.solve(r.T @ structure.stiffness @ r, r.T @ load)
+    exact = np.linalg.solve(structure.stiffness, load)
+    axial, across = structure.probe_rows
+    assert axial @ reduced == pytest.approx(axial @ exact, rel=1e-6)
+    assert abs(axial @ exact) < 1e-3 * abs(across @ exact)
+
+
 def test_share_left_out_is_the_static_error_of_the_projection() -> None:
     structure, modes = modes_of("basis.modes=1", **OPEN)
     load = structure.load_vectors[:, 0]
@@ -181,3 +204,27 @@ def test_snapshots_of_a_slow_load_are_at_equal_distances() -> None:
     time = np.linspace(0.0, 1.0, 501)
     assert snapshot_rows(np.zeros((501, 2)), time, 1.0).tolist() == list(range(0, 501, 3))
     assert snapshot_rows(np.zeros((200, 2)), time[:200], 1e3).tolist() == list(range(200))
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_snapshots_of_a_response_curve_see_its_resonances(order: int) -> None:
+    """The scene moves in the first mode; on its curve a load or harmonic meets the second mode."""
+    harmonics = f"loads.0.harmonics=[[{order}, 1.0, 0.0]]"
+    damped = "material.mass_damping=5.0"
+    plain = scene_with(harmonics, damped, "time.steps_per_period=50", **OPEN)
+    curve = make_scene(**scene_table(plain) | {"response": {"first": 5.0 / order, "last": 30.0}})
+    structure = beam_structure(plain)
+    modes = component_modes(structure, plain.basis)
+    parts = []
+    for scene in (plain, curve):
+        found = Snapshots(structure, scene, modes)
+        inner = structure.mass_inner
+        q = modal_coordinates(modes.vectors, found.linear, inner, structure.largest(modes.vectors))
+        parts.append(np.abs(q).max(axis=1) / np.abs(q).max())
+        sizes = np.sqrt(np.diag(inner(found.linear, found.linear)))
+        assert int(np.argmax(sizes > 0.999 * sizes.max())) < SNAPSHOTS
+        assert found.static.shape == (structure.local, STATIC_LEVELS)
+    assert parts[0][1] < 0.05 and parts[1][1] > 10.0 * parts[0][1]
+    resonance = modes.frequencies_hz[1] / order
+    assert resonance in curve_frequencies(structure, curve, modes)
+    assert curve_frequencies(structure, plain, modes) == []

@@ -112,6 +112,21 @@ def test_fixed_step_resolves_sweep_impact_and_table(history: str, step: float) -
     assert parse(load, "time={duration=1.0, tolerance=0.5}").time.tolerance == 0.5
 
 
+def noisy(interval: float) -> str:
+    """A load whose table is noise at its sample rate, 201 rows."""
+    values = np.random.default_rng(8).uniform(-1.0, 1.0, 201)
+    rows = [[k * interval, float(value)] for k, value in enumerate(values)]
+    return f"loads.0={{group='load', direction=[0, 1], force=1.0, table={rows}}}"
+
+
+@pytest.mark.parametrize("step", [5e-3, 2.5e-3, 5e-3 / 3.0])
+def test_noisy_table_is_accepted_with_a_step_that_divides_its_times(step: float) -> None:
+    time = "time={duration=1.0, step=%r}"
+    assert parse(noisy(5e-3), time % step).time.step == step
+    for other in (5e-3 * 2.0, 1.001 * step):
+        assert refused(noisy(5e-3), time % other) == (ErrorKind.CONFLICT, "time.step")
+
+
 def test_gap_and_preload_exclude_each_other() -> None:
     assert refused("contacts.0.gap=0.002") == (ErrorKind.CONFLICT, "contacts[0].gap")
     assert parse("contacts.0.gap=0.002", "contacts.0.preload=0").contacts[0].gap == 0.002

@@ -1,14 +1,15 @@
 """Reduced models for other programs, and superelements of other programs as reduced models.
 
-    matrix_set    the matrices of a linear superelement, checked
-    nastran       DMIG entries of a bulk data file, written and read
-    op4           OUTPUT4 files as text, written and read
-    abaqus        matrices of Abaqus (.mtx), read
-    arrays        .mat and .npz files
-    mat_reader    matrices of MATLAB files, read
-    source        a Python module that needs only numpy, and that jax can differentiate
-    export        the formats of `fenicsrom export`
-    superelement  a reduced model from the matrices and a scene of interface nodes
+    matrix_set            the matrices of a linear superelement, checked
+    nastran               DMIG entries of a bulk data file, written and read
+    op4                   OUTPUT4 files as text, written and read
+    abaqus                matrices of Abaqus (.mtx), read
+    arrays                .mat and .npz files
+    mat_reader            matrices of MATLAB files, read
+    source                a Python module that needs only numpy, and that jax can differentiate
+    export                the formats of `fenicsrom export`
+    superelement          a reduced model from the matrices and a scene of interface nodes
+    superelement_damping  its damping, from the file and from the scene
 
 The readers and writers are small, because the formats need only a few lines each for dense
 matrices; files with other content are refused by name.

@@ -31,11 +31,12 @@ from fenicsrom.online.matrices import ModelArrays, model_arrays
 from fenicsrom.scene import scene_heading, scene_table, toml_text
 from fenicsrom.scene.excitation import surface_spin
 from fenicsrom.scene.superelement import EXCLUDED
+from fenicsrom.scene.tables import plain
 
 SUFFIXES: Mapping[str, str] = {"mat": ".mat", "jax": ".py", "dmig": ".bdf", "op4": ".op4"}
 """Suffix of the file of each format."""
 
-NOT_COPIED = (*EXCLUDED, "supports", "loads", "contacts", "probe", "output", "title")
+NOT_COPIED = (*EXCLUDED, "damping", "supports", "loads", "contacts", "probe", "output", "title")
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
 
@@ -151,12 +152,10 @@ def import_scene(stored: StoredModel, nodes: list[dict[str, Any]], name: str) ->
         "nodes": nodes,
     }
     loads = []
-    for k, (load, given) in enumerate(zip(scene.loads, table["loads"], strict=True)):
+    for k, load in enumerate(entry.by_acceleration() for entry in scene.loads):
         if not load.static:
-            action = (load.kind, "direction", *PLACE_KEYS)
-            history = {key: value for key, value in given.items() if key not in action}
             place = {"group": f"load {k + 1}", "direction": along, "force": load.size}
-            loads.append({**place, **history})
+            loads.append({**place, **plain(load.history)})
     contacts = []
     for k, (contact, given) in enumerate(zip(scene.contacts, table["contacts"], strict=True)):
         kept = {key: value for key, value in given.items() if key not in PLACE_KEYS}

@@ -17,13 +17,14 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import SUPERELEMENT, StoredModel, provenance
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.exchange.abaqus import read_mtx
 from fenicsrom.online.exchange.arrays import read_mat, read_npz
 from fenicsrom.online.exchange.matrix_set import MatrixSet, refuse
 from fenicsrom.online.exchange.nastran import read_dmig
 from fenicsrom.online.exchange.op4 import read_op4
+from fenicsrom.online.exchange.superelement_damping import damping_parts, table_matrix
 from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
@@ -42,14 +43,6 @@ READERS: Mapping[str, Callable[[Path], MatrixSet]] = {
     ".npz": read_npz,
 }
 """Readers by the suffix of the file."""
-
-METHOD = "superelement"
-
-PROPORTIONAL = 1e-8
-"""Largest part of the damping matrix, relative to it, that may not be proportional to the mass.
-
-Files have ten significant digits or more.
-"""
 
 SOFTEST = 1e-12
 """Smallest eigenvalue of a matrix, scaled to a unit diagonal, that is not a rounding error."""
@@ -113,7 +106,7 @@ class _Builder:
 
     def model(self) -> StoredModel:
         """The reduced model with its scene."""
-        damping = self.scene.material.mass_damping + self._proportional_damping()
+        damping, velocity_matrix = self._damping()
         material = replace(self.scene.material, mass_damping=damping)
         scene = replace(self.scene, material=material)
         loads = self._loads()
@@ -134,30 +127,33 @@ class _Builder:
             contact_offset + contact_rows @ rest,
             probe,
             probe_offset + probe @ rest,
+            velocity_matrix,
         )
         squares = scipy.linalg.eigh(self.stiffness, self.mass, eigvals_only=True)
         frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
         labels = tuple(f"q{k + 1}" for k in self.kept)
-        return StoredModel(model, scene, METHOD, labels, len(labels), frequencies, provenance())
+        return StoredModel(
+            model, scene, SUPERELEMENT, labels, len(labels), frequencies, provenance()
+        )
 
-    def _proportional_damping(self) -> float:
-        """The factor alpha of a damping matrix alpha M in the file; 0 without one.
+    def _damping(self) -> tuple[float, Array | None]:
+        """The factor α of the file and of the scene, and the matrix (n, n) of other damping.
 
         Raises:
-            SceneError: the damping matrix is not proportional to the mass, or alpha is negative.
+            SceneError: the damping matrix gives energy to the motion, or there are too many ratios.
         """
-        if self.matrices.damping is None or not np.any(self.matrices.damping):
-            return 0.0
-        damping = self.matrices.damping[np.ix_(self.kept, self.kept)]
-        alpha = float(np.vdot(damping, self.mass) / np.vdot(self.mass, self.mass))
-        off = float(np.linalg.norm(damping - alpha * self.mass))
-        if off > PROPORTIONAL * float(np.linalg.norm(damping)) or alpha < 0.0:
-            self._fail(
-                "superelement",
-                "the damping matrix of the file is not proportional to its mass matrix; leave it "
-                "out, and give superelement.mass_damping",
-            )
-        return alpha
+        given = self.matrices.damping
+        if given is not None:
+            given = given[np.ix_(self.kept, self.kept)]
+        try:
+            factor, matrix = damping_parts(given, self.mass)
+        except ValueError as error:
+            self._fail("superelement", str(error))
+        try:
+            matrix = matrix + table_matrix(self.scene.damping, self.mass, self.stiffness)
+        except ValueError as error:
+            self._fail("damping.ratios", str(error), ErrorKind.RANGE)
+        return self.scene.material.mass_damping + factor, matrix if np.any(matrix) else None
 
     def _loads(self) -> Array:
         """The vectors (n, k) of unit loads."""
@@ -294,12 +290,12 @@ class _Builder:
                 return
         self._fail("superelement", f"the {name} matrix is not positive definite: {hint}")
 
-    def _fail(self, key: str, reason: str) -> NoReturn:
+    def _fail(self, key: str, reason: str, kind: ErrorKind | None = None) -> NoReturn:
         """Raise the error of a key of the scene.
 
         Raises:
             SceneError: always.
         """
         source = self.scene.source
-        kind = ErrorKind.SUPPORT if key == "superelement" else ErrorKind.PLACE
+        kind = kind or (ErrorKind.SUPPORT if key == "superelement" else ErrorKind.PLACE)
         raise SceneError(f"{source}: {key}: {reason}", kind=kind, key=key, source=source)

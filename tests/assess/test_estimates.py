@@ -7,39 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, random_model
+from support import beam_scene, linear_model
 
-from fenicsrom.assess import enrichment, estimates, verdicts
+from fenicsrom.assess import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.measures import has_settled
+from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import elastic_force
+from fenicsrom.online.polynomial import pairs
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
-
-
-def force(model: ReducedModel, q: Any) -> Any:
-    found, tangent = np.empty(model.size), np.empty((model.size, model.size))
-    elastic_force(model.elastic, np.ascontiguousarray(q), found, tangent)
-    return found
-
-
-def test_transformed_model_has_the_transformed_force() -> None:
-    model = random_model(5)
-    rng = np.random.default_rng(4)
-    t, y = rng.standard_normal((5, 3)), rng.standard_normal(3)
-    other = enrichment.transformed(model, t)
-    np.testing.assert_allclose(force(other, y), t.T @ force(model, t @ y), rtol=1e-12)
-    np.testing.assert_allclose(other.mass, t.T @ model.mass @ t)
-
-
-def test_elastic_residual_is_the_force_on_the_candidates() -> None:
-    model = random_model(5)
-    x = np.random.default_rng(5).standard_normal((4, 5))
-    expected = [force(model, row)[2:] for row in x]
-    found = enrichment.elastic_residual(model, 2, x[:, :2], x[:, 2:])
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def two_modes(kind: str) -> tuple[ReducedModel, ReducedModel, Scene]:
@@ -66,7 +43,7 @@ def two_modes(kind: str) -> tuple[ReducedModel, ReducedModel, Scene]:
 def test_missing_mode_is_the_estimated_error(kind: str) -> None:
     """The model of both modes is exact, so the estimate is `BASIS_SAFETY` times the error."""
     one, both, scene = two_modes(kind)
-    motion, exact = simulate(one, scene, keep_coordinates=True), simulate(both, scene)
+    motion, exact = simulate(one, scene), simulate(both, scene)
     error = estimates.distances(motion, exact).amplitude
     found = estimates.basis_errors(both, 1, scene, motion)
     assert error > 0.3
@@ -99,7 +76,7 @@ def scaled(motion: Motion, factors: list[float]) -> Motion:
 def test_rule_refuses_an_estimate_above_its_limit() -> None:
     """Also of a transient; a motion that does not settle has a wider limit."""
     one, both, scene = two_modes("periodic")
-    motion = simulate(one, scene, keep_coordinates=True)
+    motion = simulate(one, scene)
     errors: dict[str, estimates.MotionErrors] = {}
     with pytest.raises(AccuracyError) as refusal:
         verdicts.estimate_errors(one, both, scene, motion, errors)
@@ -111,14 +88,48 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
         verdicts.check_basis_error(scene, between)
 
 
-def test_directions_hold_the_response_of_the_candidates() -> None:
-    """Of three candidates the load excites two, at 1 and 1e-9 of the energy: one is kept."""
+def test_soft_candidate_of_little_energy_is_in_the_estimate() -> None:
+    """A stiff candidate has a million times the energy of a soft one, which moves the probe."""
     scene = two_modes("periodic")[2]
+    resonance = float(2.0 * np.pi / scene.period) ** 2
     options: dict[str, Any] = {"damping": 2.0, "load_histories": load_histories(scene)}
-    loads = [[1.0], [0.0], [1.0], [1e-5]]
-    model = linear_model(np.eye(4), np.diag([900.0, 2e3, 3e3, 4e3]), loads=loads, **options)
+    loads = np.array([[1.0], [1e3], [1e-4]])
+    plain = linear_model(np.eye(3), np.diag([900.0, 1e6, resonance]), loads=loads, **options)
+    count = pairs(3)[0].size
+    probe = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 1e3]])
+    both = reduced_model(
+        plain.mass,
+        plain.damping,
+        plain.elastic._replace(quadratic=np.zeros((count, 3)), cubic=np.zeros((count, count))),
+        plain.loads,
+        plain.load_histories,
+        plain.points,
+        plain.contact_rows,
+        plain.contact_offset,
+        probe,
+        plain.probe_offset,
+    )
     one = linear_model(np.eye(1), np.eye(1) * 900.0, loads=[[1.0]], **options)
-    motion = simulate(one, scene, keep_coordinates=True)
-    found = enrichment.directions(model, 1, motion)
-    np.testing.assert_allclose(np.abs(found), [[0.0], [1.0], [0.0]], atol=1e-4)
-    assert amplitude(motion).size
+    one = one._replace(probe=probe[:, :1])
+    motion = simulate(one, scene)
+    error = estimates.distances(motion, simulate(both, scene)).amplitude
+    found = estimates.basis_errors(both, 1, scene, motion)
+    assert error > 0.1
+    assert found.amplitude == pytest.approx(estimates.BASIS_SAFETY * error, rel=1e-3)
+
+
+def test_settled_motion_is_compared_by_its_last_period() -> None:
+    """The other motion starts at the end of this one and has waves of 1 %: it does not settle."""
+    one, _, scene = two_modes("periodic")
+    motion = simulate(one, scene)
+    assert has_settled(motion) and motion.period is not None
+    transient = np.where(motion.time < motion.time[-1] - motion.period, 3.0, 1.0)
+    motion = replace(motion, displacement=motion.displacement * transient[:, None, None])
+    late = motion.time >= motion.time[-1] - 5.5 * motion.period
+    wave = 0.01 * np.sin(0.37 * 2.0 * np.pi * motion.time / motion.period)
+    moved = motion.displacement * ((1.0 + wave) / transient)[:, None, None]
+    fields = ("time", "force", "state")
+    cut: dict[str, Any] = {name: getattr(motion, name)[late] for name in fields}
+    other = replace(motion, steady=False, periods=5, displacement=moved[late], **cut)
+    assert not has_settled(other)
+    assert estimates.distances(motion, other).amplitude < 0.02

@@ -1,0 +1,251 @@
+"""The same bodies in this program and in CalculiX: frequencies and large deflections.
+
+    docker/run python3 demos/evidence/calculix.py --output out/calculix
+    python3 demos/evidence/calculix.py --output out/calculix
+
+The first command computes the bodies with this program, and writes their decks as
+`fenicsrom export SCENE --format inp` does. Where `ccx` is installed, the script then runs it on
+each deck and writes a table; this part needs Python alone.
+
+CalculiX integrates the stiffness and the mass of quadratic tetrahedra and triangles by rules of
+degree 2, this program by rules of degree 4 or more. The table also has the numbers of this program
+by rules of degree 2, which no other elements allow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+DEMOS = Path(__file__).parents[1]
+MODES = 6
+NUMBERS = "ours.json"
+
+STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
+PLY = {
+    "young": [140e9, 10e9, 9e9],
+    "poisson": [0.3, 0.28, 0.4],
+    "shear": [5e9, 4.5e9, 3.5e9],
+    "axes": [[0.8, 0.6, 0.0], [-0.6, 0.8, 0.0]],
+    "density": 1600.0,
+}
+
+PLATE = """
+Point(1) = {0, 0, 0}; Point(2) = {0.4, 0, 0}; Point(3) = {0.4, 0.3, 0}; Point(4) = {0, 0.3, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
+Transfinite Curve{1, 3} = 13; Transfinite Curve{2, 4} = 10; Transfinite Surface{1};
+found[] = Extrude {0, 0, 0.01} { Surface{1}; Layers{1}; };
+Physical Volume("solid") = {found[1]}; Physical Surface("root") = {found[5]};
+"""
+"""A plate of 0.4 m x 0.3 m x 0.01 m, clamped along its edge x = 0."""
+
+ARCH = """
+Point(1) = {0, 0.99, -0.02}; Point(2) = {0, 1.01, -0.02};
+Point(3) = {0, 1.01, 0.02}; Point(4) = {0, 0.99, 0.02};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1:4}; Plane Surface(1) = {1}; Transfinite Curve{1:4} = 2;
+Transfinite Surface{1};
+left[] = Extrude {{0, 0, 1}, {0, 0, 0}, 2 * Pi / 9} { Surface{1}; Layers{24}; };
+right[] = Extrude {{0, 0, 1}, {0, 0, 0}, -2 * Pi / 9} { Surface{1}; Layers{24}; };
+Physical Volume("solid") = {left[1], right[1]};
+Physical Surface("ends") = {left[0], right[0]}; Physical Surface("crown") = {1};
+"""
+"""An arch of radius 1 m over 80 degrees, 0.02 m x 0.04 m, clamped at both ends."""
+
+
+def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
+    """Yield name, description and scene of each body; write the meshes to a folder."""
+    from fenicsrom import make_scene, read_scene
+
+    for name, mesh in (("plate", PLATE), ("arch", ARCH)):
+        (folder / f"{name}.geo").write_text(mesh)
+    straight = ["geometry.cells='simplex'", "geometry.curved=false"]
+    blade = DEMOS / "blade_campbell.toml"
+    at_rest, turning = "rotation.speed_rpm=0", "rotation.speed_rpm=6000"
+    yield "blade", "twisted blade at rest", read_scene(blade, [*straight, at_rest], unloaded=True)
+    spinning = read_scene(blade, [*straight, turning], unloaded=True)
+    yield "spinning", "the same at 6000 rpm", spinning
+    hexahedra = read_scene(blade, ["geometry.curved=false", at_rest], unloaded=True)
+    yield "hexahedra", "the same at rest, hexahedra", hexahedra
+    plate = {
+        "geometry": {"mesh": "plate.geo", "dimension": 3, "cells": "simplex"},
+        "material": PLY,
+        "supports": [{"group": "root"}],
+        "loads": [{"nearest": [0.4, 0.0, 0.0], "direction": [0.0, 0.0, 1.0], "force": 40.0}],
+        "probe": {"nearest": [0.4, 0.3, 0.0]},
+    }
+    yield (
+        "plate",
+        "orthotropic plate, axes at 37 degrees, under a corner force",
+        make_scene(folder=folder, **plate),
+    )
+    arch = {
+        "geometry": {"mesh": "arch.geo", "dimension": 3, "cells": "simplex"},
+        "material": STEEL,
+        "supports": [{"group": "ends"}],
+        "loads": [{"group": "crown", "direction": [0.1, -1.0, 0.0], "force": 45e3}],
+        "probe": {"nearest": [0.0, 1.01, 0.02]},
+    }
+    yield "arch", "arch under a dead force at the crown", make_scene(folder=folder, **arch)
+    beam = {
+        "geometry": {
+            "mesh": "beam3d.geo",
+            "dimension": 3,
+            "cells": "simplex",
+            "parameters": {"length": 0.5},
+        },
+        "material": STEEL,
+        "supports": [{"group": "root"}],
+        "attachments": [{"group": "tip", "mass": 1.5}, {"group": "load", "stiffness": 1e5}],
+        "probe": {"group": "tip"},
+    }
+    yield "attached", "beam with a mass and a spring", make_scene(folder=folder, **beam)
+    strip = {
+        "geometry": {
+            "mesh": "beam2d.geo",
+            "dimension": 2,
+            "cells": "simplex",
+            "plane": "strain",
+            "thickness": 0.02,
+            "parameters": {"length": 0.5, "elements_through": 2},
+        },
+        "material": PLY | {"axes": [[0.8, 0.6]]},
+        "supports": [{"group": "root"}],
+        "loads": [{"group": "tip", "direction": [0.0, 1.0], "traction": 2e5}],
+        "rotation": {"speed_rpm": 3000.0, "point": [-0.1, 0.0]},
+        "probe": {"nearest": [0.5, 0.0]},
+    }
+    what = "turning orthotropic strip in plane strain under a traction"
+    yield "strip", what, make_scene(folder=folder, **strip)
+
+
+def numbers(scene: Any, printed: bool) -> dict[str, list[float]]:
+    """The natural frequencies in Hz, and the displacement of the probe in m, of this program."""
+    import numpy as np
+    from mpi4py import MPI
+
+    from fenicsrom import build_solid
+
+    solid = build_solid(scene, MPI.COMM_SELF)
+    squares, _ = solid.eigenmodes(solid.factor, MODES)
+    moved = solid.probe_rows @ solid.equilibrium if printed and solid.loaded else np.zeros(0)
+    return {
+        "frequencies": (np.sqrt(squares) / (2.0 * np.pi)).tolist(),
+        "deflection": moved.tolist(),
+    }
+
+
+def compute(folder: Path) -> None:
+    """Write the deck of each body, and the numbers of this program."""
+    from unittest.mock import patch
+
+    from fenicsrom import __version__
+    from fenicsrom.fem.deck import scene_deck
+    from fenicsrom.fem.formats.calculix import write_deck
+
+    found: dict[str, Any] = {}
+    for name, what, scene in cases(folder):
+        deck = scene_deck(scene)
+        write_deck(folder / f"{name}.inp", deck)
+        printed = len(deck.printed) == 1
+        mesh = f"{len(deck.mesh.blocks[0].nodes)} {deck.element}"
+        found[name] = {"what": what, "mesh": mesh, "ours": numbers(scene, printed)}
+        if deck.element in ("C3D10", "CPE6"):
+            with patch("fenicsrom.fem.elasticity.quadrature_degree", lambda domain: 2):
+                found[name]["degree 2"] = numbers(scene, printed)
+        print(f"{name}: {mesh}", file=sys.stderr, flush=True)
+    content = {"version": __version__, "cases": found}
+    (folder / NUMBERS).write_text(json.dumps(content, indent=2))
+
+
+def run_ccx(program: str, deck: Path) -> dict[str, list[float]]:
+    """The natural frequencies in Hz, and the displacement of the probe in m, of CalculiX.
+
+    Raises:
+        RuntimeError: CalculiX did not give them.
+    """
+    done = subprocess.run([program, deck.stem], cwd=deck.parent, capture_output=True, text=True)
+    output = deck.with_suffix(".dat")
+    text = output.read_text() if output.is_file() else ""
+    if done.returncode or "E I G E N" not in text or "JOB FINISHED" not in done.stdout.upper():
+        raise RuntimeError(
+            f"{program} did not finish {deck}; its output ends with:\n" + done.stdout[-500:]
+        )
+    moved: list[float] = []
+    before, _, after = text.partition("E I G E N")
+    for line in before.splitlines():
+        words = line.split()
+        if len(words) == 4 and words[0].isdigit():
+            moved = [float(word) for word in words[1:]]
+    lines = [line.split() for line in after.splitlines()]
+    rows = [words for words in lines if len(words) == 5 and words[0].isdigit()]
+    return {"frequencies": [float(words[3]) for words in rows[:MODES]], "deflection": moved}
+
+
+def compare(program: str, folder: Path) -> list[str]:
+    """Run CalculiX on every deck, and give the lines of a table."""
+    ours = json.loads((folder / NUMBERS).read_text())
+    version = subprocess.run([program, "-v"], capture_output=True, text=True).stdout.split()[-1:]
+    lines = [
+        f"fenicsrom {ours['version']} and CalculiX {' '.join(version)}",
+        "",
+        "| body | elements | quantity | CalculiX | fenicsrom | | degree 2 | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, case in ours["cases"].items():
+        theirs = quantities(run_ccx(program, folder / f"{name}.inp"))
+        mine, coarse = quantities(case["ours"]), quantities(case.get("degree 2", {}))
+        for quantity, value in mine.items():
+            other = theirs[quantity]
+            row = [case["what"], case["mesh"], quantity, f"{other:.7g}"]
+            for found in (value, coarse.get(quantity)):
+                difference = None if found is None else found / other - 1.0
+                row += ["", ""] if difference is None else [f"{found:.7g}", f"{difference:+.1e}"]
+            lines.append(f"| {' | '.join(row)} |")
+    return lines
+
+
+def quantities(found: dict[str, list[float]]) -> dict[str, float]:
+    """The numbers by their names, frequencies in Hz and displacements in mm."""
+    modes = {f"mode {k}, Hz": f for k, f in enumerate(found.get("frequencies", ()), 1)}
+    moved = zip("xyz", found.get("deflection", ()), strict=False)
+    return modes | {f"{axis} of the probe, mm": 1e3 * value for axis, value in moved}
+
+
+def main() -> int:
+    """Compute, run CalculiX, and write the table."""
+    parser = argparse.ArgumentParser(description="Compare this program with CalculiX.")
+    parser.add_argument("--output", default="out/calculix", type=Path, metavar="DIR")
+    folder = parser.parse_args().output
+    folder.mkdir(parents=True, exist_ok=True)
+    program = shutil.which("ccx")
+    if program is None or not (folder / NUMBERS).is_file():
+        try:
+            compute(folder)
+        except ImportError as error:
+            first = f"run docker/run python3 {Path(__file__).name} --output {folder} first"
+            print(f"{error}; {first}", file=sys.stderr)
+            return 2
+    if program is None:
+        again = f"run this script where it is, with --output {folder}"
+        print(f"ccx is not installed; the decks are in {folder}: {again}", file=sys.stderr)
+        return 2
+    try:
+        lines = compare(program, folder)
+    except (RuntimeError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    (folder / "comparison.md").write_text("\n".join([*lines, ""]))
+    print("\n".join(lines))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

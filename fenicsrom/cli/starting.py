@@ -1,0 +1,76 @@
+"""What the commands share: how they start from a scene or a stored model, and how they end."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from fenicsrom.cli.printing import progress
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import Scene, read_scene
+
+
+def require_scene(options: argparse.Namespace) -> None:
+    """Check that a command without a stored model has a scene file.
+
+    Raises:
+        SceneError: it has none.
+    """
+    if options.scene is not None:
+        return
+    resuming = getattr(options, "resume", None)
+    sentence = (
+        "--resume also needs the scene file or --from MODEL"
+        if resuming
+        else f"{options.name}: give a scene file or --from MODEL"
+    )
+    raise SceneError(sentence, kind=ErrorKind.MISSING, key="scene")
+
+
+def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any, Scene]:
+    """Give the communicator, the progress callback and the scene.
+
+    A command that only computes modes takes a scene that is `unloaded`, without a load or a probe.
+    MPI starts first, so that only one rank prints an error in the scene.
+    """
+    from mpi4py import MPI
+
+    comm = MPI.COMM_WORLD
+    scene = read_scene(options.scene, options.overrides, unloaded=unloaded)
+
+    def say(line: str) -> None:
+        if comm.rank == 0:
+            progress(line)
+
+    return comm, say, scene
+
+
+def ranks() -> Any:
+    """Give the communicator of all ranks; None where mpi4py is not installed."""
+    from fenicsrom.post.optional import missing_module
+
+    if missing_module("mpi4py") is not None:
+        return None
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
+
+
+def end(comm: Any, error: Exception | None) -> int:
+    """Give the exit code 0, or raise the error after the first rank has written its files.
+
+    Raises:
+        ConvergenceError, AccuracyError: the given error.
+    """
+    if error is None:
+        return 0
+    if comm is not None:
+        comm.barrier()
+    raise error
+
+
+def changed_model(options: argparse.Namespace, stored: Any) -> Any:
+    """Give a stored model under the scene file, or under its own scene with the overrides."""
+    if options.scene is not None:
+        return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
+    return stored.with_overrides(options.overrides)

@@ -1,0 +1,85 @@
+"""Changes of sign of a function of the points along a curve."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+EVALUATIONS = 60
+"""Bisection alone needs about 20."""
+
+Point = TypeVar("Point")
+
+
+class Bracket(NamedTuple, Generic[Point]):
+    """Two points of a curve between which a function changes its sign.
+
+    Attributes:
+        before: the point that comes first.
+        after: the other one.
+        values: of the function at both.
+    """
+
+    before: Point
+    after: Point
+    values: tuple[float, float]
+
+    @property
+    def nearest(self) -> Point:
+        """The point at which the function is nearer to zero."""
+        return self.before if abs(self.values[0]) <= abs(self.values[1]) else self.after
+
+
+def bracketed(
+    between: Callable[[list[Point], list[float], float], Point | None],
+    test: Callable[[Point], float],
+    a: Point,
+    b: Point,
+    length: float,
+    narrow: float,
+    lost: float = 0.0,
+) -> Bracket[Point] | None:
+    """Bracket the change of sign of a function between two points of a curve.
+
+    The secant method (Illinois) keeps a distance from the ends of the bracket, so that both ends
+    come near. A bracket that three evaluations did not halve is bisected.
+
+    Args:
+        between: gives the point of the curve at a distance from a, between two points at two
+            distances; None if it is not found.
+        test: the function; its signs at a and b differ. It may jump.
+        a: a point.
+        b: the next point.
+        length: its distance from a.
+        narrow: width of the final bracket.
+        lost: width of a bracket that is returned as it is if no point is found in it.
+
+    Returns:
+        The bracket; None if a point was not found in a wider one.
+    """
+    points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
+    ends, slow, width = [0.0, length], 0, length
+    for _ in range(EVALUATIONS):
+        found = Bracket(points[0], points[1], (values[0], values[1]))
+        if ends[1] - ends[0] <= narrow:
+            return found
+        low, high = (value * weight for value, weight in zip(values, weights, strict=True))
+        if slow >= 3 or low == high:
+            arc = 0.5 * (ends[0] + ends[1])
+        else:
+            near = 0.45 * narrow
+            arc = ends[0] + (ends[1] - ends[0]) * low / (low - high)
+            arc = min(max(arc, ends[0] + near), ends[1] - near)
+        point = between(points, ends, arc)
+        if point is None:
+            return found if ends[1] - ends[0] <= lost else None
+        value = test(point)
+        side = 1 if value * np.sign(values[1]) > 0.0 else 0
+        points[side], values[side], ends[side] = point, value, arc
+        weights = [1.0, 0.5 * weights[1]] if side == 0 else [0.5 * weights[0], 1.0]
+        slow += 1
+        if ends[1] - ends[0] <= 0.5 * width:
+            slow, width = 0, ends[1] - ends[0]
+    return None

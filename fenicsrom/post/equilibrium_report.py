@@ -1,0 +1,158 @@
+"""The report of an equilibrium path: sentences, tables and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.equilibrium_path import Equilibrium, EquilibriumPath
+from fenicsrom.online.archive import provenance
+from fenicsrom.post.equilibrium_figures import figure
+from fenicsrom.post.html_page import write_report
+from fenicsrom.post.picture import Picture
+from fenicsrom.post.pictures import draw_pictures
+from fenicsrom.post.tables import text_table
+from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.scene import scene_heading
+from fenicsrom.scene.rules import counted
+
+ENDS = {
+    "end of the range": "The path reached the end of the range of the load factor.",
+    "displacement of the probe": "The path reached statics.displacement.",
+    "number of points": "The path is incomplete: it reached statics.points.",
+    "no convergence": "The path is incomplete: no further point was found.",
+    "interrupted": "The path is incomplete: the run was interrupted.",
+}
+
+
+def rows(found: EquilibriumPath) -> list[dict[str, Any]]:
+    """The rows of `equilibria.csv`."""
+    return [_row(point) for point in found.points]
+
+
+def _row(point: Equilibrium) -> dict[str, Any]:
+    axes = zip("xyz", point.probe, strict=False)
+    return {
+        "load_factor": point.load_factor,
+        **{f"probe_{axis}_m": float(value) for axis, value in axes},
+        "largest_displacement_m": point.largest,
+        "negative_pivots": point.negative_pivots,
+        "residual": point.residual,
+        "kind": point.kind,
+    }
+
+
+def summary(found: EquilibriumPath) -> dict[str, Any]:
+    """The contents of `equilibria.json`."""
+    table = found.scene.statics
+    return {
+        "scene": found.scene.source,
+        "unknowns": found.unknowns,
+        "loads": table.loads,
+        "points": len(found.points),
+        "end": found.reason,
+        "special_points": [_row(point) for point in found.special],
+        "last": _row(found.points[-1]),
+        "largest_stable_load_factor": largest_stable(found).load_factor,
+        "seconds": found.seconds,
+        "interrupted": found.interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+def largest_stable(found: EquilibriumPath) -> Equilibrium:
+    """The stable equilibrium under the largest load factor that is reached without a jump."""
+    first = next((k for k, point in enumerate(found.points) if point.kind), len(found.points) - 1)
+    return max(found.points[: first + 1], key=lambda point: point.load_factor)
+
+
+def special_table(found: EquilibriumPath) -> list[list[Any]]:
+    """The limit points and bifurcations, the head first; empty without any."""
+    axis = found.direction
+    head = ["", "load factor", f"probe along {'xyz'[axis]}, mm", "largest displacement, mm"]
+    listed = [
+        [
+            point.kind,
+            f"{point.load_factor:.7g}",
+            f"{1e3 * point.probe[axis]:.6g}",
+            f"{1e3 * point.largest:.6g}",
+        ]
+        for point in found.special
+    ]
+    return [head, *listed] if listed else []
+
+
+def sentences(found: EquilibriumPath) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    last, axis = found.points[-1], found.direction
+    limits = [point for point in found.special if point.kind == "limit point"]
+    crossed = [point for point in found.special if point.kind == "bifurcation"]
+    lines = [
+        f"{len(found.points)} equilibria in {found.seconds:.1f} s, up to the load "
+        f"factor {last.load_factor:.6g}, where the probe is displaced by "
+        f"{1e3 * last.probe[axis]:.5g} mm along {'xyz'[axis]}.",
+        ENDS[found.reason],
+    ]
+    if not found.special:
+        lines.append("The path has no limit point and no bifurcation.")
+        return lines
+    lines.append(f"{counted(len(limits), 'limit point')}, {counted(len(crossed), 'bifurcation')}.")
+    first = found.special[0]
+    what = "snaps through" if first.kind == "limit point" else "buckles"
+    lines.append(
+        f"Under a growing load the body {what} at the load factor {first.load_factor:.6g}."
+    )
+    return lines
+
+
+def write(found: EquilibriumPath, folder: Path) -> list[Path]:
+    """Write `equilibria.csv`, `equilibria.json`, `equilibria.png` and `report.html`.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    write_rows(folder / "equilibria.csv", rows(found))
+    write_summary(folder / "equilibria.json", summary(found))
+    pictures = []
+    if found.scene.output.pictures:
+        diagram = Picture("Equilibrium path", "equilibria.png", lambda: figure(found))
+        pictures = draw_pictures([diagram], folder, found.warnings)
+        write_summary(folder / "equilibria.json", summary(found))
+    table = special_table(found)
+    sections: list[tuple[str, list[Any]]] = [
+        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
+        *((name, [path]) for name, path in pictures),
+        *([("Limit points and bifurcations", [table])] if table else []),
+    ]
+    write_report(folder / "report.html", f"{scene_heading(found.scene)}: equilibria", sections)
+    names = ("report.html", "equilibria.json", "equilibria.csv")
+    return [*(folder / name for name in names), *(path for _, path in pictures)]
+
+
+def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
+    """Write the displacements at special points and at the end for ParaView. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if found.body is None or not found.scene.output.paraview:
+        return []
+    from fenicsrom.post.vtk import write_fields
+
+    fields = {
+        f"{label.replace(' ', '_')}_m": found.body.field(shape)
+        for label, shape in found.shapes.items()
+    }
+    return [write_fields(folder, "equilibria", found.body.space, fields)]
+
+
+def terminal(found: EquilibriumPath) -> str:
+    """The table of special points and the sentences, for the terminal."""
+    table = special_table(found)
+    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
+    return "\n\n".join(parts)

@@ -1,0 +1,84 @@
+"""Checks between keys of the curves: of periodic motions, nonlinear modes and equilibria."""
+
+from __future__ import annotations
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.scene.problem import Problem, Problems
+from fenicsrom.scene.response import parameter_of
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.schema import Scene
+
+MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
+
+
+def response_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [response]."""
+    response = scene.response
+    if response is None:
+        return
+    if scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("response.parameter", response.parameter, allowed)
+    if not response.last > response.first:
+        allowed = f"must be above first, {response.first:g}"
+        yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
+    for value in response.isolated or ():
+        if not response.first <= value <= response.last:
+            allowed = f"must be from {response.first:g} to {response.last:g}"
+            yield Problem("response.isolated", value, allowed, ErrorKind.RANGE)
+    for k, value in enumerate(response.full_values):
+        if not response.first <= value <= response.last:
+            allowed = f"must be from first, {response.first:g}, to last, {response.last:g}"
+            yield Problem(f"response.full[{k}]", value, allowed, ErrorKind.RANGE)
+            return
+    table, index, name = parameter_of(response.parameter)
+    if table in ("loads", "contacts") and index >= len(getattr(scene, table)):
+        present = len(getattr(scene, table))
+        allowed = f"the scene has {counted(present, table[:-1])}, numbered from 0"
+        if present == 0:
+            allowed = f"the scene has no {table}"
+        yield Problem("response.parameter", response.parameter, allowed, ErrorKind.RANGE)
+    elif table == "loads":
+        load = scene.loads[index]
+        if load.static or load.kind != name:
+            kind = f"static {load.kind}" if load.static else load.kind
+            allowed = f"loads[{index}] is a {kind}; must be the size of a load that repeats"
+            yield Problem("response.parameter", response.parameter, allowed)
+    if response.first == 0.0 and name not in MAY_BE_ZERO:
+        yield Problem("response.first", response.first, "must be above 0", ErrorKind.RANGE)
+    if table == "contacts" and name == "gap" and _has_radius(scene, index):
+        allowed = "not allowed with surface.radius, which determines the gap"
+        yield Problem("response.parameter", response.parameter, allowed)
+
+
+def backbone_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [backbone]."""
+    backbone = scene.backbone
+    if backbone is None:
+        return
+    if not backbone.last > backbone.first:
+        allowed = f"must be above first, {backbone.first:g}"
+        yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
+    factors = backbone.load_factors
+    if list(factors) != sorted(factors):
+        allowed = "must be in ascending order"
+        yield Problem("backbone.load_factors", list(factors), allowed, ErrorKind.RANGE)
+    if factors and scene.period is None:
+        allowed = "only allowed in a scene whose loads repeat"
+        yield Problem("backbone.load_factors", list(factors), allowed)
+
+
+def statics_problems(scene: Scene) -> Problems:
+    """Yield the problems of the table [statics]."""
+    for index, number in enumerate(scene.statics.loads or ()):
+        if number >= len(scene.loads):
+            allowed = f"must be below the number of loads, {len(scene.loads)}"
+            yield Problem(f"statics.loads[{index}]", number, allowed, ErrorKind.RANGE)
+        elif not scene.loads[number].static:
+            yield Problem(f"statics.loads[{index}]", number, "must be the number of a static load")
+
+
+def _has_radius(scene: Scene, index: int) -> bool:
+    """Whether a contact has a surface of a given radius."""
+    surface = scene.contacts[index].surface if index < len(scene.contacts) else None
+    return surface is not None and surface.radius is not None

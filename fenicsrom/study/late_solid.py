@@ -1,0 +1,64 @@
+"""A solid whose results are known; the solid itself is built when more than them is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
+    from fenicsrom.fem.solid import Solid
+    from fenicsrom.online.contact_points import ContactPoints
+
+
+class LateSolid:
+    """Stands for a solid; other attributes than these build it.
+
+    Attributes:
+        comm: the communicator.
+        free: see `fenicsrom.fem.solid.Solid`, as the other attributes.
+        loaded: see there.
+        unstable: see there.
+        equilibrium: see there.
+        points: see there.
+        warnings: see there.
+    """
+
+    def __init__(
+        self,
+        build: Callable[[], Solid],
+        comm: Any,
+        *,
+        free: int,
+        loaded: bool,
+        unstable: int,
+        equilibrium: Array,
+        points: ContactPoints,
+        warnings: list[str],
+    ):
+        """Keep what is known, and the function that builds the solid."""
+        self._build = build
+        self._solid: Solid | None = None
+        self.comm, self.free, self.loaded, self.unstable = comm, free, loaded, unstable
+        self.equilibrium, self.points, self.warnings = equilibrium, points, warnings
+
+    def __getattr__(self, name: str) -> Any:
+        """Give an attribute of the solid, which is built at the first call."""
+        if self._solid is None:
+            solid = self._build()
+            solid.warnings = self.warnings  # they hold those of the mesh already
+            self._solid = solid
+        return getattr(self._solid, name)
+
+
+class LateInverse:
+    """K⁻¹ of a solid that may not be built yet."""
+
+    def __init__(self, solid: LateSolid):
+        """Store the solid."""
+        self._solid = solid
+
+    def solve(self, block: Array) -> Array:
+        """K⁻¹ times the columns of a block (local, k)."""
+        found: Array = self._solid.factor.solve(block)
+        return found

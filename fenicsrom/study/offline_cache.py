@@ -1,0 +1,280 @@
+"""Offline results in the cache: nothing is computed twice.
+
+Two archives belong to a scene. One holds the equilibrium and the component modes, the other the
+selection, the derivatives, the basis and the reduced models; `fenicsrom.study.offline_key` says
+what each depends on. A run that finds both builds no mesh and no solid, unless it draws the body or
+runs the full model. A run that finds the first one only, because its loads or its friction select
+other derivatives, computes no equilibrium and no modes. The results are the same to the last digit.
+
+Only runs on one rank use the cache: the arrays of several ranks belong to one partition of a mesh.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.errors import AccuracyError, ErrorKind, SceneError
+from fenicsrom.study import building, result_cache
+from fenicsrom.study.late_solid import LateInverse, LateSolid
+from fenicsrom.study.offline_key import keys_of
+from fenicsrom.study.reasons import with_stresses
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid import Solid
+    from fenicsrom.scene import Scene
+    from fenicsrom.study.stage import Run
+
+MODES_STAGES = ("mesh", "solid", "modes")
+MODEL_STAGES = (
+    "linear transient",
+    "nonlinear statics",
+    "selection",
+    "derivatives",
+    "basis",
+    "reduction",
+    "candidates",
+    "stress points",
+)
+"""The stages whose results each archive holds."""
+
+Contents = tuple[dict[str, Any], dict[str, Any]]
+
+
+class OfflineCache:
+    """The two archives of a scene.
+
+    Attributes:
+        reused: names of the stages whose results were read.
+    """
+
+    def __init__(self, run: Run, folder: Path, keys: tuple[str, str]):
+        """Keep the run, the folder and the hashes of both archives."""
+        self._run, self._keys = run, keys
+        self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
+        self._warned = 0
+        self._last = "stress points" if with_stresses(run.study.scene) else "candidates"
+        self.reused: tuple[str, ...] = ()
+
+    def restore(self) -> None:
+        """Read the results that are there into the record, and say what they are."""
+        if not self._read(0, _read_modes):
+            return
+        self.reused = MODES_STAGES
+        self._warned = len(self._run.study.warnings)
+        if self._read(1, _read_model):
+            self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
+        names = f"{self.reused[0]} to {self.reused[-1]}"
+        self._run.watch.say(f"{names}: results of an earlier run (--fresh computes them again)")
+        self._run.study.left_out.append(f"{names}: results of an earlier run, from the cache")
+
+    def has(self, stage: str) -> bool:
+        """Whether the results of a stage were read."""
+        return stage in self.reused
+
+    def keep(self, stage: str) -> None:
+        """Write an archive after its last stage."""
+        if stage == MODES_STAGES[-1]:
+            self._warned = len(self._run.study.warnings)
+            self._write(0, _modes_contents(self._run))
+        elif stage == self._last:
+            self._write(1, _model_contents(self._run, self._warned))
+
+    def _read(self, which: int, take: Callable[[Run, Path, Any, Any], None]) -> bool:
+        """Take the contents of an archive into the record; False if it is missing or damaged."""
+        from fenicsrom.files import read_archive
+
+        path = self._paths[which]
+        if not path.exists():
+            return False
+        try:
+            with read_archive(path, "offline results", self._keys[which]) as (header, arrays):
+                take(self._run, path, header, arrays)
+        except SceneError:
+            result_cache.remove(path)
+            return False
+        result_cache.renew(path)
+        return True
+
+    def _write(self, which: int, contents: Contents) -> None:
+        """Write an archive, and keep the folder below its limit; a full disk costs only time."""
+        from fenicsrom.files import write_archive
+
+        header, arrays = contents
+        path = self._paths[which]
+        with suppress(OSError):
+            write_archive(path, {**header, "format": self._keys[which]}, arrays)
+            result_cache.trim(path.parent)
+
+
+def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
+    """The cache of a run; None if it has no archives, or is switched off.
+
+    Args:
+        run: a run up to a reduced model that can be stored; on a mesh of its scene.
+        fresh: whether to ignore the results in the cache. They are written again.
+    """
+    folder = result_cache.cache_folder()
+    if folder is None or run.comm.size > 1 or run.mesh is not None:
+        return None
+    try:
+        keys = keys_of(run.study.scene)
+    except OSError:  # the mesh stage says what is wrong with the file
+        return None
+    found = OfflineCache(run, folder, keys) if keys is not None else None
+    if found is not None and not fresh:
+        found.restore()
+    return found
+
+
+def _modes_contents(run: Run) -> Contents:
+    """The archive of the equilibrium and the modes."""
+    study, modes = run.study, run.study.modes
+    assert modes is not None
+    solid = study.solid
+    header = {
+        "free": solid.free,
+        "loaded": solid.loaded,
+        "unstable": solid.unstable,
+        "warnings": [text for text in study.warnings if text != _missing(study.scene, modes)],
+        "body": _fingerprint(solid),
+        "method": modes.method,
+        "labels": modes.labels,
+        "condition": modes.flexibility_condition,
+        "load_labels": modes.loads.labels,
+        "load_shares": modes.loads.shares,
+    }
+    arrays = {name: getattr(modes, name) for name in ("omega", "normal", "static")}
+    arrays |= {"masters": modes.masters, "rows": modes.rows, "loads": modes.loads.vectors}
+    arrays |= {f"point_{name}": value for name, value in solid.points._asdict().items()}
+    arrays["equilibrium"] = solid.equilibrium
+    if study.deflection is not None:
+        arrays["deflection"] = study.deflection
+    return header, arrays
+
+
+def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
+    """Take the equilibrium and the modes into the record."""
+    from fenicsrom.online.contact_points import ContactPoints
+    from fenicsrom.reduction.load_vectors import LoadVectors
+    from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
+
+    scene, body = run.study.scene, str(header["body"])
+    solid = LateSolid(
+        lambda: _build(run, scene, body),
+        run.comm,
+        free=int(header["free"]),
+        loaded=bool(header["loaded"]),
+        unstable=int(header["unstable"]),
+        equilibrium=arrays["equilibrium"],
+        points=ContactPoints(*(arrays[f"point_{name}"] for name in ContactPoints._fields)),
+        warnings=list(header["warnings"]),
+    )
+    inverse: Any = LateInverse(solid)
+    rows, masters = arrays["rows"], arrays["masters"]
+    if header["method"] == "craig-bampton" and rows.shape[0]:
+        inverse = ConstrainedInverse(inverse, rows, masters, solid)
+    labels = tuple(header["labels"])
+    shares = {str(name): float(value) for name, value in header["load_shares"].items()}
+    loads = LoadVectors(tuple(header["load_labels"]), arrays["loads"], shares)
+    found = ComponentModes(
+        str(header["method"]),
+        arrays["omega"],
+        arrays["normal"],
+        arrays["static"],
+        masters,
+        rows,
+        inverse,
+        labels,
+        float(header["condition"]),
+        loads,
+    )
+    run.study.solid, run.study.deflection = solid, arrays.get("deflection")
+    building.set_modes(run, found)
+
+
+def _model_contents(run: Run, warned: int) -> Contents:
+    """The archive of the stages after the modes, which added warnings to the first ones."""
+    from fenicsrom.online.archive import model_contents
+    from fenicsrom.post.summary import stored_model
+
+    study = run.study
+    assert study.derivatives is not None and study.basis is not None
+    model, arrays = model_contents(stored_model(study))
+    basis = study.basis
+    header = {
+        "model": model,
+        "warnings": study.warnings[warned:],
+        "selection": asdict(study.selection),
+        "derivatives": study.derivatives.labels,
+        "basis": {"masters": basis.masters, "dropped": basis.dropped, "condition": basis.condition},
+    }
+    more = {"derivatives": study.derivatives.vectors, "basis": basis.vectors}
+    return header, arrays | {f"offline_{name}": value for name, value in more.items()}
+
+
+def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
+    """Take the results of the stages after the modes into the record."""
+    from fenicsrom.online.archive import model_of_contents
+    from fenicsrom.reduction.basis import ReducedBasis
+    from fenicsrom.reduction.selection import Selection
+    from fenicsrom.reduction.stages import Derivatives
+
+    study, chosen = run.study, header["selection"]
+    derivatives, vectors = arrays.pop("offline_derivatives"), arrays.pop("offline_basis")
+    stored = model_of_contents(path, header["model"], arrays).with_scene(study.scene)
+    selection = Selection(
+        tuple(chosen["modes"]),
+        tuple(chosen["derivatives"]),
+        chosen["modal_coordinates"],
+        chosen["weights"],
+    )
+    basis = ReducedBasis(stored.method, vectors, stored.labels, **header["basis"])
+    labels, warnings = tuple(header["derivatives"]), list(header["warnings"])
+    # nothing raises from here on: the record has all or nothing
+    study.selection, study.basis = selection, basis
+    study.derivatives = Derivatives(labels, derivatives)
+    study.model, study.candidates = stored.model, stored.candidates
+    study.recovery = stored.recovery
+    study.warnings.extend(warnings)
+    building.note_selection(study)
+
+
+def _missing(scene: Scene, modes: Any) -> str | None:
+    """The warning of loads that are too fast for the modes: it depends on the loads of the run."""
+    from fenicsrom.reduction.mode_count import missing_modes
+    from fenicsrom.scene.excitation import highest_frequency
+
+    return missing_modes(highest_frequency(scene), modes.frequencies_hz)
+
+
+def _build(run: Run, scene: Scene, body: str) -> Solid:
+    """Build the solid of a scene in its known equilibrium.
+
+    Raises:
+        AccuracyError: the mesh has other nodes than the one of the results.
+    """
+    from fenicsrom.fem.solid import KnownEquilibrium, solid_of
+
+    with run.watch("mesh"):
+        building.mesh(run)
+    assert run.mesh is not None
+    with run.watch("solid"):
+        known = KnownEquilibrium(run.study.solid.equilibrium, run.study.solid.unstable)
+        solid = solid_of(scene, run.mesh, known)
+    if _fingerprint(solid) != body:
+        raise AccuracyError(
+            f"{scene.source}: the mesh differs from the one of the results in the cache; "
+            "run again with --fresh",
+            kind=ErrorKind.MISMATCH,
+        )
+    return solid
+
+
+def _fingerprint(solid: Any) -> str:
+    """A hash of the order and places of the nodes."""
+    return hashlib.sha256(solid.space.tabulate_dof_coordinates().tobytes()).hexdigest()

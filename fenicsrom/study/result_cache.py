@@ -1,0 +1,97 @@
+"""The cache of offline results: a folder of archives with a limit of their total size.
+
+An archive appears only when it is complete, so that runs may share the folder. Using an archive
+renews its time; the oldest ones are removed when the limit is exceeded. `FENICSROM_CACHE` names
+another folder, or is "off".
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+VARIABLE = "FENICSROM_CACHE"
+OFF = "off"
+LIMIT = 5_000_000_000
+"""Largest total size in bytes; a model of 300,000 unknowns takes a tenth of it."""
+
+SUFFIX = ".npz"
+
+ABANDONED = 3600.0
+"""Age in s of a temporary file of a run that was killed; others write theirs within a minute."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One archive.
+
+    Attributes:
+        path: its file.
+        size: bytes.
+        used: time of the last use, s since the epoch.
+    """
+
+    path: Path
+    size: int
+    used: float
+
+
+def cache_folder() -> Path | None:
+    """The folder of the offline results; None if the cache is switched off."""
+    given = os.environ.get(VARIABLE)
+    if given:
+        return None if given == OFF else Path(given)
+    from fenicsrom.assess.full_cache import cache_folder
+
+    return cache_folder() / "offline"
+
+
+def entries(folder: Path) -> list[Entry]:
+    """The archives of a folder, and abandoned temporary files, the oldest first.
+
+    Another run may remove one at any time.
+    """
+    found = []
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.suffix == SUFFIX:
+                with suppress(OSError):
+                    status = path.stat()
+                    abandoned = status.st_mtime < time.time() - ABANDONED
+                    if abandoned or not path.name.startswith("."):
+                        found.append(Entry(path, status.st_size, status.st_mtime))
+    return sorted(found, key=lambda entry: entry.used)
+
+
+def trim(folder: Path, limit: int = LIMIT) -> None:
+    """Remove the oldest archives until the others fit into the limit."""
+    kept = entries(folder)
+    size = sum(entry.size for entry in kept)
+    for entry in kept:
+        if size <= limit:
+            return
+        remove(entry.path)
+        size -= entry.size
+
+
+def clear(folder: Path) -> int:
+    """Remove all archives; give their number."""
+    found = entries(folder)
+    for entry in found:
+        remove(entry.path)
+    return len(found)
+
+
+def renew(path: Path) -> None:
+    """Note that an archive was used."""
+    with suppress(OSError):
+        os.utime(path)
+
+
+def remove(path: Path) -> None:
+    """Remove an archive, if it is still there and may be removed."""
+    with suppress(OSError):
+        path.unlink()

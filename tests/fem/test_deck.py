@@ -1,0 +1,251 @@
+"""The CalculiX deck of a scene: its mesh, keywords and numbers, and what it cannot hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene, make_solid, refusal
+
+pytest.importorskip("dolfinx")
+
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.deck import scene_deck
+from fenicsrom.fem.formats import read
+from fenicsrom.fem.formats.abaqus_keywords import Keyword, read_keywords
+from fenicsrom.fem.formats.calculix import FIELD, Deck, write_deck
+from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.scene import Geometry, Scene
+
+SHORT = ("geometry.parameters.length=0.5", "geometry.parameters.elements_along=3")
+PLY = {
+    "young": [140e9, 10e9, 9e9],
+    "poisson": [0.3, 0.28, 0.4],
+    "shear": [5e9, 4.5e9, 3.5e9],
+    "density": 1600.0,
+}
+
+
+def scene_of(dimension: int, *overrides: str, **tables: Any) -> Scene:
+    """A short beam, clamped at its root, without contacts."""
+    given = {"contacts": None, "loads": [], "probe": {"group": "tip"}} | tables
+    return beam_scene(dimension, (*SHORT, *overrides), **given)
+
+
+def written(deck: Deck, tmp_path: Path) -> list[Keyword]:
+    """The keywords of a deck."""
+    write_deck(tmp_path / "deck.inp", deck)
+    return read_keywords(tmp_path / "deck.inp")
+
+
+def data(keywords: list[Keyword], name: str) -> np.ndarray:
+    """The numbers below all keywords of a name, one row for each line."""
+    lines = [line.split(",") for word in keywords if word.name == name for line in word.lines]
+    return np.array([[float(entry) for entry in line] for line in lines])
+
+
+@pytest.mark.parametrize(
+    ("dimension", "cells", "degree", "element"),
+    [
+        (3, "simplex", 2, "C3D10"),
+        (3, "structured", 2, "C3D20"),
+        (2, "simplex", 2, "CPE6"),
+        (2, "structured", 2, "CPE8"),
+        (2, "simplex", 1, "CPE3"),
+    ],
+)
+def test_deck_is_read_back_with_its_mesh_and_groups(
+    dimension: int, cells: str, degree: int, element: str, tmp_path: Path
+) -> None:
+    plane = ["geometry.plane='strain'"] if dimension == 2 else []
+    shape = f"geometry.cells='{cells}'", f"geometry.degree={degree}"
+    deck = scene_deck(scene_of(dimension, *shape, *plane))
+    assert deck.element == element
+    write_deck(tmp_path / "deck.inp", deck)
+    found = read(tmp_path / "deck.inp")
+    np.testing.assert_allclose(found.points, deck.mesh.points, rtol=1e-13, atol=1e-16)
+    (block,) = [block for block in found.blocks if block.name == element]
+    (ours,) = deck.mesh.blocks
+    assert block.kind == ours.kind
+    np.testing.assert_array_equal(block.nodes, ours.nodes)
+    assert ours.groups["solid"].all() and block.groups["solid"].all()
+    for name in ("root", "tip", "load"):
+        np.testing.assert_array_equal(
+            np.sort(found.node_groups[name]), np.sort(deck.mesh.node_groups[name])
+        )
+
+
+def test_deck_is_a_mesh_of_a_scene_with_the_same_facets(tmp_path: Path) -> None:
+    from mpi4py import MPI
+
+    from fenicsrom.fem.mesh import build_mesh
+
+    scene = scene_of(3, "geometry.cells='simplex'")
+    write_deck(tmp_path / "deck.inp", scene_deck(scene))
+    geometry = Geometry(mesh=tmp_path / "deck.inp", dimension=3)
+    ours, again = (build_mesh(found, MPI.COMM_SELF) for found in (scene.geometry, geometry))
+    assert {"root", "tip"} <= set(again.facet_groups)
+    for name in ("root", "tip"):
+        assert again.facets(name).size == ours.facets(name).size > 0
+    np.testing.assert_allclose(again.bounds(), ours.bounds(), atol=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("cells", ["simplex", "structured"])
+def test_cells_of_deck_have_positive_volume_if_those_of_the_mesh_are_mirrored(
+    dimension: int, cells: str, tmp_path: Path
+) -> None:
+    first = scene_deck(scene_of(dimension, f"geometry.cells='{cells}'"))
+    mirror = replace(first.mesh, points=first.mesh.points * [1.0, -1.0, 1.0])
+    write_deck(tmp_path / "mirror.inp", replace(first, mesh=mirror))
+    geometry: dict[str, Any] = {"mesh": str(tmp_path / "mirror.inp"), "dimension": dimension}
+    if dimension == 2:
+        geometry["thickness"] = 0.02
+    scene = beam_scene(
+        dimension, geometry=geometry, contacts=None, loads=[], probe={"group": "tip"}
+    )
+    (block,) = first.mesh.blocks
+    beside = {9: (1, 2), 16: (1, 3), 11: (1, 2, 3), 17: (1, 3, 4)}[block.kind]
+    for deck in (first, scene_deck(scene)):
+        (block,) = deck.mesh.blocks
+        x = deck.mesh.points[block.nodes][:, :, :dimension]
+        assert np.all(np.linalg.det(x[:, beside] - x[:, :1]) > 0.0)
+        for k, (a, b) in enumerate(SHAPES[block.kind].edges, SHAPES[block.kind].corners):
+            np.testing.assert_allclose(x[:, k], 0.5 * (x[:, a] + x[:, b]), atol=1e-12)
+
+
+@pytest.mark.parametrize("cells", ["simplex", "structured"])
+def test_forces_do_the_work_of_the_load(cells: str) -> None:
+    """A traction that acts on the whole tip does the work t · ∫ u dA on any quadratic motion."""
+    load = {"group": "tip", "direction": [0.0, 1.0, 0.0], "traction": 2.0}
+    deck = scene_deck(scene_of(3, f"geometry.cells='{cells}'", loads=[load]))
+    side = 0.0254
+    x, y, z = deck.mesh.points.T
+    motion = 3.0 + y * z + 5.0 * z**2 - 2.0 * y
+    middle_y, middle_z = (float(np.mean([c.min(), c.max()])) for c in (y, z))
+    mean = 3.0 + middle_y * middle_z - 2.0 * middle_y + 5.0 * (middle_z**2 + side**2 / 12.0)
+    assert deck.forces[:, 1] @ motion == pytest.approx(2.0 * side**2 * mean, rel=1e-12)
+    assert not np.any(deck.forces[:, [0, 2]])
+    assert not np.any(deck.forces[x < x.max() - 1e-9])
+
+
+def test_keywords_hold_the_scene(tmp_path: Path) -> None:
+    scene = scene_of(
+        3,
+        "geometry.cells='simplex'",
+        "basis.modes=4",
+        material=PLY | {"axes": [[0.6, 0.8, 0.0], [0.0, 0.0, 1.0]]},
+        loads=[{"group": "tip", "direction": [0.0, 1.0, 0.0], "force": -7.0}],
+        supports=[{"group": "root"}, {"group": "tip", "components": ["z"]}],
+        rotation={"speed_rpm": 300.0, "axis": [0.0, 0.0, 2.0], "point": [-0.1, 0.2, 0.0]},
+        attachments=[{"node": [0.5, 0.0127, 0.0127], "stiffness": 30.0}],
+    )
+    found = written(scene_deck(scene), tmp_path)
+    names = [word.name for word in found]
+    steps = [word.parameters for word in found if word.name == "STEP"]
+    assert list(steps[0]) == ["NLGEOM", "INC"] and list(steps[1]) == ["PERTURBATION"]
+    assert names.index("STATIC") < names.index("END STEP") < names.index("FREQUENCY")
+    assert data(found, "FREQUENCY") == 4.0
+    constants = [*PLY["young"], *PLY["poisson"], *PLY["shear"]]
+    lines = next(word.lines for word in found if word.name == "ELASTIC")
+    assert [float(entry) for line in lines for entry in line.split(",")] == constants
+    np.testing.assert_allclose(data(found, "ORIENTATION"), [[0.6, 0.8, 0, 0, 0, 1]], atol=1e-15)
+    assert data(found, "DENSITY") == 1600.0
+    forces = data(found, "CLOAD")
+    assert np.all(forces[:, 1] == 2.0) and forces[:, 2].sum() == pytest.approx(-7.0)
+    (centrifugal,) = next(word.lines for word in found if word.name == "DLOAD")
+    numbers = [float(entry) for entry in centrifugal.split(",")[2:]]
+    omega = 10.0 * np.pi
+    np.testing.assert_allclose(numbers, [omega**2, -0.1, 0.2, 0, 0, 0, 1], rtol=1e-12)
+    solid = make_solid(scene)
+    clamped = data(found, "BOUNDARY")
+    assert len(clamped) == solid.clamped.size and np.all(clamped[:, 1] == clamped[:, 2])
+    assert names.count("SPRING") == 2, "z is clamped there"
+    assert np.all(data(found, "SPRING") == np.array([[1.0], [30.0], [2.0], [30.0]]))
+
+
+def test_linear_scene_has_no_geometric_effects(tmp_path: Path) -> None:
+    load = {"group": "tip", "direction": [0.0, 1.0], "force": 3.0}
+    scene = scene_of(2, "geometrically_nonlinear=false", loads=[load])
+    words = written(scene_deck(scene), tmp_path)
+    assert [word.parameters for word in words if word.name == "STEP"] == [{}, {}]
+    free = written(scene_deck(scene_of(2)), tmp_path)
+    assert [word.name for word in free if word.name in ("STATIC", "FREQUENCY")] == ["FREQUENCY"]
+
+
+def test_materials_of_groups_have_their_cells_and_thickness(tmp_path: Path) -> None:
+    steel = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
+    groups = [{"group": "solid", **steel, "density": 10.0, "thickness": 0.5}]
+    deck = scene_deck(scene_of(2, materials=groups))
+    (section,) = deck.sections
+    assert section.cells.size == len(deck.mesh.blocks[0].nodes)
+    words = written(deck, tmp_path)
+    assert data(words, "DENSITY") == 10.0 and data(words, "SOLID SECTION") == 0.5
+
+
+def test_deck_says_what_it_leaves_out(tmp_path: Path) -> None:
+    scene = beam_scene(3, (*SHORT, "rotation={speed_rpm=10, axis=[0,0,1], coriolis=true}"))
+    notes = scene_deck(scene).notes
+    for words in ("contacts", "vary in time", "damping", "Coriolis", "stiffer"):
+        assert sum(words in note for note in notes) == 1
+    assert not scene_deck(scene_of(3, "geometry.cells='simplex'", "material.mass_damping=0")).notes
+
+
+def test_numbers_fit_the_fields_that_calculix_reads(tmp_path: Path) -> None:
+    shift = {"speed_rpm": 1e3 / 3.0, "axis": [1e-9, 1.0, -1.0 / 3.0], "point": [1e-17, -1 / 3, 0.0]}
+    deck = scene_deck(scene_of(3, "geometry.cells='simplex'", rotation=shift))
+    for word in written(deck, tmp_path):
+        for line in word.lines:
+            assert all(len(entry.strip()) <= FIELD for entry in line.split(","))
+            assert line.count(",") <= 15
+
+
+def test_sets_have_names_of_their_own_without_regard_to_case(tmp_path: Path) -> None:
+    groups = {"a b": [0], "A_B": [1], "all_cells": [2]}
+    deck = scene_deck(scene_of(2))
+    deck.mesh.node_groups.clear()
+    deck.mesh.node_groups.update({name: np.array(nodes) for name, nodes in groups.items()})
+    words = written(deck, tmp_path)
+    names = [word.parameters["NSET"] for word in words if word.name == "NSET"]
+    assert names == ["a_b", "A_B_2", "all_cells_2", "PROBE"]
+
+
+@pytest.mark.parametrize(
+    ("key", "tables"),
+    [
+        (
+            "supports",
+            {"supports": [{"group": "root"}, {"node": [0.5, 0.0, 0.0], "components": ["x"]}]},
+        ),
+        ("attachments", {"attachments": [{"group": "tip", "mass": 1.0}]}),
+    ],
+)
+def test_node_that_elements_of_calculix_lack_is_refused(key: str, tables: dict[str, Any]) -> None:
+    overrides = ["geometry.parameters.elements_through=1"]
+    with refusal(ErrorKind.CONFLICT, key):
+        scene_deck(scene_of(3, *overrides, **tables))
+
+
+def test_command_writes_the_deck_or_says_what_is_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
+    deck = tmp_path / "beam.inp"
+    words = ["export", str(demo), "--format", "inp", "--output", str(deck)]
+    assert main([*words, "--set", "geometry.parameters.elements_along=4"]) == 0
+    assert len(read(deck).blocks[0].nodes) > 0
+    out = capsys.readouterr().out
+    assert "contacts with friction are left out" in out and "ccx" in out
+    for wrong in (
+        ["export", str(demo), "--format", "mat"],
+        ["export", str(tmp_path / "reduced_model.npz"), "--format", "inp"],
+        ["export", str(tmp_path / "none.toml"), "--format", "inp"],
+        [*words, "--set", "geometry.mesh='none.msh'"],
+    ):
+        assert main(wrong) == 2
+        error = capsys.readouterr().err
+        assert "Traceback" not in error and error.strip().count("\n") == 0

@@ -1,0 +1,383 @@
+"""The cache of offline results: what a result depends on, equal results, damage, and its limit."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support import STOCKY, beam_scene
+
+from fenicsrom import study
+from fenicsrom.cli import main
+from fenicsrom.errors import SceneError
+from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.post.record import Study
+from fenicsrom.scene import Scene, make_scene
+from fenicsrom.study import offline_key, result_cache
+from fenicsrom.study.offline_key import keys_of
+
+MESH = Path(__file__).parents[2] / "meshes" / "blade.geo"
+
+TABLE: dict[str, Any] = {
+    "geometry": {"mesh": str(MESH), "dimension": 3, "parameters": {"tip_radius": 1.0}},
+    "material": {"young": 1e11, "poisson": 0.3, "density": 4000.0, "mass_damping": 20.0},
+    "materials": [
+        {"group": "tip_cells", "young": 2e11, "poisson": 0.3, "density": 4000.0},
+    ],
+    "supports": [{"group": "root"}],
+    "loads": [
+        {"group": "tip", "direction": [1.0, 0.0, 0.0], "force": 5.0, "frequency": 50.0},
+        {"group": "pressure", "pressure": 100.0},
+    ],
+    "contacts": [
+        {
+            "group": "tip_nodes",
+            "at": "nodes",
+            "surface": {
+                "kind": "cylinder",
+                "point": [-0.3, 0.0, 0.0],
+                "axis": [0.0, 1.0, 0.0],
+                "radius": 0.5,
+                "spin": 1.0,
+                "waves": [[2, 2e-4, 0.0]],
+            },
+            "gap": 0.0,
+            "normal_stiffness": 1e8,
+            "tangential_stiffness": 1e8,
+            "friction": 0.2,
+        }
+    ],
+    "rotation": {"speed_rpm": 3000.0, "axis": [0.0, 1.0, 0.0], "point": [-0.3, 0.0, 0.0]},
+    "damping": {"stiffness": 1e-6},
+    "probe": {"group": "tip", "at": "mean"},
+    "basis": {"modes": 4, "masters": 10, "derivatives": "none"},
+    "time": {"periods": 10, "steps_per_period": 100},
+    "response": {"first": 40.0, "last": 60.0},
+    "backbone": {"first": 1e-6, "last": 1e-4},
+}
+"""A scene with all tables but one."""
+
+ONLINE = {
+    "title",
+    "source",
+    "reference",
+    "output.pictures",
+    "output.paraview",
+    "output.motion",
+    "output.animation",
+    "output.stress_fractions",
+    "compare",
+    "campbell",
+    "backbone",
+}
+"""Keys and tables on which no offline result depends."""
+
+MOTION = {
+    "time",
+    "response",
+    "material.mass_damping",
+    "loads.0.action.force",
+    "loads.0.history",
+    "contacts.0.preload",
+    "contacts.0.gap",
+    "contacts.0.approach",
+    "contacts.0.normal_stiffness",
+    "contacts.0.tangential_stiffness",
+    "contacts.0.friction",
+    "contacts.0.surface.radius",
+    "contacts.0.surface.spin",
+    "contacts.0.surface.waves",
+}
+"""Keys and tables on which a reduced model depends only if a motion selects its derivatives."""
+
+PROJECTED = {
+    "damping",
+    "output.stresses",
+    "basis.derivatives",
+    "basis.threshold",
+    "basis.differentiation",
+    "basis.elastic_force",
+}
+"""Keys and tables on which the reduced model depends, and the modes do not."""
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """All keys of a scene, by the attributes that lead to them, and their values."""
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from leaves(getattr(value, field.name), f"{path}.{field.name}")
+    elif isinstance(value, tuple) and value and is_dataclass(value[0]):
+        for k, entry in enumerate(value):
+            yield from leaves(entry, f"{path}.{k}")
+    else:
+        yield path.lstrip("."), value
+
+
+def other(value: Any) -> Any:
+    """Another value of a key."""
+    if isinstance(value, bool):
+        return not value
+    if isinstance(value, int | float):
+        return value + 1
+    if isinstance(value, str):
+        return f"{value}x"
+    if isinstance(value, Path):
+        return value.with_name("beam2d.geo")
+    if isinstance(value, tuple):
+        return (*value, *value) or ((0.0, 1.0), (1.0, 2.0))
+    return {**value, "more": 1.0} if isinstance(value, dict) else 1.0
+
+
+def changed(value: Any, path: list[str]) -> Any:
+    """A copy of a scene with another value of one key."""
+    if not path:
+        return other(value)
+    if isinstance(value, tuple):
+        k = int(path[0])
+        return (*value[:k], changed(value[k], path[1:]), *value[k + 1 :])
+    return replace(value, **{path[0]: changed(getattr(value, path[0]), path[1:])})
+
+
+def within(path: str, names: set[str]) -> bool:
+    """Whether a key is one of some names, or in one of some tables."""
+    return any(f"{path}.".startswith(f"{name}.") for name in names)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Scene:
+    scene = make_scene(**TABLE)
+    other = beam_scene(2, attachments=[{"group": "tip", "at": "mean", "mass": 0.1}])
+    return replace(scene, attachments=other.attachments)  # not allowed with a rotation
+
+
+@pytest.mark.parametrize("derivatives", ["none", "mmi-nls"])
+def test_every_key_of_the_schema_that_matters_changes_the_hashes(
+    whole: Scene, derivatives: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new key of the schema matters unless it is in one of the sets above."""
+    monkeypatch.setattr(offline_key, "_program", dict)
+    scene = replace(whole, basis=replace(whole.basis, derivatives=derivatives))
+    found = keys_of(scene)
+    assert found is not None
+    listed = dict(leaves(scene))
+    assert len(listed) > 80
+    for path in listed:
+        # one period of the loads is enough to know the linear transient, whatever ends the run
+        if derivatives == "mmi-nls" and within(path, {"time", "response"}):
+            continue
+        variant = changed(scene, path.split("."))
+        new = keys_of(variant)
+        assert new is not None
+        modes, model = (a != b for a, b in zip(found, new, strict=True))
+        assert modes != within(path, ONLINE | MOTION | PROJECTED), path
+        online = ONLINE if derivatives == "mmi-nls" else ONLINE | MOTION
+        assert model != within(path, online), path
+        if derivatives == "none" and changed_key(scene, variant) is not None:
+            assert model, path
+
+
+def test_time_integration_of_the_selecting_motion_changes_its_hash(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(offline_key, "_program", dict)
+    scene = beam_scene(2)
+    found = keys_of(scene)
+    for override, same in (
+        ("time.periods=7", True),
+        ("time.steady_tolerance=1e-7", True),
+        ("time.steps_per_period=150", False),
+        ("time.scheme='average-acceleration'", False),
+        ("response={parameter='frequency', first=1.0, last=8.0}", False),
+    ):
+        new = keys_of(beam_scene(2, (override,)))
+        assert found is not None and new is not None
+        assert new[0] == found[0] or "response" in override
+        assert (new[1] == found[1]) == same, override
+
+
+def test_program_options_and_mesh_file_change_the_hashes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = beam_scene(2)
+    mesh = tmp_path / "mesh.geo"
+    mesh.write_bytes(scene.geometry.mesh.read_bytes())
+    scene = replace(scene, geometry=replace(scene.geometry, mesh=mesh))
+    found = {keys_of(scene)}
+    monkeypatch.setenv("PETSC_OPTIONS", "-info")
+    found.add(keys_of(scene))
+    mesh.write_text(mesh.read_text() + "\n")
+    found.add(keys_of(scene))
+    from fenicsrom.assess import full_cache
+
+    monkeypatch.setattr(full_cache, "package_digest", lambda folder: "other code")
+    found.add(keys_of(scene))
+    assert len(found) == 4
+    mesh.write_text('Include "other.geo";\n')
+    assert keys_of(scene) is None
+
+
+# ------------------------------------------------------------------ results
+
+STATIC = {"group": "load", "at": "centre", "direction": [0.0, 1.0], "force": 2e4}
+SHAKE = {**STATIC, "force": 1e4, "frequency": 40.0}
+SHORT = (*STOCKY, "time.periods=2", "time.steps_per_period=50", "basis.modes=2")
+
+
+def loaded_scene(*overrides: str) -> Scene:
+    """A short beam under a static and a varying load."""
+    return beam_scene(2, (*SHORT, *overrides), loads=[SHAKE, STATIC])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of this test."""
+    monkeypatch.setenv(result_cache.VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def run(scene: Scene, fresh: bool = False) -> Study:
+    pytest.importorskip("dolfinx")
+    return study.run(scene, fresh=fresh)
+
+
+def numbers(found: Study) -> dict[str, Any]:
+    """The results of a run: models, motion, labels and sentences."""
+    motion = found.motions["reduced"]
+    return {
+        "displacement": motion.displacement,
+        "work": motion.work,
+        "cubic": found.model.elastic.cubic,
+        "mass": found.model.mass,
+        "candidates": found.candidates.elastic.cubic,
+        "vectors": found.basis.vectors,
+        "labels": np.array(found.labels),
+        "deflection": found.deflection,
+        "weights": np.array(list(found.selection.weights.values())),
+        "errors": np.array([error.amplitude for error in found.errors.values()]),
+        "warnings": np.array(found.warnings),
+    }
+
+
+def assert_equal_runs(one: Study, two: Study) -> None:
+    for name, value in numbers(one).items():
+        np.testing.assert_array_equal(numbers(two)[name], value, err_msg=name)
+
+
+@pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
+def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path) -> None:
+    scene = loaded_scene(f"basis.method='{method}'")
+    first, second = run(scene), run(scene)
+    assert_equal_runs(first, second)
+    assert "modes" in first.seconds and "modes" not in second.seconds
+    assert second.solid._solid is None  # no solid was built
+    assert second.solid.mass.getSize() == first.solid.mass.getSize()  # now it is
+    rough = loaded_scene(f"basis.method='{method}'", "contacts.0.friction=0.1")
+    third = run(rough)  # the friction selects the derivatives
+    assert "modes" not in third.seconds and "reduction" in third.seconds
+    again = run(rough, fresh=True)
+    assert "modes" in again.seconds
+    assert_equal_runs(again, third)
+
+
+def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
+    run(loaded_scene("basis.derivatives='none'"))
+    other = loaded_scene(
+        "basis.derivatives='none'",
+        "loads.0.force=500",
+        "contacts.0.friction=0.2",
+        "material.mass_damping=7",
+    )
+    found = run(other)
+    assert found.solid._solid is None
+    assert_equal_runs(run(other, fresh=True), found)
+
+
+def test_damaged_archive_is_computed_again(folder: Path) -> None:
+    scene = loaded_scene()
+    first = run(scene)
+    for k, path in enumerate(sorted(folder.iterdir())):
+        content = path.read_bytes()
+        middle = len(content) // 2
+        damaged = content[:middle] + bytes([content[middle] ^ 255]) + content[middle + 1 :]
+        path.write_bytes(content[: middle // 2] if k else damaged)
+        again = run(scene)
+        assert_equal_runs(first, again)
+        assert "reduction" in again.seconds
+        assert len(path.read_bytes()) == len(content)
+    assert "reduction" not in run(scene).seconds
+
+
+def test_switched_off_cache_keeps_nothing(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv(result_cache.VARIABLE, result_cache.OFF)
+    assert result_cache.cache_folder() is None
+    assert main(["cache"]) == 0
+    assert "not kept" in capsys.readouterr().out
+    assert not folder.exists()
+
+
+# ------------------------------------------------------------------ the folder
+
+
+def archive(path: Path, size: int, used: float) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(bytes(size))
+    os.utime(path, (used, used))
+
+
+def test_oldest_archives_are_removed_beyond_the_limit(folder: Path) -> None:
+    for k in range(4):
+        archive(folder / f"{k}.npz", 100, used=1000.0 + k)
+    result_cache.renew(folder / "0.npz")
+    result_cache.trim(folder, 250)
+    assert [entry.path.name for entry in result_cache.entries(folder)] == ["3.npz", "0.npz"]
+    result_cache.trim(folder, 200)
+    assert len(result_cache.entries(folder)) == 2
+    archive(folder / ".killed.npz", 100, used=1000.0)
+    archive(folder / ".written_now.npz", 100, used=time.time())
+    result_cache.trim(folder, 200)
+    assert {path.name for path in folder.iterdir()} == {"3.npz", "0.npz", ".written_now.npz"}
+
+
+def test_command_shows_and_empties_the_cache(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    archive(folder / "1.npz", 2_000_000, used=1000.0)
+    assert main(["cache"]) == 0
+    shown = capsys.readouterr().out
+    assert f"{folder}: 1 files, 2.0 MB" in shown
+    assert main(["cache", "--clear"]) == 0
+    assert result_cache.entries(folder) == []
+
+
+def test_runs_at_the_same_time_read_whole_archives(folder: Path) -> None:
+    """Four threads write, read and remove one archive; what is read is always complete."""
+    path, failures, read = folder / "0.npz", [], []
+
+    def work(number: int) -> None:
+        for _ in range(30):
+            write_archive(path, {"format": "x"}, {"values": np.full(20_000, float(number))})
+            result_cache.trim(folder, 100_000)
+            try:
+                with read_archive(path, "offline results", "x") as (_, arrays):
+                    read.append(len(set(arrays["values"])))
+            except SceneError as error:
+                if path.exists() and "no such file" not in str(error):
+                    failures.append(error)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    assert set(read) <= {1}
