@@ -138,12 +138,14 @@ def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
     The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
     """
     rows, columns, values = matrix.getValuesCSR()
-    sizes, comm = matrix.getSizes(), matrix.comm
-    matrix.destroy()
+    sizes = matrix.getSizes()
     kept = csr_array((values, columns, rows), shape=(rows.size - 1, sizes[1][1]))
     kept.eliminate_zeros()
     csr = kept.indptr, kept.indices, kept.data
-    return PETSc.Mat().createAIJ(sizes, csr=csr, comm=comm)
+    # the given matrix may be the last object that holds its communicator
+    found = PETSc.Mat().createAIJ(sizes, csr=csr, comm=matrix.comm)
+    matrix.destroy()
+    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:
