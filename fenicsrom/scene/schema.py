@@ -434,6 +434,11 @@ class Scene:
         return 1.0 / min(frequencies)
 
     @property
+    def followers(self) -> tuple[int, ...]:
+        """The numbers, from 0, of the pressures that follow the deformation."""
+        return tuple(k for k, load in enumerate(self.loads) if load.follower)
+
+    @property
     def viscous(self) -> bool:
         """Whether there is damping besides the mass-proportional one."""
         return self.damping.viscous or any(found.viscous for found in self.attachments)

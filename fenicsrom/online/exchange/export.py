@@ -62,9 +62,10 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         form: a key of `SUFFIXES`.
 
     Raises:
+        SceneError: a follower pressure acts on the model.
         OSError: a file cannot be written.
     """
-    arrays, linear = model_arrays(stored.model), stored.model.linear
+    arrays, linear = model_arrays(stored.model, stored.scene.source), stored.model.linear
     if form == "jax":
         write_source(path, scene_heading(stored.scene), arrays, linear)
         return Exported((path,), ())
