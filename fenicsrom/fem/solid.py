@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
@@ -339,6 +340,15 @@ class Solid(ElasticBody):
     def gyroscopic_times(self, block: Array) -> Array:
         """G times a block (local, k); the scene must include the Coriolis force."""
         return multiply(self.gyroscopic, block)
+
+    def unclamped_tangent_times(self, block: Array) -> Array:
+        """The tangent of the elastic force in K, without supports, times a block (local, k)."""
+        self._set(self._u, self.equilibrium if self._bends else np.zeros(self.local))
+        matrix = fem.petsc.assemble_matrix(self._tangent_form)
+        matrix.assemble()
+        product = multiply(matrix, block)
+        matrix.destroy()
+        return product
 
     def tangent_times(self, u: Array, block: Array) -> Array:
         """Tangent at a displacement u (local,) times a block (local, k)."""

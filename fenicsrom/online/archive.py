@@ -65,7 +65,7 @@ from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
-FORMAT = "fenicsrom reduced model 4"
+FORMAT = "fenicsrom reduced model 5"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause

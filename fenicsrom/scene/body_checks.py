@@ -60,9 +60,6 @@ def attachment_problems(scene: Scene) -> Problems:
         return
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [[attachments]]")
-    if scene.output.stresses != "none":
-        allowed = 'must be "none" with [[attachments]], whose forces the reactions lack'
-        yield Problem("output.stresses", scene.output.stresses, allowed)
 
 
 def follower_problems(scene: Scene) -> Problems:
@@ -78,11 +75,4 @@ def follower_problems(scene: Scene) -> Problems:
         yield Problem("reference.beam", True, f"must be false with {key}")
     if scene.output.stresses != "none":
         allowed = f'must be "none" with {key} = true, whose forces the reactions lack'
-        yield Problem("output.stresses", scene.output.stresses, allowed)
-
-
-def damping_problems(scene: Scene) -> Problems:
-    """Yield the problems of the viscous damping."""
-    if scene.damping.viscous and scene.output.stresses != "none":
-        allowed = 'must be "none" with [damping], whose forces the reactions lack'
         yield Problem("output.stresses", scene.output.stresses, allowed)
