@@ -338,9 +338,10 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
         mesh = build_mesh(scene.geometry, comm)
     say("compiling and warming up ..")
     cold: dict[str, float] = {}
-    warm = Workshop(solid_of(scene, mesh), scene, {}, largest)
+    trial = solid_of(scene, mesh)
     with timed(cold, "compilation"):
-        warm_up(warm, scenes[0])
+        warm_up(Workshop(trial, scene, {}, largest), scenes[0])
+    trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
     full: Motion | None = None

@@ -77,8 +77,17 @@ class Factorisation:
 
     @property
     def negative_pivots(self) -> int:
-        """Number of negative pivots of a symmetric matrix."""
+        """Number of negative pivots of a symmetric matrix; the factor is `counting`."""
         return int(self._ksp.getPC().getFactorMatrix().getInertia()[0])
+
+    def negative_eigenvalues(self) -> int:
+        """Number of negative eigenvalues of the symmetric matrix, by Sylvester's law of inertia.
+
+        MUMPS on one rank counts the negative pivots of every factor; others make a counting one.
+        """
+        if self._small or self.comm.size > 1:
+            return negative_eigenvalues(self.matrix)
+        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(12))
 
     def solve(self, block: Array) -> Array:
         """Solve for every column of a block.
@@ -138,12 +147,10 @@ def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
     The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
     """
     rows, columns, values = matrix.getValuesCSR()
-    sizes = matrix.getSizes()
-    kept = csr_array((values, columns, rows), shape=(rows.size - 1, sizes[1][1]))
+    kept = csr_array((values, columns, rows), shape=(rows.size - 1, matrix.getSize()[1]))
     kept.eliminate_zeros()
     csr = kept.indptr, kept.indices, kept.data
-    # the given matrix may be the last object that holds its communicator
-    found = PETSc.Mat().createAIJ(sizes, csr=csr, comm=matrix.comm)
+    found = PETSc.Mat().createAIJ(matrix.getSizes(), csr=csr, comm=matrix.comm)
     matrix.destroy()
     return found
 

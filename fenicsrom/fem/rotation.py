@@ -73,6 +73,11 @@ class RotatingFrame:
         self._comm = space.mesh.comm
         self.set_speed(rotation.omega)
 
+    @property
+    def matrices(self) -> list[PETSc.Mat]:
+        """The matrices of the frame."""
+        return [self.mass] if self._unit is None else [self.mass, self._unit]
+
     def out_of_axis(self, a: Any, b: Any) -> Any:
         """P a · b of two UFL vectors."""
         if self._axis is None:

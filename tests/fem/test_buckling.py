@@ -16,7 +16,7 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.fem.linalg import negative_eigenvalues
+from fenicsrom.fem.linalg import Factorisation, negative_eigenvalues
 from fenicsrom.fem.solid import build_solid
 from fenicsrom.scene import make_scene
 
@@ -70,6 +70,19 @@ def test_straight_column_is_unstable_beyond_the_euler_loads(part: float, unstabl
     assert solid.unstable == unstable
     assert bool(solid.warnings) == bool(unstable)
     assert negative_eigenvalues(solid.stiffness) == 0
+
+
+def test_factor_counts_the_modes_below_a_frequency() -> None:
+    """On one rank MUMPS, which factorises large matrices, counts without a second factorisation."""
+    sizes = ("geometry.parameters.elements_along=60", "geometry.parameters.elements_through=3")
+    solid = make_solid(beam_scene(2, sizes))
+    assert solid.free > Factorisation.SMALL
+    squares, _ = solid.eigenmodes(solid.factor, 4)
+    for count in (1, 3):
+        matrix = solid.stiffness.copy()
+        matrix.axpy(-0.5 * (squares[count - 1] + squares[count]), solid.mass)
+        assert Factorisation(matrix, "test_inertia").negative_eigenvalues() == count
+        assert negative_eigenvalues(matrix) == count
 
 
 def test_buckled_column_is_the_elastica() -> None:
