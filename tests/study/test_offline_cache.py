@@ -76,6 +76,7 @@ ONLINE = {
     "output.stress_fractions",
     "compare",
     "campbell",
+    "statics",
     "backbone",
 }
 """Keys and tables on which no offline result depends."""
