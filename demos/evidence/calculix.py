@@ -107,6 +107,14 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
         "probe": {"group": "tip"},
     }
     yield "attached", "beam with a mass and a spring", make_scene(folder=folder, **beam)
+    beam |= {
+        "supports": [{"group": "root"}, {"group": "tip", "normal": [1.0, 2.0, 2.0]}],
+        "attachments": [],
+        "loads": [{"group": "load", "direction": [0.0, 1.0, 0.0], "force": 4e3}],
+        "probe": {"nearest": [0.5, 0.0127, 0.0127]},
+    }
+    what = "beam on a slanted roller under a force"
+    yield "roller", what, make_scene(folder=folder, **beam)
     strip = {
         "geometry": {
             "mesh": "beam2d.geo",

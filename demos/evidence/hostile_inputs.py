@@ -125,7 +125,7 @@ def odd_array(array: np.ndarray, chance: random.Random) -> np.ndarray:
         return array.ravel()[: chance.randrange(array.size + 1)]
     if kind == 4:
         return array.astype(chance.choice(("float32", "complex128", "int8", "U5")))
-    return np.ascontiguousarray(array.T[::-1])
+    return np.ascontiguousarray(np.atleast_1d(array.T)[::-1])
 
 
 def scenes(folder: Path, count: int, chance: random.Random) -> Iterator[tuple[Path, list[str]]]:
@@ -169,7 +169,7 @@ def meshes(folder: Path, count: int, chance: random.Random) -> Iterator[tuple[Pa
         suffix = chance.choice(list(formats))
         path = folder / f"mesh_{number}{suffix}"
         path.write_bytes(damaged((folder / f"whole{suffix}").read_bytes(), chance))
-        yield path, ["inspect", str(path)]
+        yield path, ["inspect", str(path), "--output", str(folder / "described")]
 
 
 def archives(folder: Path, count: int, chance: random.Random) -> Iterator[tuple[Path, list[str]]]:

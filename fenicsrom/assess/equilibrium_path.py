@@ -104,6 +104,10 @@ def varied_loads(scene: Scene) -> list[Load]:
     if not scene.geometrically_nonlinear:
         allowed = "false: must be true, because a linear path is a straight line"
         raise _refusal(scene, "geometrically_nonlinear", allowed, ErrorKind.CONFLICT)
+    if scene.followers:
+        key = f"loads[{scene.followers[0]}].follower"
+        allowed = "true: must be false, because the path is that of loads of constant directions"
+        raise _refusal(scene, key, allowed, ErrorKind.CONFLICT)
     if scene.contacts:
         allowed = "not allowed: the path is that of the body without contacts"
         raise _refusal(scene, "contacts", allowed, ErrorKind.CONFLICT)

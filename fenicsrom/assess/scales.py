@@ -40,13 +40,19 @@ class Scales:
 def scales_of(model: ReducedModel, scene: Scene) -> Scales:
     """Compute the scales of a scene from its reduced model."""
     stiffness = [_body_stiffness(model, k) for k in range(len(scene.contacts))]
-    squares = scipy.linalg.eigh(model.elastic.stiffness, model.mass, eigvals_only=True)
+    squares = scipy.linalg.eigh(_symmetric_stiffness(model), model.mass, eigvals_only=True)
     return Scales(
         tuple(normal for normal, _ in stiffness),
         tuple(tangential for _, tangential in stiffness),
         buckling_preload(model, scene),
         float(np.sqrt(max(squares[0], 0.0))),
     )
+
+
+def _symmetric_stiffness(model: ReducedModel) -> Array:
+    """The symmetric part (n, n) of the tangent at q = 0; all of it without follower pressures."""
+    stiffness = model.rest_stiffness()
+    return np.asarray(0.5 * (stiffness + stiffness.T)) if model.pressure.numbers.size else stiffness
 
 
 def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
@@ -63,7 +69,7 @@ def _body_stiffness(model: ReducedModel, contact: int) -> tuple[float, float]:
         force = np.zeros((areas.size, dimension))
         force[:, direction] = areas / areas.sum()
         load = model.contact_rows.T @ force.reshape(-1)
-        flexibility.append(float(load @ np.linalg.solve(model.elastic.stiffness, load)))
+        flexibility.append(float(load @ np.linalg.solve(model.rest_stiffness(), load)))
     normal, tangential = (float(1.0 / (c * areas.sum())) for c in _pair(flexibility))
     return normal, tangential
 
@@ -91,7 +97,7 @@ def buckling_preload(model: ReducedModel, scene: Scene) -> tuple[float, ...] | N
         return None
     force = np.zeros((model.points.contact.size, scene.geometry.dimension))
     force[:, 0] = pattern[model.points.contact] * model.points.tributary_area
-    stiffness = model.elastic.stiffness
+    stiffness = _symmetric_stiffness(model)
     q: Array = np.asarray(
         -np.linalg.solve(stiffness, model.contact_rows.T @ force.reshape(-1)), dtype=np.float64
     )

@@ -159,8 +159,9 @@ MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp
 FORMAT = Argument(
     "--format",
     required=True,
-    choices=("mat", "dmig", "op4", "jax", "inp"),
-    help="mat (MATLAB and Octave) and jax (a Python module) hold the nonlinear model; dmig and op4 "
+    choices=("mat", "jax", "fmu", "dmig", "op4", "inp"),
+    help="mat (MATLAB and Octave), jax (a Python module) and fmu (a Functional Mock-up Unit) hold "
+    "the nonlinear model; dmig and op4 "
     "(Nastran) hold its linear part; inp is the CalculiX deck of a scene",
 )
 MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")

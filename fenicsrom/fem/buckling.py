@@ -24,6 +24,7 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.fem.flutter import check_coupling
 from fenicsrom.fem.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.scene.rules import counted
@@ -76,7 +77,10 @@ def check_stability(body: Solid) -> int:
     Raises:
         ConvergenceError: the tangent stiffness is singular.
     """
-    unstable = body.factor.negative_eigenvalues()
+    if body.symmetric:
+        unstable = body.factor.negative_eigenvalues()
+    else:
+        unstable = check_coupling(body, negative_eigenvalues(body.stiffness))
     if not unstable:
         return 0
     directions = counted(unstable, "direction")
@@ -119,19 +123,25 @@ def check_snap(body: Solid, linear: Array) -> None:
     if size(body.equilibrium) <= SOFTENING * size(linear):
         return
     full = body.static_load
+    pushing = full + body.pressure_force(body.equilibrium)
     factor = Factorisation(body.tangent(body.equilibrium), "fenicsrom_snap")
+
+    def at(part: float, u: Array) -> Array:
+        if body.pressures is not None:
+            body.pressures.part = part
+        return body.static(part * full, u)
 
     def leaps(u: Array, new: Array) -> bool:
         body.tangent(u, factor.matrix)
         factor.update()
-        return size(new - u) > JUMP * size(factor.solve(full[:, None] / LOAD_STEPS)[:, 0])
+        return size(new - u) > JUMP * size(factor.solve(pushing[:, None] / LOAD_STEPS)[:, 0])
 
     def stays(u: Array, new: Array, begin: float, end: float) -> bool:
         whole = size(new - u)
         for _ in range(HALVINGS):
             middle = 0.5 * (begin + end)
             try:
-                between = body.static(middle * full, u)
+                between = at(middle, u)
             except ConvergenceError:  # the path ends at a limit load
                 return True
             if size(between - u) > size(new - between):
@@ -146,7 +156,7 @@ def check_snap(body: Solid, linear: Array) -> None:
     try:
         for k in range(LOAD_STEPS):
             begin, end = k / LOAD_STEPS, (k + 1) / LOAD_STEPS
-            new = body.static(end * full, u)
+            new = at(end, u)
             if leaps(u, new) and stays(u, new, begin, end):
                 body.warnings.append(
                     f"the body snaps through between {100.0 * begin:g} % and {100.0 * end:g} % of "
@@ -159,6 +169,8 @@ def check_snap(body: Solid, linear: Array) -> None:
         return
     finally:
         factor.destroy(matrix=True)
+        if body.pressures is not None:
+            body.pressures.part = 1.0
 
 
 def _probe_text(body: Solid) -> str:
@@ -224,7 +236,7 @@ def _step(
     load = body.static_load
 
     def correct(u: Array) -> Correction | None:
-        residual = body.internal_force(u) - load + c * multiply(body.mass, u - start)
+        residual = body.residual(u, load) + c * multiply(body.mass, u - start)
         body.tangent(u, matrix)
         matrix.axpy(c, body.mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
         try:
@@ -235,6 +247,6 @@ def _step(
         return change, abs(body.dot(residual, change))
 
     def converged(u: Array, decrement: float, first: float, last: float) -> bool:
-        return small_against_load(decrement, first, body.dot(load, u))
+        return small_against_load(decrement, first, body.dot(load + body.pressure_force(u), u))
 
     return newton(start, correct, converged, ITERATIONS, GROWTH)

@@ -21,7 +21,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.formats.calculix import Deck, Section
+from fenicsrom.fem.formats.calculix import Deck, Equation, Section
 from fenicsrom.fem.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.fem.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.fem.mesh import build_mesh
@@ -41,6 +41,9 @@ the corners beside the first one."""
 MODES = 10
 """Number of natural frequencies if `basis.modes` does not give it."""
 
+ZERO = 1e-12
+"""Smaller coefficients of an equation, whose first one is 1, are rounding errors."""
+
 
 def scene_deck(scene: Scene) -> Deck:
     """Make the deck of a scene.
@@ -58,6 +61,14 @@ def scene_deck(scene: Scene) -> Deck:
         materials=scene.materials,
         attachments=scene.attachments,
     )
+    if solid.slanted is not None:
+        raise SceneError(
+            f"{scene.source}: supports: the deck can clamp components only, but a normal is not "
+            "along an axis; turn the mesh",
+            kind=ErrorKind.CONFLICT,
+            key="supports",
+            source=scene.source,
+        )
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):
@@ -77,6 +88,7 @@ def scene_deck(scene: Scene) -> Deck:
         plane=scene.geometry.plane,
         sections=tuple(_sections(solid)),
         clamped=clamped,
+        equations=tuple(nodes.equations()),
         masses=nodes.attached(solid.point_masses).max(axis=1),
         springs=nodes.attached(solid.springs),
         forces=np.where(clamped, 0.0, nodes.project(force)),
@@ -95,6 +107,8 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
         found.append("the contacts with friction are left out")
     if any(not load.static for load in scene.loads):
         found.append("the loads that vary in time are left out")
+    if any(scene.loads[k].static for k in scene.followers):
+        found.append("follower pressures act along the normals of the undeformed body")
     if scene.material.mass_damping or scene.viscous:
         found.append("the damping is left out")
     if scene.rotation is not None and scene.rotation.coriolis:
@@ -133,7 +147,7 @@ def _sections(solid: Solid) -> list[Section]:
 def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:
     """The nodes of the probe or, without it, of the first contact or load that has a place."""
     places = [*([scene.probe] if scene.probe else []), *(c.place for c in scene.contacts)]
-    places += [load.place for load in scene.loads if load.kind != "acceleration"]
+    places += [load.place for load in scene.loads if not load.everywhere]
     if not places:
         return np.zeros(0, dtype=np.int64)
     rows = solid.place(places[0], "probe")[0]
@@ -216,11 +230,36 @@ class _Nodes:
         held = np.zeros(self._solid.local)
         held[self._solid.clamped] = 1.0
         every = held.reshape(len(self._x), -1)
+        if (slanted := self._solid.slanted) is not None:
+            every[slanted.nodes] += np.diagonal(slanted.held, axis1=1, axis2=2)
         weights = abs(self._transfer)
         around = weights @ every[self._kept] / weights.sum(axis=1)[:, None]
         if np.any(every > around + 0.5 / SHAPES[self._kind].nodes):
             raise self._lost("supports")
-        return every[self._kept] > 0.0
+        return (held.reshape(len(self._x), -1) == 1.0)[self._kept]
+
+    def equations(self) -> list[Equation]:
+        """The equations of the kept nodes that are held along slanted directions.
+
+        Those of one node are in reduced echelon form: the first component of each is in no other.
+        """
+        found = []
+        slanted = self._solid.slanted
+        for node, held in zip(slanted.nodes, slanted.held, strict=True) if slanted else ():
+            rows, firsts = held.copy(), []
+            for k in range(round(float(np.trace(held)))):
+                row, axis = np.unravel_index(np.argmax(np.abs(rows[k:])), rows[k:].shape)
+                rows[[k, k + row]] = rows[[k + row, k]]
+                rows[k] /= rows[k, axis]
+                others = np.arange(len(rows)) != k
+                rows[others] -= np.outer(rows[others, axis], rows[k])
+                firsts.append(int(axis))
+            for first, row in zip(firsts, rows, strict=False):
+                rest = [k for k in np.flatnonzero(np.abs(row) > ZERO) if k != first]
+                terms = tuple((int(k), float(row[k])) for k in (first, *rest))
+                if self._number[node] >= 0:
+                    found.append((int(self._number[node]), terms))
+        return found
 
     def attached(self, values: Array) -> Array:
         """The attached masses or stiffnesses (kept nodes, d) from values (local,).

@@ -29,7 +29,7 @@ rows of K are those of the identity; the clamped rows of M are zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import basix.ufl
 import dolfinx.fem.petsc
@@ -50,6 +50,9 @@ from fenicsrom.fem.slanted import Slanted
 from fenicsrom.fem.supports import conditions, held_displacements
 from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
 
+if TYPE_CHECKING:
+    from fenicsrom.fem.pressure import FollowerPressures
+
 CHUNK_BYTES = 200e6
 """Memory of one chunk of tabulated gradients."""
 
@@ -68,6 +71,7 @@ class ElasticBody:
         local: number of unknowns that this rank owns, clamped ones included.
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
+        conditions: the boundary conditions of the clamped unknowns.
         slanted: the projection of nodes that are held along slanted directions; None without any.
         thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
         quadrature_degree: degree of the quadrature rule.
@@ -78,6 +82,7 @@ class ElasticBody:
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
+        pressures: the follower pressures, or None without any.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
@@ -116,7 +121,7 @@ class ElasticBody:
         self.size = dofmap.index_map.size_global * bs
         held = held_displacements(mesh, self.space, supports, source)
         self._zero = fem.Function(self.space)
-        self._conditions = conditions(self.space, self._zero, held.unknowns)
+        self.conditions = conditions(self.space, self._zero, held.unknowns)
         self.clamped = held.unknowns[held.unknowns < self.local]
         self.free = self.size - int(self.comm.allreduce(self.clamped.size))
         self.slanted: Slanted | None = None
@@ -125,6 +130,7 @@ class ElasticBody:
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, geometry, material, materials, source)
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
+        self.pressures: FollowerPressures | None = None
         self._compile_forms()
         self.rotation = self._rotating_frame(rotation)
 
@@ -190,14 +196,14 @@ class ElasticBody:
         self, matrix: PETSc.Mat, form: fem.Form, diagonal: float, extra: Array | None = None
     ) -> None:
         """Assemble a bilinear form into a zero matrix, with `extra` (local,) on its diagonal."""
-        fem.petsc.assemble_matrix(matrix, form, self._conditions, diagonal)
+        fem.petsc.assemble_matrix(matrix, form, self.conditions, diagonal)
         matrix.assemble()
         if extra is not None:
             add_to_diagonal(matrix, extra)
         if self.slanted is not None:
             self.slanted.project_matrix(matrix, diagonal)
 
-    def _set(self, function: fem.Function, values: Array) -> None:
+    def set_field(self, function: fem.Function, values: Array) -> None:
         """Set the values (local,) of a function, and its ghost values."""
         function.x.array[: self.local] = values
         function.x.scatter_forward()
@@ -223,7 +229,7 @@ class ElasticBody:
     def field(self, values: Array) -> fem.Function:
         """A displacement field with the values (local,), its ghost values up to date."""
         function = fem.Function(self.space)
-        self._set(function, values)
+        self.set_field(function, values)
         return function
 
     def dot(self, a: Array, b: Array) -> float:
@@ -251,25 +257,45 @@ class ElasticBody:
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
-        self._set(self._u, u)
+        self.set_field(self._u, u)
         force = self._vector(self._force_form)
         if self.springs.any():
             force += self.springs * u
         return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether no static follower pressure acts, whose tangent may not be symmetric."""
+        return self.pressures is None or not self.pressures.acts
+
+    def residual(self, u: Array, load: Array) -> Array:
+        """Internal force at u (local,) minus a load (local,) and the static follower pressures."""
+        residual = self.internal_force(u) - load
+        return residual if self.pressures is None else residual - self.pressure_force(u)
+
+    def pressure_force(self, u: Array) -> Array:
+        """Force (local,) of the static follower pressures at a displacement u (local,), N."""
+        return np.zeros(self.local) if self.pressures is None else self.pressures.static_force(u)
+
     def tangent(
-        self, u: Array, matrix: PETSc.Mat | None = None, change: Array | None = None
+        self,
+        u: Array,
+        matrix: PETSc.Mat | None = None,
+        change: Array | None = None,
+        *,
+        symmetric: bool = True,
     ) -> PETSc.Mat:
-        """Tangent stiffness (3) at a displacement u (local,), N/m.
+        """Tangent stiffness (3) at a displacement u (local,), N/m, that of `residual`.
 
         Args:
             u: (local,).
             matrix: a matrix that is overwritten; a new one by default.
             change: (local,) the last change of u gives the mixed tangent (5).
+            symmetric: take the symmetric part of the tangent of the static follower pressures.
         """
-        self._set(self._u, u)
+        self.set_field(self._u, u)
         if change is not None:
-            self._set(self._change, change)
+            self.set_field(self._change, change)
         if matrix is None:
             matrix = self.matrix(self._tangent_form, 1.0)
         else:
@@ -279,21 +305,29 @@ class ElasticBody:
         add_to_diagonal(matrix, self.springs)
         if self.rotation is not None:
             self.rotation.add_spin_softening(matrix, 1.0)
+        if self.pressures is not None:
+            factors = self.pressures.part * self.pressures.static
+            self.pressures.add_tangent(matrix, u, factors, symmetric=symmetric)
         return matrix
 
-    def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
-        """Add `weight` times the tangent stiffness at a displacement u (local,) to a matrix."""
-        self._set(self._u, u)
-        self._weight.value = weight
+    def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:
+        """Add a bilinear form to an assembled matrix, which has all entries of the form."""
         if self.slanted is None:
-            fem.petsc.assemble_matrix(matrix, self._tangent_form, self._conditions, 1.0)
+            fem.petsc.assemble_matrix(matrix, form, self.conditions, 1.0)
             # finish the assembly: PETSc would drop values that are added after the diagonal was
             # inserted
             matrix.assemble()
         else:
-            added = self.matrix(self._tangent_form, 1.0)
+            added = matrix.duplicate()
+            self._assemble(added, form, 1.0)
             matrix.axpy(1.0, added, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
             added.destroy()
+
+    def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
+        """Add `weight` times the tangent stiffness at a displacement u (local,) to a matrix."""
+        self.set_field(self._u, u)
+        self._weight.value = weight
+        self.add_form(matrix, self._tangent_form)
         self._weight.value = 1.0
         add_to_diagonal(matrix, weight * self.springs)
         if self.rotation is not None:
@@ -304,16 +338,16 @@ class ElasticBody:
 
         The centrifugal potential of the undeformed body is zero.
         """
-        self._set(self._u, u)
+        self.set_field(self._u, u)
         own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.springs * u))
         energy = float(self.comm.allreduce(own))
         return energy if self.rotation is None else energy + self.rotation.energy(u)
 
     def derivative_at(self, u: Array, x: Array, y: Array) -> Array:
         """K′[x] y of (4) at a displacement u (local,), for x and y (local,): (local,)."""
-        self._set(self._u, u)
-        self._set(self._x, x)
-        self._set(self._y, y)
+        self.set_field(self._u, u)
+        self.set_field(self._x, x)
+        self.set_field(self._y, y)
         return self._vector(self._derivative_form)
 
     def owned_cells(self) -> npt.NDArray[np.int32]:
@@ -365,7 +399,7 @@ class ElasticBody:
             part = cells[start : start + chunk]
             gradients = np.empty((part.size * weights.size, 1 + n, d, d))
             for k in range(1 + n):
-                self._set(self._x, about if k == 0 else fields[:, k - 1])
+                self.set_field(self._x, about if k == 0 else fields[:, k - 1])
                 if part.size:
                     gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
             if part.size:

@@ -16,6 +16,7 @@ from fenicsrom.fem.solid import Solid
 from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.load_histories import factors
+from fenicsrom.online.pressure import GAUSS
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.reduction.beam import BeamStructure
@@ -30,7 +31,8 @@ def full_model(body: Structure, contacts: Contacts | None = None) -> Any:
     return FullModel(body, contacts)
 
 
-Slope = list[tuple[float, Array]]
+Slope = list[tuple[float, Array, Array]]
+"""Weights, states (local,) and factors (k,) of the follower pressures of tangents."""
 
 _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
 
@@ -62,7 +64,7 @@ class _Effective:
     Attributes:
         mass: coefficient of M.
         velocity: coefficient of D, the gyroscopic matrix and the viscous damping.
-        states: weights and states (local,) of the tangents.
+        states: weights, states and factors of the tangents.
     """
 
     mass: float
@@ -72,12 +74,14 @@ class _Effective:
     @property
     def lever(self) -> float:
         """The sum of the weights of the tangents."""
-        return sum(weight for weight, _ in self.states)
+        return sum(weight for weight, _, _ in self.states)
 
-    def mean_state(self) -> tuple[float, Array]:
-        """The sum of the weights, and the mean state (local,)."""
-        mean = sum(weight * q for weight, q in self.states)
-        return self.lever, np.asarray(mean) / (self.lever or 1.0)
+    def mean_state(self) -> tuple[float, Array, Array]:
+        """The sum of the weights, and the mean state (local,) and factors (k,)."""
+        mean = sum(weight * q for weight, q, _ in self.states)
+        factors = sum(weight * factors for weight, _, factors in self.states)
+        whole = self.lever or 1.0
+        return self.lever, np.asarray(mean) / whole, np.asarray(factors) / whole
 
     def has_coefficients_of(self, other: _Effective) -> bool:
         """Whether the coefficients of another matrix are the same, up to rounding."""
@@ -153,6 +157,9 @@ class FullModel:
         self._solid = solid
         self.linear = not solid.geometrically_nonlinear
         self.gauss_points = 1 if self.linear else 2
+        self._pressures = solid.pressures
+        count = 0 if solid.pressures is None else solid.pressures.numbers.size
+        self._factors = np.zeros((2, count))  # at the start and at the end of the step
         self.damping = solid.mass_damping
         self.loads, self.load_histories, self.points = (
             solid.load_vectors,
@@ -177,6 +184,35 @@ class FullModel:
         self._delassus = np.zeros((self._rows.shape[0],) * 2)
         self._progress = _Progress(solid)
 
+    def set_at_rest(self) -> None:
+        """Let only the static follower pressures act in the operations that follow."""
+        if self._pressures is not None:
+            self._factors[:] = self._pressures.static
+
+    def set_interval(self, begin: float, end: float) -> None:
+        """Set the start and the end of the step, in s: the factors of the follower pressures."""
+        if self._pressures is not None:
+            for row, time in enumerate((begin, end)):
+                self._factors[row] = factors(self.load_histories, time)[self._pressures.numbers]
+
+    def pressure_work(self, q0: Array, dq: Array) -> float:
+        """Work of the follower pressures, without their constant part, over a step, J."""
+        if self._pressures is None:
+            return 0.0
+        mean = sum(0.5 * self._pressure_force(q0 + s * dq, self._factors_at(s)) for s in GAUSS)
+        return self.dot(np.asarray(mean), dq)
+
+    def _factors_at(self, point: float) -> Array:
+        """The factors (k,) of the follower pressures at a point of the step, from 0 to 1."""
+        return np.asarray((1.0 - point) * self._factors[0] + point * self._factors[1])
+
+    def _pressure_force(self, q: Array, factors: Array) -> Array:
+        """The follower pressures (local,) at q without their constant part, N."""
+        assert self._pressures is not None
+        numbers = self._pressures.numbers
+        forces = self._pressures.unit_forces(self._solid.equilibrium + q) - self.loads[:, numbers]
+        return np.asarray(forces @ factors)
+
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Slope]:
@@ -188,20 +224,21 @@ class FullModel:
         mean = start_weight * start
         slope: Slope = []
         for point, weight in zip(points, weights, strict=True):
-            q = q0 + point * dq
+            q, pressing = q0 + point * dq, self._factors_at(point)
             if weight != 0.0:
-                mean = mean + weight * self._force(q)
-            slope.append((weight * point, q))
+                mean = mean + weight * self._force(q, pressing)
+            slope.append((weight * point, q, pressing))
         return mean, slope
 
-    def _force(self, q: Array) -> Array:
+    def _force(self, q: Array, factors: Array) -> Array:
         if self.linear:
             return self._start + multiply(self._solid.stiffness, q)
-        return self._solid.internal_force(self._solid.equilibrium + q)
+        force = self._solid.internal_force(self._solid.equilibrium + q)
+        return force if self._pressures is None else force - self._pressure_force(q, factors)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (local,) and energy above that of the equilibrium."""
-        force = self._force(q)
+        force = self._force(q, self._factors[1])
         if self.linear:
             return force, 0.5 * self.dot(q, force + self._start)
         return force, self._solid.energy(self._solid.equilibrium + q) - self._energy
@@ -267,9 +304,8 @@ class FullModel:
         self._assemble(wanted, exact)
         try:
             if self._factor is None:
-                self._factor = Factorisation(
-                    self._effective, "fenicsrom_step", symmetric=self._solid.gyroscopic is None
-                )
+                symmetric = self._solid.gyroscopic is None and self._pressures is None
+                self._factor = Factorisation(self._effective, "fenicsrom_step", symmetric)
             else:
                 self._factor.update()
         except ConvergenceError:
@@ -329,8 +365,15 @@ class FullModel:
                 found += weight * multiply(self._solid.stiffness, block)
             else:
                 u = self._solid.equilibrium + q0 + point * dq
-                found += weight * self._solid.tangent_times(u, block)
+                found += weight * self._tangent_times(u, self._factors_at(point), block)
         return found
+
+    def _tangent_times(self, u: Array, factors: Array, block: Array) -> Array:
+        """The tangent at u (local,) with factors (k,) of the follower pressures, times a block."""
+        found = self._solid.tangent_times(u, block)
+        if self._pressures is None:
+            return found
+        return found - self._pressures.tangent_times(u, block, factors - self._pressures.static)
 
     def solve_with_contact(self, block: Array, force: Array, by_end: Array) -> Array:
         """Solve (S + B F' B^T) X = -(block + B force) with S of the last `solve_effective`.
@@ -350,20 +393,25 @@ class FullModel:
 
     def negative_directions(self, slope: Slope) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
-        self._assemble(_Effective(0.0, 0.0, slope), True)
+        self._assemble(_Effective(0.0, 0.0, slope), True, symmetric=True)
         self._made = None
         return negative_eigenvalues(self._effective)
 
-    def _assemble(self, wanted: _Effective, exact: bool) -> None:
-        """Assemble S; with the tangent at the mean state only if not `exact`."""
+    def _assemble(self, wanted: _Effective, exact: bool, *, symmetric: bool = False) -> None:
+        """Assemble S, or its symmetric part; with the tangent at the mean state if not `exact`."""
         self._effective.zeroEntries()
         if self.linear:
             self._effective.axpy(wanted.lever, self._solid.stiffness, structure=_SAME)
         else:
             states = wanted.states if exact else [wanted.mean_state()]
-            for weight, q in states:
+            for weight, q, pressing in states:
                 if weight != 0.0:
-                    self._solid.add_tangent(self._effective, self._solid.equilibrium + q, weight)
+                    u = self._solid.equilibrium + q
+                    self._solid.add_tangent(self._effective, u, weight)
+                    if self._pressures is not None:
+                        self._pressures.add_tangent(
+                            self._effective, u, weight * pressing, symmetric=symmetric
+                        )
         self._effective.axpy(wanted.mass, self._mass, structure=_SAME)
         if self._viscous is not None and self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness

@@ -138,7 +138,7 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
         check_survival(source, link)
         if form == "mesh":
             gmsh.merge(link)
-            _check_numbers(gmsh, source)
+            _check_content(gmsh, source)
         else:
             gmsh.option.setString("Geometry.OCCTargetUnit", "M")
             gmsh.model.occ.importShapes(link)
@@ -272,12 +272,14 @@ def _has_serendipity_cells(gmsh: Any) -> bool:
     return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
 
 
-def _check_numbers(gmsh: Any, source: str) -> None:
-    """Check that gmsh found each node number once; it would keep the first node only.
+def _check_content(gmsh: Any, source: str) -> None:
+    """Check that gmsh found cells, and each node number once; it would keep the first node only.
 
     Raises:
-        SceneError: a number was given twice.
+        SceneError: there are no cells, or a number was given twice.
     """
+    if gmsh.model.getDimension() < 0:
+        raise SceneError(f"{source}: holds no cells", kind=ErrorKind.MESH, source=source)
     for line in gmsh.logger.get():
         if match := re.search(r"duplicate node (\d+)", line):
             raise SceneError(

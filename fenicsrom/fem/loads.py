@@ -56,12 +56,12 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     if load.kind == "traction":
         direction = body.constant(load.direction)
         return body.assembled(fem.form(thickness * ufl.dot(direction, test) * surface))
-    _check_on_boundary(body, load, key)
+    check_on_boundary(body, load, key)
     normal = ufl.FacetNormal(body.mesh.domain)
     return body.assembled(fem.form(-thickness * ufl.dot(normal, test) * surface))
 
 
-def _check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
+def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:
     """Check that a pressure acts on the boundary. Collective.
 
     Raises:

@@ -140,32 +140,44 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     The matrices of the solid have no clamped rows, so the forms are assembled anew.
 
     Returns:
-        Mass (m, n), gyroscopic (m, n), centrifugal (m, 1 + n) and loads (m, loads).
+        Mass (m, n), velocity (m, n), static (m, 1 + n) and loads (m, loads), as in `ReactionTable`.
     """
     density = solid.density
     test, w = ufl.TestFunction(solid.space), fem.Function(solid.space)
     fields = np.concatenate([solid.equilibrium[:, None], vectors], axis=1)
 
-    def products(integrand: ufl.core.expr.Expr) -> Array:
-        """∫ ρ (integrand with W) of u₀ and every φ, (m, 1 + n)."""
+    def products(integrand: ufl.core.expr.Expr, columns: Array) -> Array:
+        """∫ ρ (integrand with W) of columns (local, k), (m, k)."""
         form = fem.form(density * integrand * solid.dx)
         found = np.empty_like(tests)
         for k in range(tests.shape[1]):
             w.x.array[: solid.local] = tests[:, k]
             w.x.scatter_forward()
             found[:, k] = solid.assembled(form)
-        return solid.inner(found, fields)
+        return solid.inner(found, columns)
 
-    mass = products(ufl.dot(w, test))[:, 1:]
-    gyroscopic, centrifugal = np.zeros_like(mass), np.zeros((tests.shape[1], fields.shape[1]))
+    def mass_products(columns: Array) -> Array:
+        attached = solid.inner(tests, solid.point_masses[:, None] * columns)
+        return attached + products(ufl.dot(w, test), columns)
+
+    velocity = np.zeros((tests.shape[1], vectors.shape[1]))
+    centrifugal = np.zeros((tests.shape[1], fields.shape[1]))
+    springs = solid.inner(tests, solid.springs[:, None] * fields)
     frame = solid.rotation
     if frame is not None:
         arm = solid.assembled(fem.form(density * frame.out_of_axis(frame.arm, test) * solid.dx))
-        centrifugal = products(frame.out_of_axis(w, test))
+        centrifugal = products(frame.out_of_axis(w, test), fields)
         centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]
         centrifugal *= frame.omega_squared
         if solid.gyroscopic is not None:
-            gyroscopic = frame.omega * products(frame.coriolis(test, w))[:, 1:]
+            velocity += frame.omega * products(frame.coriolis(test, w), vectors)
+    static = springs - centrifugal
+    if (viscous := solid.viscous) is not None:
+        velocity += mass_products(viscous.modes) @ solid.inner(viscous.modal, vectors)
+        velocity += solid.inner(tests, viscous.dashpots[:, None] * vectors)
+        if viscous.stiffness > 0.0:
+            strains = solid.inner(solid.unclamped_tangent_times(tests), vectors)
+            velocity += viscous.stiffness * (strains + static[:, 1:])
     loads = [solid.load_vector(load, f"loads[{k}]") for k, load in enumerate(solid.loads)]
     unit = np.array(loads).reshape(len(loads), solid.local).T
-    return mass, gyroscopic, centrifugal, solid.inner(tests, unit)
+    return mass_products(vectors), velocity, static, solid.inner(tests, unit)

@@ -43,20 +43,21 @@ class Slanted:
     Attributes:
         rank: number of directions that are held, over all ranks.
         nodes: (s,) local numbers of the nodes of this rank.
+        held: (s, d, d) Σ n_k n_kᵀ of the directions along which they are held.
     """
 
     def __init__(self, space: fem.FunctionSpace, held: Held):
         """Make the projection of the nodes that this rank owns."""
         index = space.dofmap.index_map
         own = held.nodes < index.size_local
-        self.nodes, self._held = held.nodes[own], held.slanted[own]
+        self.nodes, self.held = held.nodes[own], held.slanted[own]
         d, local = space.dofmap.index_map_bs, index.size_local * space.dofmap.index_map_bs
         self._unknowns = self.nodes[:, None] * d + np.arange(d)
         comm, first = space.mesh.comm, index.local_range[0] * d
-        self.rank = round(comm.allreduce(float(np.trace(self._held, axis1=1, axis2=2).sum())))
+        self.rank = round(comm.allreduce(float(np.trace(self.held, axis1=1, axis2=2).sum())))
         rows = np.repeat(self._unknowns[:, :, None], d, axis=2).ravel()
         columns = np.repeat(self._unknowns[:, None, :], d, axis=1).ravel()
-        blocks = scipy.sparse.csr_array((self._held.ravel(), (rows, columns)), shape=(local, local))
+        blocks = scipy.sparse.csr_array((self.held.ravel(), (rows, columns)), shape=(local, local))
         matrix: Any = scipy.sparse.eye_array(local, format="csr") - blocks
         size = (local, index.size_global * d)
         starts, columns = (a.astype(PETSc.IntType) for a in (matrix.indptr, matrix.indices + first))
@@ -68,7 +69,7 @@ class Slanted:
     def project(self, block: Array) -> None:
         """Replace a block (local,) or (local, k) by its projection."""
         values = block[self._unknowns]
-        block[self._unknowns] = values - np.einsum("sij,sj...->si...", self._held, values)
+        block[self._unknowns] = values - np.einsum("sij,sj...->si...", self.held, values)
 
     def project_matrix(self, matrix: PETSc.Mat, diagonal: float) -> None:
         """Replace an assembled matrix by (1); its pattern stays.
@@ -83,7 +84,7 @@ class Slanted:
         product.copy(matrix, structure=PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         product.destroy()
         scales = diagonal * np.where(entries > 0.0, entries, 1.0)
-        for unknowns, block in zip(self._unknowns, scales[:, None, None] * self._held, strict=True):
+        for unknowns, block in zip(self._unknowns, scales[:, None, None] * self.held, strict=True):
             rows = (self._first + unknowns).astype(PETSc.IntType)
             matrix.setValues(rows, rows, block, PETSc.InsertMode.ADD_VALUES)
         matrix.assemble()

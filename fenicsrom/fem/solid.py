@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_array
@@ -35,9 +36,11 @@ from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.mesh_data import Mesh
 from fenicsrom.fem.places import Places
+from fenicsrom.fem.pressure import FollowerPressures
 from fenicsrom.fem.statics import Statics
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
@@ -85,7 +88,7 @@ class Solid(ElasticBody):
         geometrically_nonlinear: False for small displacements.
         mass_damping: α of the damping C = α M, 1/s.
         loads: the loads.
-        static_load: (local,) sum of the static loads, N.
+        static_load: (local,) sum of the static loads that do not follow the deformation, N.
         loaded: whether static loads or rotation deform the body.
         unstable: number of directions in which the equilibrium that the loads reach from the
             undeformed body is unstable; without contacts the body then is in a stable one nearby.
@@ -95,7 +98,7 @@ class Solid(ElasticBody):
         points: the contact points.
         probe_rows: (d, local) displacement of the probe in global axes; (0, local) without one.
         probe_position: (3,) position of the probe, m.
-        load_vectors: (local, loads) load vectors of unit loads.
+        load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
         load_histories: time factors of the loads.
         excitation: the highest frequency that the scene excites, Hz.
         gauss_points: Gauss points along a straight line of states that integrate the elastic force
@@ -170,10 +173,11 @@ class Solid(ElasticBody):
 
         self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
-        self.loaded = self._spinning or bool(pushed)
+        self.loaded = self._spinning or bool(pushed) or not self.symmetric
         self._known = known
         if known is not None:
             self.equilibrium, self.unstable = known.displacement, known.unstable
+            self._set_follower_loads()
         else:
             self._find_equilibrium()
 
@@ -183,13 +187,16 @@ class Solid(ElasticBody):
         _ = self.mass, self.factor, self.gyroscopic
         if not self.loaded:
             return
-        linear = self.factor.solve(self.static_load[:, None])[:, 0]
+        pushing = self.static_load + self.pressure_force(self.equilibrium)
+        linear = self.factor.solve(pushing[:, None])[:, 0]
         if not self._bends:
             self.equilibrium = linear
             return
-        self._move(np.zeros(self.local), np.zeros(self.local), 0.0)
+        self._move(np.zeros(self.local), np.zeros(self.local), 0.0, pressed=0.0)
         self.unstable = check_stability(self)
-        if not (self._spinning or self.unstable):
+        if self.unstable:
+            self._set_follower_loads()
+        elif not self._spinning:
             check_snap(self, linear)
 
     @property
@@ -209,7 +216,7 @@ class Solid(ElasticBody):
 
     @cached_property
     def stiffness(self) -> PETSc.Mat:
-        """K, the tangent at the equilibrium."""
+        """K, the tangent at the equilibrium; its symmetric part under follower pressures."""
         return self.factor.matrix
 
     @cached_property
@@ -219,12 +226,15 @@ class Solid(ElasticBody):
         The factor of a known equilibrium comes from that of the undeformed body, as if the
         equilibrium was computed: the results are the same to the last digit.
         """
-        self._set(self._u, np.zeros(self.local))
+        self.set_field(self._u, np.zeros(self.local))
         stiffness = self.matrix(self._tangent_form, 1.0)
         add_to_diagonal(stiffness, self.springs)
         factor = Factorisation(stiffness, "fenicsrom_stiffness")
         if self._known is not None and self._bends:
-            Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
+            if self.symmetric:
+                Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
+            else:
+                self._renew(factor)
         return factor
 
     def destroy(self) -> None:
@@ -278,8 +288,18 @@ class Solid(ElasticBody):
             if not moves:
                 raise self._places.clamped(f"loads[{k}]")
         self.load_histories = histories_of(self.loads)
-        sizes = [load.size if load.static else 0.0 for load in self.loads]
-        self.static_load = self.load_vectors @ np.array(sizes)
+        if any(load.follower for load in self.loads):
+            self.pressures = FollowerPressures(self, self.loads)
+        constant = [load.static and not load.follower for load in self.loads]
+        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
+        self.static_load = self.load_vectors @ sizes
+
+    def _set_follower_loads(self) -> None:
+        """Set the load vectors of the follower pressures to those at the equilibrium."""
+        if self.pressures is not None:
+            self.load_vectors[:, self.pressures.numbers] = self.pressures.unit_forces(
+                self.equilibrium
+            )
 
     def load_vector(self, load: Load, key: str) -> Array:
         """The load vector (local,) of a load of size 1: `fenicsrom.fem.loads.load_vector`."""
@@ -321,15 +341,25 @@ class Solid(ElasticBody):
         """G times a block (local, k); the scene must include the Coriolis force."""
         return multiply(self.gyroscopic, block)
 
+    def unclamped_tangent_times(self, block: Array) -> Array:
+        """The tangent of the elastic force in K, without supports, times a block (local, k)."""
+        self._set(self._u, self.equilibrium if self._bends else np.zeros(self.local))
+        matrix = fem.petsc.assemble_matrix(self._tangent_form)
+        matrix.assemble()
+        product = multiply(matrix, block)
+        matrix.destroy()
+        return product
+
     def tangent_times(self, u: Array, block: Array) -> Array:
         """Tangent at a displacement u (local,) times a block (local, k)."""
         if self._tangent_workspace is None:
             self._tangent_workspace = self.stiffness.duplicate()
-        return multiply(self.tangent(u, self._tangent_workspace), block)
+        return multiply(self.tangent(u, self._tangent_workspace, symmetric=False), block)
 
     def tangent_derivative(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium, exact, for x and y (local,)."""
-        return self.derivative_at(self.equilibrium, x, y)
+        found = self.derivative_at(self.equilibrium, x, y)
+        return found if self.pressures is None else found - self.pressures.static_derivative(x, y)
 
     def tangent_difference(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium by the central difference of the tangent.
@@ -365,6 +395,12 @@ class Solid(ElasticBody):
             force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
         )
 
+    def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
+        """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
+        if self.pressures is None:
+            return no_pressure(vectors.shape[1])
+        return self.pressures.polynomial(self.equilibrium, vectors)
+
     def _strain_products(self, vectors: Array) -> Array:
         """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
         n, materials = vectors.shape[1], self.materials
@@ -388,6 +424,8 @@ class Solid(ElasticBody):
     def static(self, load: Array, guess: Array | None = None) -> Array:
         """Nonlinear equilibrium under a load vector, by Newton's method with load steps.
 
+        The static follower pressures act besides this load.
+
         Args:
             load: (local,) N.
             guess: (local,) state at this speed to start from. Without it the iteration starts from
@@ -404,8 +442,8 @@ class Solid(ElasticBody):
         statics = Statics(self, self.factor, overwrite=False)
         try:
             if guess is None:
-                return statics.follow(rest, rest, load, 0.0)
-            return statics.follow(guess, self.internal_force(guess), load, square)
+                return statics.follow(rest, rest, load, 0.0, pressed=0.0)
+            return statics.follow(guess, self.residual(guess, rest), load, square)
         finally:
             statics.close()
 
@@ -420,7 +458,8 @@ class Solid(ElasticBody):
         Raises:
             ConvergenceError: a load step below the smallest one failed.
         """
-        rest, found, at = self.rest_force, [self.equilibrium], [0.0]
+        rest = self.rest_force - self.pressure_force(self.equilibrium)
+        found, at = [self.equilibrium], [0.0]
         square = self.rotation.omega_squared if self.rotation else 0.0
         statics = Statics(self, self.factor, overwrite=False, tolerance=tolerance)
         try:
@@ -450,16 +489,29 @@ class Solid(ElasticBody):
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
-    def _move(self, u: Array, start: Array, square: float) -> None:
-        """Follow the equilibrium u (local,) from a load (local,) and Ω²; K and its factor follow.
+    def _move(self, u: Array, start: Array, square: float, pressed: float | None = None) -> None:
+        """Follow the equilibrium u (local,) from a load (local,), Ω² and part of the pressures.
+
+        K, its factor and the load vectors follow.
 
         Raises:
             ConvergenceError: no equilibrium was found.
         """
         self._viscous = None
-        statics = Statics(self, self.factor, overwrite=True)
-        self.equilibrium = statics.follow(u, start, self.static_load, square)
-        statics.finish(self.equilibrium, self.static_load)
+        statics = Statics(self, self.factor, overwrite=self.symmetric)
+        try:
+            self.equilibrium = statics.follow(u, start, self.static_load, square, pressed=pressed)
+            statics.finish(self.equilibrium, self.static_load)
+        finally:
+            statics.close()
+        if not self.symmetric:
+            self._renew(self.factor)
+        self._set_follower_loads()
+
+    def _renew(self, factor: Factorisation) -> None:
+        """Make a factor that of the symmetric part of the tangent at the equilibrium."""
+        self.tangent(self.equilibrium, factor.matrix)
+        factor.update()
 
 
 def _extrapolation(known: Sequence[float], to: float) -> Array:

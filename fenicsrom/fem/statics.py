@@ -77,9 +77,15 @@ class Statics:
             self._factor.destroy(matrix=True)
 
     def follow(
-        self, u: Array, start: Array, load: Array, square: float, predicted: Array | None = None
+        self,
+        u: Array,
+        start: Array,
+        load: Array,
+        square: float,
+        predicted: Array | None = None,
+        pressed: float | None = None,
     ) -> Array:
-        """Follow the equilibrium as load and Ω² change together.
+        """Follow the equilibrium as load, Ω² and follower pressures change together.
 
         Args:
             u: (local,) equilibrium under the load `start` at Ω² = `square`.
@@ -87,6 +93,8 @@ class Statics:
             load: (local,) final load, N; the final Ω² is that of the rotating frame.
             square: rad²/s².
             predicted: (local,) a state near the equilibrium under the final load, or None.
+            pressed: the part of the static follower pressures that acts at u; by default the one
+                that acts in the end.
 
         Returns:
             (local,) the equilibrium under the final load.
@@ -94,8 +102,10 @@ class Statics:
         Raises:
             ConvergenceError: a load step below `SMALLEST_LOAD_STEP` failed.
         """
-        rotation = self._body.rotation
+        rotation, pressures = self._body.rotation, self._body.pressures
         goal = rotation.omega_squared if rotation else 0.0
+        final = pressures.part if pressures else 1.0
+        pressed = final if pressed is None else pressed
         if predicted is not None:
             found = self._newton(predicted, load)
             if found is not None:
@@ -104,6 +114,8 @@ class Statics:
         def solve(u: Array, part: float) -> Array | None:
             if rotation:
                 rotation.omega_squared = square + part * (goal - square)
+            if pressures:
+                pressures.part = pressed + part * (final - pressed)
             return self._newton(u, start + part * (load - start))
 
         begin = u
@@ -114,6 +126,8 @@ class Statics:
             self._plain = False
         if reached < 1.0:
             what = "of the load"
+            if pressures:
+                pressures.part = final
             if rotation:
                 rotation.omega_squared = goal
                 what += " and of the centrifugal force"
@@ -133,7 +147,7 @@ class Statics:
         """
         if not self._renew(u, None):
             raise ConvergenceError("static equilibrium: the tangent stiffness is singular", u)
-        residual = self._body.internal_force(u) - load
+        residual = self._body.residual(u, load)
         decrement = abs(self._body.dot(residual, self._solve(residual)))
         step = _Step(self._body, load)
         step.note(u, decrement, 0.0)
@@ -148,11 +162,13 @@ class Statics:
         """Factorise the mixed tangent at u (local,) after a change; False if it is singular."""
         try:
             if self._borrowed:
-                matrix = self._body.tangent(u, self._factor.matrix.duplicate(), change)
-                self._factor = Factorisation(matrix, "fenicsrom_static")
+                matrix = self._factor.matrix.duplicate()
+                self._body.tangent(u, matrix, change, symmetric=False)
+                symmetric = self._body.symmetric
+                self._factor = Factorisation(matrix, "fenicsrom_static", symmetric)
                 self._borrowed = False
             else:
-                self._body.tangent(u, self._factor.matrix, change)
+                self._body.tangent(u, self._factor.matrix, change, symmetric=False)
                 self._factor.update()
         except ConvergenceError:
             return False
@@ -163,7 +179,7 @@ class Statics:
         step = _Step(self._body, load)
 
         def correct(u: Array) -> Correction | None:
-            residual = self._body.internal_force(u) - load
+            residual = self._body.residual(u, load)
             change = self._solve(residual)
             decrement = abs(self._body.dot(residual, change))
             if self._plain or step.needs_factor(decrement):
@@ -204,6 +220,8 @@ class _Step:
     def note(self, u: Array, decrement: float, first: float) -> None:
         """Note a correction that led to u (local,)."""
         acting = self._load
+        if self._body.pressures is not None:
+            acting = acting + self._body.pressure_force(u)
         if self._body.rotation is not None:
             acting = acting + self._body.rotation.centrifugal_force(u)
         self.decrement = decrement

@@ -23,14 +23,18 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     point_position       (P, d)       m          place on the undeformed body
     point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
+    pressure_linear      (k, n, n)    m          G of k follower pressures
+    pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
+
+A model without follower pressures has no arrays of them.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
 A file may hold a larger model beside this one, which judges it
 (`fenicsrom.assess.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
-velocity_matrix, loads, contact_rows and probe, under these names with the prefix `candidates_`.
-Its first n coordinates are those of the model.
+velocity_matrix, loads, contact_rows, probe and pressures, under these names with the prefix
+`candidates_`. Its first n coordinates are those of the model.
 
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
@@ -55,13 +59,15 @@ from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.pressure import PressurePolynomial
 from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
-FORMAT = "fenicsrom reduced model 4"
+FORMAT = "fenicsrom reduced model 5"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
+PRESSURES = ("pressure_linear", "pressure_quadratic")
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
 EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
@@ -226,8 +232,10 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
 
 def _matrices(model: ReducedModel) -> dict[str, Array]:
     """The arrays that depend on the basis, by their names in the file."""
+    follows = model.pressure.numbers.size > 0
     return {
         "mass": model.mass,
+        **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
         **model.elastic._asdict(),
         "loads": model.loads,
         "contact_rows": model.contact_rows,
@@ -324,6 +332,7 @@ def _checked_model(
         raise _damaged(path, f"{prefix}velocity_matrix gives energy to the motion")
     if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
         raise _damaged(path, f"{prefix}mass or damping is not positive")
+    followers = np.array(scene.followers, dtype=np.int64)
     return reduced_model(
         data["mass"],
         float(data["damping"]),
@@ -336,6 +345,9 @@ def _checked_model(
         data["probe"],
         data["probe_offset"],
         data["velocity_matrix"],
+        PressurePolynomial(followers, *(data[name] for name in PRESSURES))
+        if followers.size
+        else None,
     )
 
 
@@ -343,7 +355,10 @@ def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, 
     """The shape that each array of float64 must have, by name (module docstring)."""
     d, points = scene.geometry.dimension, data["point_contact"].size
     p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    k = len(scene.followers)
+    pressures = ((k, n, n), (k, n if d == 3 else 0, n, n))
     return {
+        **(dict(zip(PRESSURES, pressures, strict=True)) if k else {}),
         "mass": (n, n),
         "damping": (),
         "force": (n,),

@@ -15,6 +15,7 @@ from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
 from fenicsrom.online.model import ReducedModel, Tangent, write_effective_solution
 from fenicsrom.online.polynomial import elastic_force_with, elastic_mean
+from fenicsrom.online.pressure import subtract_pressure
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
 from fenicsrom.online.step import step_coefficients
@@ -36,6 +37,8 @@ def solve_at_guess(model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float
         scheme.points,
         scheme.weights,
     )
+    if model.pressure.numbers.shape[0] > 0:
+        subtract_pressure(model.pressure, work, q0, s.before[5], scheme.points, scheme.weights)
     write_effective_solution(
         model.mass,
         model.velocity_matrix,
@@ -114,7 +117,8 @@ def differentiate_blending(
 
         d(n^T G n) = 2 dn^T G n - u^T dS u
 
-    (G is taken as symmetric, which it is without gyroscopic forces). The elastic part of u^T dS u
+    (G is taken as symmetric, which it is without gyroscopic forces and without follower pressures,
+    whose change is left out). The elastic part of u^T dS u
     needs the second derivative of the force along u. As the force is cubic, A u = (T(u) - T(-u))/2
     and B u u = T(u) + T(-u) - 2 K give it exactly.
     """

@@ -49,7 +49,8 @@ def fingerprint(model: ReducedModel) -> str:
         model.probe,
         model.probe_offset,
     )
-    for array in (*arrays, model.velocity_matrix, *points):
+    followers = model.pressure if model.pressure.numbers.size else ()
+    for array in (*arrays, model.velocity_matrix, *points, *followers):
         digest.update(repr((array.shape, array.dtype.str)).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

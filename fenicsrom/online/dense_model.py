@@ -79,6 +79,16 @@ class DenseModel:
         self._factor: tuple[Array, NDArray[np.int32]] | None = None
         self._key: tuple[float, float, float] | None = None
 
+    def set_at_rest(self) -> None:
+        """Do nothing: this model has no follower pressure."""
+
+    def set_interval(self, begin: float, end: float) -> None:
+        """Do nothing: this model has no follower pressure."""
+
+    def pressure_work(self, q0: Array, dq: Array) -> float:
+        """Zero: this model has no follower pressure."""
+        return 0.0
+
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Tangent]:

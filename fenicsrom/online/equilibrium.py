@@ -84,6 +84,7 @@ class _Statics:
         # (P,) normal forces at q = 0, N: the pressure of the contacts that is added in parts
         self.pressed: Array = np.zeros(count)
         zero = np.zeros_like(model.load(0.0))
+        model.set_at_rest()
         self.static_force = model.elastic_at(zero)[0].copy()
         self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
 

@@ -161,6 +161,16 @@ def factors(load_histories: LoadHistories, time: float) -> Array:
     return out
 
 
+def static_factors(load_histories: LoadHistories) -> Array:
+    """The factors (loads,) of the loads that are constant in time; zero for the other ones."""
+    found = np.zeros(load_histories.spans.shape[0])
+    for k, (first, last, low, high) in enumerate(_spans(load_histories)):
+        sines = load_histories.sines[first:last]
+        if low == high and not np.any(sines[:, OMEGA]):
+            found[k] = np.sum(sines[:, AMPLITUDE] * np.sin(sines[:, PHASE]))
+    return found
+
+
 def largest(load_histories: LoadHistories) -> Array:
     """A bound (loads,) of the absolute factors, attained by a load of one sine and by a table."""
     found = np.zeros(load_histories.spans.shape[0])

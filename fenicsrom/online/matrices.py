@@ -23,6 +23,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.load_histories import factors
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import ElasticPolynomial, pairs
@@ -96,8 +97,25 @@ class ModelArrays:
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
 
-def model_arrays(model: ReducedModel) -> ModelArrays:
-    """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes."""
+def model_arrays(model: ReducedModel, source: str = "") -> ModelArrays:
+    """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes.
+
+    Args:
+        model: the model.
+        source: name of the scene file, for messages.
+
+    Raises:
+        SceneError: a follower pressure acts on the model, for which equation (1) has no term.
+    """
+    if model.pressure.numbers.size:
+        key = f"loads[{int(model.pressure.numbers[0])}].follower"
+        raise SceneError(
+            f"{source}{': ' if source else ''}{key} = true: not allowed in a model for another "
+            "program, whose arrays describe conservative forces only",
+            kind=ErrorKind.CONFLICT,
+            key=key,
+            source=source,
+        )
     n = model.size
     quadratic, cubic = full_tensors(model.elastic)
     velocity = model.velocity_matrix if model.velocity_forces else np.zeros((n, n))

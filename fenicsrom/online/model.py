@@ -19,8 +19,17 @@ from fenicsrom.online.dense import (
     times,
     write_times,
 )
-from fenicsrom.online.load_histories import LoadHistories, write_factors
+from fenicsrom.online.load_histories import LoadHistories, static_factors, write_factors
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
+from fenicsrom.online.pressure import (
+    PressurePolynomial,
+    no_pressure,
+    subtract_pressure,
+    subtract_pressure_at_end,
+    unit_tangent,
+    work_of_pressure,
+    write_pressure_factors,
+)
 
 
 class Tangent(NamedTuple):
@@ -59,6 +68,10 @@ class Workspace(NamedTuple):
         velocity_product: (n,) D v.
         factors: (loads,) time factors of the loads.
         load_vector: (n,) load vector, N.
+        pressure_factors: (2, k) factors of the follower pressures at the start and at the end of
+            the step.
+        pressure_vectors: (2, n) coordinates and a force of a follower pressure.
+        pressure_tangent: (n, n) its derivative.
     """
 
     columns: Array
@@ -76,6 +89,9 @@ class Workspace(NamedTuple):
     velocity_product: Array
     factors: Array
     load_vector: Array
+    pressure_factors: Array
+    pressure_vectors: Array
+    pressure_tangent: Array
 
 
 class ReducedModel(NamedTuple):
@@ -94,6 +110,8 @@ class ReducedModel(NamedTuple):
         probe_offset: (d,) displacement of the probe at q = 0, m.
         velocity_matrix: (n, n) D of the forces D v besides alpha M v, kg/s: gyroscopic matrix and
             viscous damping; (0, 0) of a model without.
+        pressure: coefficients of the follower pressures; their forces are part of those that
+            `elastic_over_step` and `elastic_at` give.
         work: arrays for the results.
     """
 
@@ -108,6 +126,7 @@ class ReducedModel(NamedTuple):
     probe: Array
     probe_offset: Array
     velocity_matrix: Array
+    pressure: PressurePolynomial
     work: Workspace
 
     @property
@@ -135,7 +154,30 @@ class ReducedModel(NamedTuple):
         """Gauss points that integrate a force along a step exactly: 2 if cubic, 1 if linear."""
         return 1 if self.linear else 2
 
+    def rest_stiffness(self) -> Array:
+        """The tangent (n, n) at q = 0 with the static follower pressures, N/m."""
+        factors, found = static_factors(self.load_histories), self.elastic.stiffness.copy()
+        for k, number in enumerate(self.pressure.numbers):
+            found -= factors[number] * unit_tangent(self.pressure, k, np.zeros(self.size))
+        return found
+
+    def set_at_rest(self) -> None:
+        """Let only the static follower pressures act in the operations that follow."""
+        factors = static_factors(self.load_histories)
+        self.work.pressure_factors[:] = factors[self.pressure.numbers]
+
     # The operations of `fenicsrom.online.operations.Model`, which compiled code calls too.
+
+    def set_interval(self, begin: float, end: float) -> None:
+        """Set the start and the end of the step, in s, for the operations that follow."""
+        if self.pressure.numbers.shape[0] > 0:
+            write_pressure_factors(self.pressure, self.load_histories, begin, end, self.work)
+
+    def pressure_work(self, q0: Array, dq: Array) -> float:
+        """Work of the follower pressures, without their constant part, over a step, J."""
+        if self.pressure.numbers.shape[0] > 0:
+            return work_of_pressure(self.pressure, self.work, q0, dq)
+        return 0.0
 
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
@@ -144,11 +186,13 @@ class ReducedModel(NamedTuple):
         coefficient = elastic_mean(
             self.elastic, self.work, start, q0, dq, start_weight, points, weights
         )
+        if self.pressure.numbers.shape[0] > 0:
+            subtract_pressure(self.pressure, self.work, q0, dq, points, weights)
         return self.work.force, Tangent(self.work.tangent, coefficient)
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
         """Elastic force (n,) and energy at q."""
-        return self.work.force, elastic_force_with(
+        energy = elastic_force_with(
             self.elastic,
             self.work.columns,
             self.work.points,
@@ -157,6 +201,9 @@ class ReducedModel(NamedTuple):
             self.work.force,
             self.work.tangent,
         )
+        if self.pressure.numbers.shape[0] > 0:
+            subtract_pressure_at_end(self.pressure, self.work, q)
+        return self.work.force, energy
 
     def solve_effective(
         self,
@@ -229,10 +276,12 @@ def reduced_model(
     probe: Array,
     probe_offset: Array,
     velocity_matrix: Array | None = None,
+    pressure: PressurePolynomial | None = None,
 ) -> ReducedModel:
     """A `ReducedModel` with its workspace; arguments as its attributes."""
     n, m = mass.shape[0], contact_rows.shape[0]
     velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
+    pressure = no_pressure(n) if pressure is None else pressure
     arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
     tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
     coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
@@ -251,6 +300,11 @@ def reduced_model(
         tidy[4],
         tidy[5],
         tidy[6],
+        PressurePolynomial(
+            np.ascontiguousarray(pressure.numbers, dtype=np.int64),
+            np.ascontiguousarray(pressure.linear, dtype=np.float64),
+            np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
+        ),
         work=Workspace(
             columns=np.ascontiguousarray(coefficients.quadratic.T),
             points=np.zeros((2, n)),
@@ -267,6 +321,9 @@ def reduced_model(
             velocity_product=np.zeros(n),
             factors=np.zeros(loads.shape[1]),
             load_vector=np.zeros(n),
+            pressure_factors=np.zeros((2, pressure.numbers.size)),
+            pressure_vectors=np.zeros((2, n)),
+            pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
         ),
     )
 
@@ -322,6 +379,8 @@ def write_effective_solution(
 compile_methods(
     ReducedModel,
     (
+        "set_interval",
+        "pressure_work",
         "elastic_over_step",
         "elastic_at",
         "solve_effective",

@@ -18,17 +18,27 @@ class Model(Protocol):
     loads: Array  # (n, loads) unit loads
     load_histories: LoadHistories  # their time factors
 
+    def set_at_rest(self) -> None:
+        """Let only the static follower pressures act in the operations that follow."""
+
+    def set_interval(self, begin: float, end: float) -> None:
+        """Set the start and the end of the step, in s: the factors of the follower pressures."""
+
+    def pressure_work(self, q0: Array, dq: Array) -> float:
+        """Work of the follower pressures, without their constant part, over a step."""
+
     def elastic_over_step(
         self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
     ) -> tuple[Array, Any]:
         """Mean force over a step and its derivative by dq.
 
-        The force is start_weight*start + sum_g w_g f(q0 + s_g dq). The model chooses the type of
+        The force is start_weight*start + sum_g w_g f(q0 + s_g dq), follower pressures included
+        but for their constant part, which belongs to the load vector. The model chooses the type of
         the derivative.
         """
 
     def elastic_at(self, q: Array) -> tuple[Array, float]:
-        """Elastic force and energy at q."""
+        """Elastic force, with the follower pressures at the end of the step, and energy at q."""
 
     def solve_effective(
         self,

@@ -156,7 +156,7 @@ def carry_derivatives(
         behind, ahead, moved = begin * times, record.time[row] * times, h * times
         step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
         touches = begin_step(record, row, h, last_step, s)
-        by_mass = add_structure(model, scheme, drift, moved, ahead, s)
+        by_mass = add_structure(model, scheme, drift, moved, behind, ahead, s)
         if touches and scheme.discrete_gradient:
             solve_at_end(model, scheme.linear, s, by_mass.real)
             if write_weights(model, contacts, drift, s, behind):

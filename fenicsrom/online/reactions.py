@@ -4,14 +4,18 @@ The equations of the clamped unknowns, which no model solves, give the force of 
 test function W that is a unit translation (or rotation) of its nodes and zero on all others, and
 the load vectors p of unit loads,
 
-    R = ∫ (F S) : ∇W + W · [M (ü + α u̇) + Γ u̇ - Ω² (c + Q u)] - Σ W · p_k s_k(t).    (1)
+    R = ∫ (F S) : ∇W + W · [M (ü + α u̇) + D u̇ + k u - Ω² (c + Q u)] - Σ W · p_k s_k(t),    (1)
+
+where D u̇ are the Coriolis force Γ u̇ and the viscous forces of [damping] and of dashpots, and k u
+the forces of springs to the ground. Stiffness and mass in these viscous forces are those of the
+whole body with its clamped unknowns. S is the elastic stress.
 
 All terms but the first are linear in the coordinates, and ∇W is zero outside the cells at the
 support. The same equation with a translation of the whole body has no stresses: the rate of
-momentum minus all loads and contact forces is the sum of the reactions. Both agree if the equations
-of the free unknowns are fulfilled: for the equilibrium to the tolerance of its solution, for a
-reduced motion as far as its basis can. The momentum is then the more accurate one; the difference
-shows how well the basis resolves the stresses at the supports.
+momentum minus all loads, contact forces and forces to the ground is the sum of the reactions. Both
+agree if the equations of the free unknowns are fulfilled: for the equilibrium to the tolerance of
+its solution, for a reduced motion as far as its basis can. The momentum is then the more accurate
+one; the difference shows how well the basis resolves the stresses at the supports.
 
 Moments are about the centroid of the clamped nodes of the support.
 """
@@ -44,8 +48,8 @@ class ReactionTable:
         gradients: (1 + n, R, d, d) displacement gradients of u₀ and of every φ.
         tests: (m, R, d, d) gradients of the test functions times the volume of the points, m².
         mass: (S + 1, m, n) W · M φ, kg.
-        gyroscopic: (S + 1, m, n) W · Γ φ, kg/s.
-        centrifugal: (S + 1, m, 1 + n) Ω² W · (c + Q u₀) in N, then Ω² W · Q φ.
+        velocity: (S + 1, m, n) W · D φ, kg/s.
+        static: (S + 1, m, 1 + n) W · (k u₀ - Ω² (c + Q u₀)) in N, then W · (k - Ω² Q) φ.
         loads: (S + 1, m, loads) W · p of the unit loads.
         material: (R,) number of the material of each Gauss point; None with one material.
     """
@@ -55,8 +59,8 @@ class ReactionTable:
     gradients: Array
     tests: Array
     mass: Array
-    gyroscopic: Array
-    centrifugal: Array
+    velocity: Array
+    static: Array
     loads: Array
     material: NDArray[np.int64] | None = None
 
@@ -76,9 +80,9 @@ class ReactionTable:
         """
         smooth = (
             inertia @ self.mass.transpose(0, 2, 1)
-            + velocity @ self.gyroscopic.transpose(0, 2, 1)
-            - q @ self.centrifugal[:, :, 1:].transpose(0, 2, 1)
-            - self.centrifugal[:, None, :, 0]
+            + velocity @ self.velocity.transpose(0, 2, 1)
+            + q @ self.static[:, :, 1:].transpose(0, 2, 1)
+            + self.static[:, None, :, 0]
             - factor @ self.loads.transpose(0, 2, 1)
         ).transpose(1, 0, 2)
         change = np.asarray(np.tensordot(q, self.gradients[1:], axes=1), np.float64)

@@ -19,8 +19,8 @@ besides those of `fenicsrom.online.archive`, in SI units:
     reaction_gradients          (1 + n, R, d, d)    1, 1/m  as stress_gradients
     reaction_tests              (m, R, d, d)        m^2     test functions times volume
     reaction_mass               (S + 1, m, n)       kg      their products with the masses
-    reaction_gyroscopic         (S + 1, m, n)       kg/s    and with the Coriolis force
-    reaction_centrifugal        (S + 1, m, 1 + n)   N, N/m  and with the centrifugal force
+    reaction_velocity           (S + 1, m, n)       kg/s    with Coriolis and viscous forces
+    reaction_static             (S + 1, m, 1 + n)   N, N/m  with springs and centrifugal force
     reaction_loads              (S + 1, m, loads)   1       and with the unit loads
     =========================== =================== ======= =====================================
 
@@ -138,7 +138,7 @@ def _shapes(data: Mapping[str, Any], scene: Scene, n: int) -> dict[str, tuple[in
         "reaction_gradients": (1 + n, r, d, d),
         "reaction_tests": (m, r, d, d),
         "reaction_mass": (supports + 1, m, n),
-        "reaction_gyroscopic": (supports + 1, m, n),
-        "reaction_centrifugal": (supports + 1, m, 1 + n),
+        "reaction_velocity": (supports + 1, m, n),
+        "reaction_static": (supports + 1, m, 1 + n),
         "reaction_loads": (supports + 1, m, loads),
     }

@@ -65,7 +65,7 @@ def _without_folder(geometry: Geometry) -> Geometry:
 
 
 def _changed_load_key(made: Load, wanted: Load) -> str | None:
-    if (name := first_difference(made, wanted, ("place", "direction"))) is not None:
+    if (name := first_difference(made, wanted, ("place", "direction", "follower"))) is not None:
         return f".{name}"
     if made.kind != wanted.kind:
         return f".{wanted.kind}"

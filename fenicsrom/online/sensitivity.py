@@ -57,6 +57,7 @@ class Sensitivity(NamedTuple):
         weight: (P,) of the implicit blending.
         load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
         factors: (loads,) complex time factors of the loads.
+        pressure_factors: (2, loads) the same at both ends of the step.
         histories: complex load histories.
         by_start: (n, n) derivative of the mean elastic force by q0.
         by_step: (n, n) by dq; then the matrix S of the step.
@@ -90,6 +91,7 @@ class Sensitivity(NamedTuple):
     weight: Array
     load_derivative: Array
     factors: Array
+    pressure_factors: Array
     histories: LoadHistories
     by_start: Array
     by_step: Array
@@ -144,6 +146,7 @@ def no_sensitivity(
         weight=np.zeros(points),
         load_derivative=np.zeros((2, n)),
         factors=np.zeros(histories.spans.shape[0], dtype=np.complex128),
+        pressure_factors=np.zeros((2, histories.spans.shape[0]), dtype=np.complex128),
         histories=as_complex(histories, ("sines",)),
         by_start=np.zeros((n, n)),
         by_step=np.zeros((n, n)),

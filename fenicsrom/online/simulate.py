@@ -48,8 +48,9 @@ def simulate(
             `fenicsrom.online.march.integrate`.
 
     Raises:
-        SceneError: the model does not belong to the scene; or a round surface of a given radius
-            has a preload and a distance from the undeformed body.
+        SceneError: the model does not belong to the scene; all loads are static, and there is no
+            duration; or a round surface of a given radius has a preload and a distance from the
+            undeformed body.
         ConvergenceError: the smallest step did not converge.
         AccuracyError: the energy balance is off.
     """
@@ -58,6 +59,13 @@ def simulate(
     if isinstance(model, StoredModel):
         model = model.with_scene(scene).model
     _require_fit(model, scene)
+    if scene.static_only:
+        raise SceneError(
+            f"{scene.source}: all loads are static, so nothing moves; give time.duration",
+            kind=ErrorKind.MISSING,
+            key="time.duration",
+            source=scene.source,
+        )
     contacts = contacts_of(scene, model.points)
     _require_touch(contacts, model.points, scene)
     return integrate(

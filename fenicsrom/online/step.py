@@ -165,6 +165,7 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
     points, x, af = trial.contact.x.shape[0], trial.contact.x, scheme.alpha_f
     interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
     coefficients = step_coefficients(scheme, h)
+    model.set_interval(interval.begin, interval.end)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
     extrapolate(trial.dq, state, h)
@@ -231,6 +232,7 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
         dq,
     )
     s[WORK] += 0.5 * (model.dot(state.load_vector, dq) + model.dot(load_ahead, dq))
+    s[WORK] += model.pressure_work(state.q, dq)
     combine(trial.vector, 1.0, state.v, 1.0, v1)
     s[DAMPING_DISSIPATION] += 0.5 * scheme.damping * model.dot(model.mass_times(trial.vector), dq)
     if scheme.velocity_forces:
@@ -280,6 +282,7 @@ def measure(model, contacts, state):  # type: ignore[no-untyped-def]
     """Write the energies of the state, the scales of the run, and the elastic force."""
     s = state.scalars
     s[KINETIC] = 0.5 * model.dot(state.v, model.mass_times(state.v))
+    model.set_interval(s[TIME], s[TIME])
     elastic, s[ELASTIC] = model.elastic_at(state.q)
     copy_vector(state.elastic_force, elastic)
     s[CONTACT] = contact_energy(contacts, state.contact)

@@ -29,6 +29,7 @@ from fenicsrom.online.dense import add_combined_rows, lu_factor, lu_solve
 from fenicsrom.online.load_histories import write_factors
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
+from fenicsrom.online.pressure import write_pressure
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
 from fenicsrom.online.step import step_coefficients
@@ -108,6 +109,37 @@ def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> Non
 
 
 @kernel
+def add_pressure(
+    model: ReducedModel, scheme: Scheme, behind: complex, ahead: complex, s: Sensitivity
+) -> None:
+    """Add the follower pressures to by_start, by_step and the right-hand side of a step."""
+    q0, dq, pressure, work = s.before[0], s.step, model.pressure, model.work
+    n, last = q0.size, s.q.shape[1] - 1
+    q, force, tangent = s.vectors[0], s.vectors[1], s.tangent
+    start, end = s.pressure_factors[0], s.pressure_factors[1]
+    write_factors(s.histories, behind, start)
+    write_factors(s.histories, ahead, end)
+    for k in range(pressure.numbers.size):
+        number = pressure.numbers[k]
+        work.pressure_factors[0, k] = start[number].real
+        work.pressure_factors[1, k] = end[number].real
+        for g in range(-1, scheme.points.size):
+            weight = scheme.start_weight if g < 0 else scheme.weights[g]
+            if weight == 0.0:
+                continue
+            point = 0.0 if g < 0 else scheme.points[g]
+            factor = weight * ((1.0 - point) * start[number] + point * end[number])
+            for i in range(n):
+                q[i] = q0[i] + point * dq[i]
+            write_pressure(pressure, k, q, force, tangent)
+            for i in range(n):
+                s.dq[i, last] -= factor.imag / STEP * force[i]
+                for j in range(n):
+                    s.by_start[i, j] -= factor.real * tangent[i, j]
+                    s.by_step[i, j] -= factor.real * point * tangent[i, j]
+
+
+@kernel
 def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, out: Array) -> None:
     """Write the derivative (n,) of the load vector by the parameter at a time."""
     write_factors(s.histories, time, s.factors)
@@ -144,9 +176,24 @@ def add_term(
 
 @kernel
 def add_structure(
-    model: ReducedModel, scheme: Scheme, drift: Drift, h: complex, ahead: complex, s: Sensitivity
+    model: ReducedModel,
+    scheme: Scheme,
+    drift: Drift,
+    h: complex,
+    behind: complex,
+    ahead: complex,
+    s: Sensitivity,
 ) -> complex:
-    """Write S and the right-hand side of a step of size h to `ahead`, without the contact.
+    """Write S and the right-hand side of a step of size h, without the contact.
+
+    Args:
+        model: the model.
+        scheme: the weights of the scheme.
+        drift: derivatives of the data by the parameter.
+        h: s.
+        behind: start of the step, s.
+        ahead: end of the step, s.
+        s: in: the step; out: S and the right-hand side.
 
     Returns:
         The coefficient of M dq, with its derivative by the parameter as imaginary part.
@@ -158,6 +205,8 @@ def add_structure(
     for i in range(n):
         for c in range(k):
             s.dq[i, c] = 0.0
+    if model.pressure.numbers.shape[0] > 0:
+        add_pressure(model, scheme, behind, ahead, s)
     add_combined_rows(s.by_start, s.q, s.dq)
     add_term(model.mass, g.mass, g.inertia_v, g.inertia_a, with_a, s)
     if scheme.velocity_forces:

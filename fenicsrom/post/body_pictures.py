@@ -188,7 +188,7 @@ def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Arr
         direction = total / size if size > 0.0 else total
         direction = -direction if load.moves_supports else direction  # of the supports
         group = "" if everywhere else f' on "{load.place.group}"' if load.place.group else ""
-        name = f"{load.kind}{group}"
+        name = f"{load.kind.replace('_', ' ')}{group}"
         name = name if name not in loads else f"{name} ({k + 1})"
         on = (sizes > 0.0) & (not everywhere)
         loads[name] = np.asarray(place), direction, on

@@ -96,7 +96,7 @@ def sentences(found: EquilibriumPath) -> list[str]:
         ENDS[found.reason],
     ]
     if not found.special:
-        lines.append("The path has no limit point and no bifurcation.")
+        lines.append("It has no limit point and no bifurcation up to there.")
         return lines
     lines.append(f"{counted(len(limits), 'limit point')}, {counted(len(crossed), 'bifurcation')}.")
     first = found.special[0]

@@ -21,6 +21,7 @@ from fenicsrom.online.dense_model import DenseModel
 from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.pressure import PressurePolynomial, no_pressure
 from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import frame
 from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
@@ -194,6 +195,7 @@ class BeamStructure:
         return (8.0 * change(h) - change(2.0 * h)) / (12.0 * h)
 
     tangent_derivative = tangent_difference
+    symmetric = True
 
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """Refuse: the elastic force of the beam is not a polynomial.
@@ -208,6 +210,10 @@ class BeamStructure:
             key="basis.elastic_force",
             source=self.source,
         )
+
+    def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
+        """Nothing: no follower pressure acts on the beam."""
+        return no_pressure(vectors.shape[1])
 
     def largest(self, block: Array) -> Array:
         """Largest displacement (k,) of each column of a block (n, k), without the rotations."""

@@ -5,14 +5,15 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
     u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
 
 whose first n coordinates are those of the basis R. The candidates W are the next normal modes, the
-static deflections K⁻¹ p under the loads (attachment modes), those under the inertia forces of these
-deflections, K⁻¹ M K⁻¹ p, and combinations of the modal derivatives that the basis lacks, those of
-the next modes included. The projected force of the larger model contains the residual Wᵀ r of the
-full equations at every motion of the reduced model, as a polynomial, so that no mesh is needed to
-judge a stored model (`fenicsrom.assess.estimates.basis_errors`).
+static deflections under the loads (attachment modes), those under the inertia forces of these
+deflections, and combinations of the modal derivatives that the basis lacks, those of the next modes
+included. The projected force of the larger model contains the residual Wᵀ r of the full equations
+at every motion of the reduced model, as a polynomial, so that no mesh is needed to judge a stored
+model (`fenicsrom.assess.estimates.basis_errors`).
 
-The first two terms of the response to a load in powers of ω² are K⁻¹ p and ω² K⁻¹ M K⁻¹ p. They
-judge directions in which none of the next modes moves, such as the axis of a slender body.
+The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
+directions in which none of the next modes moves, such as the axis of a slender body. It is taken of
+the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes would hide it.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
 weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the
@@ -96,9 +97,12 @@ def candidate_basis(
     labels = [modes.labels[k] for k in columns]
     labels += [f"{k + 1}V" for k in range(count, more.omega.size)]
     loaded = structure.factor.solve(structure.load_vectors)
-    inertial = structure.factor.solve(structure.mass_times(loaded))
-    vectors += [loaded, inertial]
-    labels += [f"{k + 1}{kind}" for kind in "AB" for k in range(loaded.shape[1])]
+    vectors.append(loaded)
+    labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
+    plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
+    moved = plain.vectors[:, [k for k, label in enumerate(plain.labels) if label[-1] in "LA"]]
+    vectors.append(modes.inverse.solve(structure.mass_times(moved)))
+    labels += [f"{k + 1}B" for k in range(moved.shape[1])]
     plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     if not structure.geometrically_nonlinear:
         return plain

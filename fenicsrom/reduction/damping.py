@@ -27,6 +27,7 @@ class ViscousDamping:
     Attributes:
         stiffness: β, s.
         modal: (local, k) vectors sqrt(2 ζ_k ω_k) M φ_k.
+        modes: (local, k) sqrt(2 ζ_k ω_k) φ_k.
         dashpots: (local,) coefficients c of the dashpots, N s/m.
     """
 
@@ -43,7 +44,7 @@ class ViscousDamping:
         """
         self._structure = structure
         self.stiffness, self.dashpots = damping.stiffness, dashpots
-        self.modal = np.zeros((structure.local, 0))
+        self.modal, self.modes = np.zeros((2, structure.local, 0))
         ratios = np.array(damping.modal)
         if not np.any(ratios):
             return
@@ -57,7 +58,8 @@ class ViscousDamping:
             )
         squares, modes = structure.eigenmodes(structure.factor, ratios.size)
         sizes = np.sqrt(2.0 * ratios * np.sqrt(squares))
-        self.modal = structure.mass_times(modes[:, ratios > 0.0]) * sizes[ratios > 0.0]
+        self.modes = modes[:, ratios > 0.0] * sizes[ratios > 0.0]
+        self.modal = structure.mass_times(self.modes)
 
     def times(self, block: Array) -> Array:
         """Give the damping matrix without α M, times a block (local, k)."""

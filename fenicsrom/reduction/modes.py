@@ -174,8 +174,9 @@ def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
         inverse = ConstrainedInverse(structure.factor, b, masters, structure)
     omega_squared, normal, count = solve_eigenmodes(structure, inverse, options.modes, free)
     if np.any(omega_squared <= 0.0):
+        what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
         structure.warnings.append(
-            f"the equilibrium is unstable: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
+            f"{what}: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
         )
     return SolvedModes(
         method,

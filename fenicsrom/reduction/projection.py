@@ -19,12 +19,13 @@ from fenicsrom.reduction.protocols import Structure
 
 
 def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:
-    """Project a structure on a basis, with the exact polynomial of its internal force.
+    """Project a structure on a basis, with the exact polynomials of its forces.
 
     Args:
         structure: the structure.
         basis: the basis.
-        nonlinear: False gives the linear model of the tangent at the equilibrium.
+        nonlinear: False gives the linear model of the tangent at the equilibrium, in which the
+            follower pressures that vary in time have constant directions.
 
     Returns:
         The reduced model; its elastic force needs no mesh.
@@ -33,8 +34,10 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
         SceneError: the internal force of the structure is not a polynomial.
     """
     r = basis.vectors
+    pressure = None
     if nonlinear:
         elastic = structure.elastic_polynomial(r)
+        pressure = structure.pressure_polynomial(r)
     else:
         force = structure.inner(r, structure.rest_force[:, None])[:, 0]
         elastic = ElasticPolynomial(
@@ -43,7 +46,7 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
             np.zeros((0, 0)),
             np.zeros((0, 0)),
         )
-    return reduced_model(elastic=elastic, **projected_terms(structure, r))
+    return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
 
 
 def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel:

@@ -18,6 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.pressure import PressurePolynomial
 
 
 class Communicator(Protocol):
@@ -106,6 +107,10 @@ class Structure(Protocol):
         """Gauss points along a time step."""
 
     @property
+    def symmetric(self) -> bool:
+        """Whether the stiffness is symmetric; otherwise `factor` is that of its symmetric part."""
+
+    @property
     def factor(self) -> Inverse:
         """K⁻¹ at the equilibrium."""
 
@@ -157,6 +162,9 @@ class Structure(Protocol):
         Raises:
             SceneError: the internal force of this structure is not a polynomial.
         """
+
+    def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
+        """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
 
     def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
         """The `count` lowest ω² (count,) and mass-normalised modes (local, count)."""

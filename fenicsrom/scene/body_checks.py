@@ -60,13 +60,19 @@ def attachment_problems(scene: Scene) -> Problems:
         return
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, "must be false with [[attachments]]")
+
+
+def follower_problems(scene: Scene) -> Problems:
+    """Yield the problems of the pressures that follow the deformation."""
+    if not scene.followers:
+        return
+    key = f"loads[{scene.followers[0]}].follower"
+    if not scene.geometrically_nonlinear:
+        yield Problem(key, True, "only allowed with geometrically_nonlinear = true")
+    if "projection" in (scene.basis.elastic_force, *scene.compare.elastic_force):
+        yield Problem(key, True, 'only allowed with elastic_force = "polynomial"')
+    if scene.reference.beam is not None:
+        yield Problem("reference.beam", True, f"must be false with {key}")
     if scene.output.stresses != "none":
-        allowed = 'must be "none" with [[attachments]], whose forces the reactions lack'
-        yield Problem("output.stresses", scene.output.stresses, allowed)
-
-
-def damping_problems(scene: Scene) -> Problems:
-    """Yield the problems of the viscous damping."""
-    if scene.damping.viscous and scene.output.stresses != "none":
-        allowed = 'must be "none" with [damping], whose forces the reactions lack'
+        allowed = f'must be "none" with {key} = true, whose forces the reactions lack'
         yield Problem("output.stresses", scene.output.stresses, allowed)

@@ -11,7 +11,7 @@ from itertools import pairwise
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.body_checks import (
     attachment_problems,
-    damping_problems,
+    follower_problems,
     material_problems,
     support_problems,
 )
@@ -49,7 +49,7 @@ def problems(scene: Scene, unloaded: bool = False) -> Problems:
     yield from _place_problems(scene)
     yield from support_problems(scene)
     yield from attachment_problems(scene)
-    yield from damping_problems(scene)
+    yield from follower_problems(scene)
     for index, contact in enumerate(scene.contacts):
         yield from _contact_problems(contact, f"contacts[{index}]", scene.geometry.dimension)
     for index, load in enumerate(scene.loads):

@@ -59,15 +59,18 @@ class Traction:
 
 @dataclass(frozen=True, kw_only=True)
 class Pressure:
-    """A pressure on facets, along the normal and on the area of the undeformed body.
+    """A pressure on facets, along the normal.
 
     Attributes:
-        pressure: size of a pressure on a region of facets, positive into the body; it acts on the
-            undeformed area and does not follow the deformation.
+        pressure: size of a pressure on a region of facets, positive into the body; it acts along
+            the normal and on the area of the undeformed body, unless it follows the deformation.
+        follower: whether the pressure follows the deformation: it then acts along the current
+            normal and on the current area, as a fluid does.
     """
 
     WHERE: ClassVar[str] = "with a pressure, which acts along the normal"
     pressure: Annotated[float, number(unit="Pa")]
+    follower: Annotated[bool, rules.flag] = False
 
     @property
     def size(self) -> float:
@@ -337,6 +340,11 @@ class Load:
     def direction(self) -> tuple[float, ...] | None:
         """The unit vector of the direction; None for a pressure."""
         return None if isinstance(self.action, Pressure) else self.action.direction
+
+    @property
+    def follower(self) -> bool:
+        """Whether the load is a pressure that follows the deformation."""
+        return isinstance(self.action, Pressure) and self.action.follower
 
     @property
     def frequency(self) -> float | None:

@@ -252,9 +252,10 @@ class Output:
         paraview: ParaView files of modes and derivatives.
         motion: ParaView files of the last period of motion, and of the contact points in it.
         animation: an animated picture of the last period.
-        stresses: stresses and reactions of the equilibrium, the modes and the motion: a table with
-            the places of the maxima, a picture, arrays in the ParaView files, and the largest
-            values in the summary; the reduced model stores what it needs to give them again.
+        stresses: elastic stresses, and reactions, of the equilibrium, the modes and the motion: a
+            table with the places of the maxima, a picture, arrays in the ParaView files, and the
+            largest values in the summary; the reduced model stores what it needs to give them
+            again. Viscous forces are part of the reactions, not of the stresses.
         stress_fractions: instants at which stresses are listed besides the largest, as fractions of
             the last period.
     """
@@ -432,6 +433,11 @@ class Scene:
         if not frequencies or any(load.transient for load in self.loads):
             return None
         return 1.0 / min(frequencies)
+
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """The numbers, from 0, of the pressures that follow the deformation."""
+        return tuple(k for k, load in enumerate(self.loads) if load.follower)
 
     @property
     def viscous(self) -> bool:

@@ -117,7 +117,12 @@ def _shape(load: Load) -> Any:
     """What a unit load depends on; all of a static load, which deforms the body."""
     if load.static:
         return plain(load)
-    return {**(plain(load.place) or {}), load.kind: plain(load.direction), "varies": True}
+    return {
+        **(plain(load.place) or {}),
+        load.kind: plain(load.direction),
+        "follower": load.follower,
+        "varies": True,
+    }
 
 
 def _frames(contact: Contact) -> dict[str, Any]:

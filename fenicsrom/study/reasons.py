@@ -117,6 +117,13 @@ def reduction_parts(scene: Scene) -> tuple[Item, ...]:
     return (
         Item("elastic polynomial", nonlinear and not projected, elastic),
         Item("intrusive projection", nonlinear and projected, elastic),
+        Item(
+            "follower pressures",
+            bool(scene.followers),
+            counted(len(scene.followers), "pressure")
+            if scene.followers
+            else "no pressure follows the deformation",
+        ),
         Item("contact forces", touching, where),
         Item(
             "contact weighting",

@@ -79,6 +79,13 @@ def test_mesh_that_cannot_be_used_is_described_and_refused(
     assert "3 hexahedra" in said.out and "bar.inp" in said.err
 
 
+def test_mesh_without_cells_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "empty.msh"
+    path.write_text("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n")
+    with refusal(ErrorKind.MESH, file=path.name):
+        inspect(path)
+
+
 @pytest.mark.parametrize(
     ("option", "text"),
     [("density", "0"), ("density", "inf"), ("scale", "-1"), ("scale", "abc"), ("size", "nan")],

@@ -168,6 +168,33 @@ def test_keywords_hold_the_scene(tmp_path: Path) -> None:
     assert np.all(data(found, "SPRING") == np.array([[1.0], [30.0], [2.0], [30.0]]))
 
 
+def test_slanted_supports_are_equations_of_their_nodes(tmp_path: Path) -> None:
+    """The equations of a node have the directions as their solutions, each a first component."""
+    supports = [
+        {"group": "root"},
+        {"node": [0.5, 0.0127, 0.0127], "normal": [0.0, 3.0, 4.0]},
+        {"node": [0.5, -0.0127, 0.0127], "normal": [1.0, 2.0, 2.0]},
+        {"node": [0.5, -0.0127, 0.0127], "normal": [2.0, -2.0, 1.0]},
+    ]
+    deck = scene_deck(scene_of(3, "geometry.cells='simplex'", supports=supports))
+    held: dict[int, list[np.ndarray]] = {}
+    for node, terms in deck.equations:
+        row = np.zeros(3)
+        for axis, factor in terms:
+            row[axis] = factor
+        assert terms[0][1] == 1.0
+        held.setdefault(node, []).append(row)
+        beside = [other for n, other in deck.equations if n == node and other != terms]
+        assert terms[0][0] not in [axis for other in beside for axis, _ in other]
+    one, two = sorted(held.values(), key=len)
+    np.testing.assert_allclose(one, [[0.0, 0.75, 1.0]], atol=1e-12)
+    np.testing.assert_allclose(np.array(two) @ [2.0, 1.0, -2.0], 0.0, atol=1e-12)
+    assert np.linalg.matrix_rank(two) == 2
+    words = [word for word in written(deck, tmp_path) if word.name == "EQUATION"]
+    assert [word.lines[0] for word in words].count("2") >= 1 and len(words) == 3
+    assert all(len(word.lines[1].split(",")) == 3 * int(word.lines[0]) for word in words)
+
+
 def test_linear_scene_has_no_geometric_effects(tmp_path: Path) -> None:
     load = {"group": "tip", "direction": [0.0, 1.0], "force": 3.0}
     scene = scene_of(2, "geometrically_nonlinear=false", loads=[load])
@@ -249,3 +276,9 @@ def test_command_writes_the_deck_or_says_what_is_missing(
         assert main(wrong) == 2
         error = capsys.readouterr().err
         assert "Traceback" not in error and error.strip().count("\n") == 0
+
+
+def test_slanted_support_is_refused() -> None:
+    supports = [{"group": "root"}, {"group": "tip", "normal": [1.0, 1.0]}]
+    with refusal(ErrorKind.CONFLICT, "supports"):
+        scene_deck(scene_of(2, supports=supports, probe={"group": "load"}))

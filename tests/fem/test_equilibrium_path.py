@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
-from support import STEEL, needs_mpirun, on_ranks, refusal
+from support import STEEL, beam_scene, needs_mpirun, on_ranks, refusal
 
 pytest.importorskip("dolfinx")
 
@@ -218,6 +218,17 @@ def test_arch_snaps_and_buckles_as_the_beam_column() -> None:
     np.testing.assert_allclose(limits, expected[::3], rtol=0.006)
 
 
+def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
+    """The second Euler load of a cantilever is nine times the first; the column stays straight."""
+    euler = np.pi**2 * STEEL["young"] * 0.0254**4 / 12.0 / (4.0 * 2.54**2)
+    axial = {"group": "tip", "at": "centre", "direction": [-1.0, 0.0], "force": euler}
+    sizes = ("geometry.parameters.elements_along=12", "geometry.parameters.load_at=0.5")
+    found = follow(beam_scene(2, sizes, contacts=None, loads=[axial], statics={"last": 10.0}))
+    assert [point.kind for point in found.special] == ["bifurcation"] * 2
+    np.testing.assert_allclose([point.load_factor for point in found.special], [1, 9], rtol=0.015)
+    assert max(abs(point.probe[1]) for point in found.points) < 1e-8
+
+
 DEEP_ARCH = """\
 a = 215*Pi/360; thickness = 0.01;
 Point(1) = {0, 0, 0};
@@ -268,11 +279,16 @@ def test_deep_arch_with_a_hinge_collapses_at_the_published_load(tmp_path: Path) 
     [
         ({"geometrically_nonlinear": False}, ErrorKind.CONFLICT, "geometrically_nonlinear"),
         ({"loads": [], "probe": {"group": "tip"}}, ErrorKind.MISSING, "loads"),
+        (
+            {"loads": [{"group": "tip", "pressure": 1.0, "follower": True}]},
+            ErrorKind.CONFLICT,
+            "loads[0].follower",
+        ),
         ({"statics": {"loads": [1]}}, ErrorKind.RANGE, "statics.loads[0]"),
         ({"statics": {"last": 0.0}}, ErrorKind.RANGE, "statics.last"),
         ({"statics": {"lowest": 0.5}}, ErrorKind.RANGE, "statics.lowest"),
     ],
-    ids=["linear", "no load", "load number", "last", "lowest"],
+    ids=["linear", "no load", "follower", "load number", "last", "lowest"],
 )
 def test_scene_without_a_path_is_refused(
     tmp_path: Path, tables: dict[str, Any], kind: ErrorKind, key: str

@@ -94,8 +94,9 @@ def test_linear_full_model_factorises_once_for_all_steps(monkeypatch: pytest.Mon
 
 
 def test_mean_state_of_two_tangents_has_their_weights() -> None:
-    wanted = module._Effective(1.0, 0.0, [(0.25, np.array([1.0])), (0.75, np.array([3.0]))])
-    weight, state = wanted.mean_state()
-    assert weight == 1.0 and state[0] == 2.5
+    one, three = np.array([1.0]), np.array([3.0])
+    wanted = module._Effective(1.0, 0.0, [(0.25, one, 2.0 * one), (0.75, three, -2.0 * one)])
+    weight, state, factors = wanted.mean_state()
+    assert weight == 1.0 and state[0] == 2.5 and factors[0] == -1.0
     assert wanted.has_coefficients_of(module._Effective(1.0 + 1e-13, 0.0, wanted.states))
     assert not wanted.has_coefficients_of(module._Effective(1.001, 0.0, wanted.states))

@@ -44,3 +44,17 @@ def test_preload_needs_a_round_surface_that_touches_the_body() -> None:
         assert simulate(model, scene, compiled=False).periods == 1
     with refusal(ErrorKind.CONFLICT, "contacts[0].surface.radius", names="0.01 m"):
         simulate(model, apart, compiled=False)
+
+
+def test_static_loads_without_duration_are_refused() -> None:
+    static = {"group": "load", "direction": [0.0, 1.0], "force": 1.0}
+    scene = beam_scene(2, contacts=None, probe={"group": "tip"}, loads=[static], time={})
+    model = linear_model(
+        np.eye(2),
+        1e5 * np.eye(2),
+        damping=scene.material.mass_damping,
+        loads=[[0.0], [1.0]],
+        load_histories=load_histories(scene),
+    )
+    with refusal(ErrorKind.MISSING, "time.duration"):
+        simulate(model, scene, compiled=False)

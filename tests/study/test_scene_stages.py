@@ -16,6 +16,10 @@ SCENE = DEMOS / "slip_liftoff_2d.toml"
 
 LINEAR = ["geometrically_nonlinear=false"]
 NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
+FOLLOWER = [
+    "reference.beam=false",
+    "loads=[{group='tip', pressure=1e3, follower=true, frequency=3.2}]",
+]
 
 
 @pytest.mark.parametrize(
@@ -31,7 +35,8 @@ NO_CONTACT = ["contacts=[]", "probe={group='tip'}"]
             ["derivatives", "linear transient", "elastic polynomial", "Newton iterations"],
             ["static modes", "selection"],
         ),
-        (NO_CONTACT, ["static modes", "contact forces"], ["derivatives"]),
+        (NO_CONTACT, ["static modes", "contact forces", "follower pressures"], ["derivatives"]),
+        (FOLLOWER, [], ["follower pressures"]),
         (
             ["reference.full=false", "output.pictures=false"],
             ["full modes", "full motion", "pictures"],

@@ -52,6 +52,13 @@ LONGEST_NAME = 70
 """Number of characters of the name of a set; CalculiX reads at most 80."""
 
 
+Equation = tuple[int, tuple[tuple[int, float], ...]]
+"""A node, and components with factors whose sum of products with the displacement vanishes.
+
+CalculiX removes the first component.
+"""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
     """The cells of one material.
@@ -86,6 +93,7 @@ class Deck:
         plane: "stress" or "strain" in 2D.
         sections: the materials.
         clamped: (n, d) whether a component of a node is clamped.
+        equations: the nodes that are held along directions which are not axes.
         masses: (n,) concentrated masses, kg.
         springs: (n, d) stiffness of springs to the ground, N/m.
         forces: (n, d) dead forces, N.
@@ -102,6 +110,7 @@ class Deck:
     plane: str | None
     sections: tuple[Section, ...]
     clamped: Array
+    equations: tuple[Equation, ...]
     masses: Array
     springs: Array
     forces: Array
@@ -149,6 +158,9 @@ def _lines(deck: Deck) -> Iterator[str]:
     yield "*BOUNDARY"
     for axis, component in enumerate(deck.clamped.T, 1):
         yield from (f"{1 + node}, {axis}, {axis}" for node in np.flatnonzero(component))
+    for node, terms in deck.equations:
+        entries = [f"{1 + node}, {1 + axis}, {_number(factor)}" for axis, factor in terms]
+        yield from ["*EQUATION", str(len(entries)), ", ".join(entries)]
     output = ["*NODE FILE", "U"]
     if len(deck.printed):
         output = [f"*NODE PRINT, NSET={printed}", "U", *output]

@@ -2,6 +2,7 @@
 
     mat     everything, the nonlinear elastic force included, for MATLAB and Octave
     jax     everything, as a Python module of pure functions
+    fmu     everything, as a Functional Mock-up Unit for model exchange
     dmig    the linear part: mass, stiffness, damping and interface rows, as Nastran entries
     op4     the same as matrices in an OUTPUT4 text file
 
@@ -23,6 +24,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.exchange.arrays import write_mat
+from fenicsrom.online.exchange.fmu import write_fmu
 from fenicsrom.online.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS
 from fenicsrom.online.exchange.nastran import write_dmig
 from fenicsrom.online.exchange.op4 import write_op4
@@ -33,7 +35,13 @@ from fenicsrom.scene.excitation import surface_spin
 from fenicsrom.scene.superelement import EXCLUDED
 from fenicsrom.scene.tables import plain
 
-SUFFIXES: Mapping[str, str] = {"mat": ".mat", "jax": ".py", "dmig": ".bdf", "op4": ".op4"}
+SUFFIXES: Mapping[str, str] = {
+    "mat": ".mat",
+    "jax": ".py",
+    "fmu": ".fmu",
+    "dmig": ".bdf",
+    "op4": ".op4",
+}
 """Suffix of the file of each format."""
 
 NOT_COPIED = (*EXCLUDED, "damping", "supports", "loads", "contacts", "probe", "output", "title")
@@ -62,12 +70,17 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         form: a key of `SUFFIXES`.
 
     Raises:
+        SceneError: a follower pressure acts on the model.
         OSError: a file cannot be written.
     """
-    arrays, linear = model_arrays(stored.model), stored.model.linear
+    arrays, linear = model_arrays(stored.model, stored.scene.source), stored.model.linear
     if form == "jax":
         write_source(path, scene_heading(stored.scene), arrays, linear)
         return Exported((path,), ())
+    if form == "fmu":
+        compiled = write_fmu(path, stored, arrays)
+        note = "no C compiler was found, so the unit holds only its source, sources/model.c"
+        return Exported((path,), () if compiled else (note,))
     interface, nodes = interface_nodes(stored)
     if form == "mat":
         write_mat(path, stored, arrays, interface)
