@@ -77,6 +77,7 @@ ONLINE = {
     "compare",
     "statics",
     "campbell",
+    "statics",
     "backbone",
 }
 """Keys and tables on which no offline result depends."""
