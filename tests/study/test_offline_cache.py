@@ -77,7 +77,6 @@ ONLINE = {
     "compare",
     "statics",
     "campbell",
-    "statics",
     "backbone",
 }
 """Keys and tables on which no offline result depends."""
