@@ -56,6 +56,7 @@ left[] = Extrude {{0, 0, 1}, {0, 0, 0}, 2 * Pi / 9} { Surface{1}; Layers{24}; };
 right[] = Extrude {{0, 0, 1}, {0, 0, 0}, -2 * Pi / 9} { Surface{1}; Layers{24}; };
 Physical Volume("solid") = {left[1], right[1]};
 Physical Surface("ends") = {left[0], right[0]}; Physical Surface("crown") = {1};
+Physical Surface("outside") = {left[3], right[3]};
 """
 """An arch of radius 1 m over 80 degrees, 0.02 m x 0.04 m, clamped at both ends."""
 
@@ -86,7 +87,7 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
         "orthotropic plate, axes at 37 degrees, under a corner force",
         make_scene(folder=folder, **plate),
     )
-    arch = {
+    arch: dict[str, Any] = {
         "geometry": {"mesh": "arch.geo", "dimension": 3, "cells": "simplex"},
         "material": STEEL,
         "supports": [{"group": "ends"}],
@@ -94,6 +95,9 @@ def cases(folder: Path) -> Iterator[tuple[str, str, Any]]:
         "probe": {"nearest": [0.0, 1.01, 0.02]},
     }
     yield "arch", "arch under a dead force at the crown", make_scene(folder=folder, **arch)
+    arch["loads"] = [{"group": "outside", "pressure": 1e6, "follower": True}]
+    what = "arch under a follower pressure"
+    yield "pressed", what, make_scene(folder=folder, **arch)
     beam = {
         "geometry": {
             "mesh": "beam3d.geo",

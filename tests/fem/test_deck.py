@@ -276,9 +276,3 @@ def test_command_writes_the_deck_or_says_what_is_missing(
         assert main(wrong) == 2
         error = capsys.readouterr().err
         assert "Traceback" not in error and error.strip().count("\n") == 0
-
-
-def test_slanted_support_is_refused() -> None:
-    supports = [{"group": "root"}, {"group": "tip", "normal": [1.0, 1.0]}]
-    with refusal(ErrorKind.CONFLICT, "supports"):
-        scene_deck(scene_of(2, supports=supports, probe={"group": "load"}))
