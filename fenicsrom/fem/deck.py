@@ -105,7 +105,9 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     if any(not load.static for load in scene.loads):
         found.append("the loads that vary in time are left out")
     if any(scene.loads[k].static for k in scene.followers):
-        found.append("follower pressures act along the normals of the undeformed body")
+        found.append(
+            "CalculiX has another stiffness of follower pressures in its natural frequencies"
+        )
     if scene.material.mass_damping or scene.viscous:
         found.append("the damping is left out")
     if scene.rotation is not None and scene.rotation.coriolis:
