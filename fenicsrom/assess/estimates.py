@@ -29,8 +29,8 @@ from fenicsrom.scene.times import Periodic
 
 PHASES = 200  # instants at which two periods are compared
 CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
-# the distance from an enriched motion is the true error in the median of random scenes, and less
-# than half of it in a few percent of them (`demos/evidence/basis_estimate.py`)
+# the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
+# 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
 PARTS = 4  # of a run without a period, whose root mean squares are compared
 SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
