@@ -173,9 +173,7 @@ def measure_points(elements: Sequence[int], counts: Sequence[int]) -> None:
     all_points, all_rows, d = solid.points, solid.contact_rows, solid.dimension
     if max(counts) > nearest.size:
         raise SystemExit(f"--points: must be at most {nearest.size}, the nodes of the side")
-    columns: list[list[float]] = []
-    names: list[str] = []
-    for count in counts:
+    for number, count in enumerate(counts):
         chosen = np.sort(nearest[:count])
         solid.points = ContactPoints(*(values[chosen] for values in all_points))
         solid.contact_rows = all_rows[(d * chosen[:, None] + np.arange(d)).ravel()]
@@ -186,15 +184,11 @@ def measure_points(elements: Sequence[int], counts: Sequence[int]) -> None:
             return found
 
         run_stages(solid, scene, timed)
-        names = list(seconds)
-        columns.append([*seconds.values()])
-    table.write(f"{'contact points':24} " + " ".join(f"{count:9d}" for count in counts))
-    for name, row in zip(names, zip(*columns, strict=True), strict=True):
-        table.write(f"{name:24} " + " ".join(f"{value:9.2f}" for value in row))
-    table.write(f"{'sum':24} " + " ".join(f"{sum(column):9.2f}" for column in columns))
-    table.write(
-        f"{solid.free} unknowns, {comm.size} ranks, CPU seconds, peak {largest_memory(comm):.2f} GB"
-    )
+        if number == 0:
+            table.write("CPU seconds; points, " + ", ".join(seconds) + ", sum")
+        row = [*seconds.values(), sum(seconds.values())]
+        table.write(f"{count:6d} " + " ".join(f"{value:8.2f}" for value in row))
+    table.write(f"{solid.free} unknowns, {comm.size} ranks, peak {largest_memory(comm):.2f} GB")
 
 
 def run_stages(

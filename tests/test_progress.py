@@ -49,6 +49,18 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
     assert watch.seconds["derivatives"] == 20.0
 
 
+def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first of a thousand steps takes a minute, each of the others 0.1 s."""
+    now = 100.0
+    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    lines: list[str] = []
+    with stopwatch.Stopwatch(lines.append)("linear transient"):
+        for k in tracked(range(1000)):
+            now += 0.1 if k else 60.0
+    assert lines[1] == "  linear transient: 0%, about 100 s left at most"
+    assert lines[-1].startswith("  linear transient: 9") and lines[-1].endswith(" s left at most")
+
+
 def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)

@@ -40,6 +40,17 @@ def spectrum(time: Array, values: Array) -> tuple[Array, Array]:
     return np.fft.rfftfreq(signal.size, even[1] - even[0]), amplitudes
 
 
+def strongest_oscillation(frequencies: Array, amplitudes: Array) -> float:
+    """The frequency of the highest peak of a spectrum, Hz; a drift has no peak.
+
+    A spectrum without a peak gives the frequency of its largest amplitude.
+    """
+    before, here, after = amplitudes[:-2], amplitudes[1:-1], amplitudes[2:]
+    peaks = 1 + np.flatnonzero((here > before) & (here >= after))
+    candidates = peaks if len(peaks) else np.arange(len(amplitudes))
+    return float(frequencies[candidates[np.argmax(amplitudes[candidates])]])
+
+
 def moving_spectrum(time: Array, values: Array) -> tuple[Array, Array, Array]:
     """Amplitude spectra of overlapping segments of a signal about its mean.
 

@@ -14,6 +14,7 @@ from fenicsrom.assess.signals import (
     moving_spectrum,
     spectrum,
     stroboscopic_states,
+    strongest_oscillation,
 )
 from fenicsrom.online.measures import has_contact
 from fenicsrom.post.figures import direction_name
@@ -53,7 +54,8 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
     name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
     above.plot(time, x, color="#0072B2", linewidth=0.6, label=f"{name} displacement")
     hertz, size = spectrum(time, x)
-    width = max((time[-1] - time[0]) / WINDOWS, SWINGS / max(float(hertz[np.argmax(size)]), 1e-300))
+    strongest = max(strongest_oscillation(hertz, size), 1e-300)
+    width = max((time[-1] - time[0]) / WINDOWS, SWINGS / strongest)
     middle, low, high = envelope(time, x, min(width, 0.25 * (time[-1] - time[0])))
     above.plot(middle, high, color="#D55E00", linewidth=1.2, label="envelope")
     above.plot(middle, low, color="#D55E00", linewidth=1.2)

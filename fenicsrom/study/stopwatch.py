@@ -10,6 +10,7 @@ from fenicsrom.progress import duration, listening, time_left
 
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
+FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of kernels
 
 
 def never() -> bool:
@@ -46,13 +47,18 @@ class Stopwatch:
         """Time a stage."""
         self.say(f"{stage} ..")
         begin = self._last = clock.perf_counter()
+        known: tuple[float, float] | None = None  # from when and where the speed is measured
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
+            nonlocal known
             now = clock.perf_counter()
-            if now - self._last > SILENCE and 0.0 < fraction < 1.0:
+            if known is None:
+                known = (begin, 0.0) if fraction > FIRST_STEP else (now, fraction)
+            if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                self.say(f"  {stage}: {fraction:.0%}, {time_left(now - begin, fraction)} at most")
+                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
+                self.say(f"  {stage}: {fraction:.0%}, {left} at most")
 
         with listening(report):
             yield

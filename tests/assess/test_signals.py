@@ -29,6 +29,15 @@ def test_spectrogram_follows_a_sweep():
     assert size.max() == pytest.approx(2.0, rel=0.1)
 
 
+def test_strongest_oscillation_is_not_the_drift():
+    time = np.linspace(0.0, 3.0, 3001)
+    x = np.where(time > 0.5, 5.0, 0.0) + 0.3 * np.exp(-time) * np.sin(2.0 * np.pi * 8.0 * time)
+    hertz, size = signals.spectrum(time, x)
+    assert hertz[np.argmax(size)] < 1.0
+    assert signals.strongest_oscillation(hertz, size) == pytest.approx(8.0, abs=0.4)
+    assert signals.strongest_oscillation(hertz[:3], np.array([3.0, 2.0, 1.0])) == hertz[0]
+
+
 def test_envelope_follows_a_decay():
     time = np.linspace(0.0, 2.0, 5001)
     x = np.exp(-time) * np.cos(2 * np.pi * 50.0 * time)

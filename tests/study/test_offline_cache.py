@@ -75,6 +75,7 @@ ONLINE = {
     "output.animation",
     "output.stress_fractions",
     "compare",
+    "statics",
     "campbell",
     "backbone",
 }
