@@ -99,7 +99,8 @@ def random_run(n: int, points: int) -> tuple[ReducedModel, Callable[[], Motion]]
         np.eye(2, n),
         np.zeros(2),
     )
-    preload, gap = (0.05, np.zeros(1)) if points == 1 else (0.0, np.linspace(0.0, 0.2, points))
+    preload, farthest = (0.05, 0.0) if points == 1 else (0.0, 0.2)
+    gap = farthest * np.arange(points) / max(points - 1, 1)
     share = np.full(points, 1.0 / points)
     contacts = planes(preload * share, gap, 5.0 * share, 5.0 * share, 0.4 + 0.0 * share, 2)
     periods = 10_000 // n**2  # runs of about equal CPU times
