@@ -40,6 +40,7 @@ COMMANDS = {
     "backbone_2d": "backbone",
     "arch_snap": "statics",
     "blade_rub": "run",
+    "blade_composite": "run",
     "blade_response": "response",
 }
 STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#0072B2")}
@@ -292,12 +293,17 @@ def rub_picture(folder: Path) -> Figure:
     with np.load(folder / "history.npz") as history:
         time, force = history["reduced_time"], history["reduced_force"][:, :, 0]
     kept = time >= time[-1] - 0.02 * (1.0 + 1e-9)
-    for point in np.flatnonzero(force[kept].max(axis=0) > 0.0):
+    touching = np.flatnonzero(force[kept].max(axis=0) > 0.0)
+    for point in touching:
         right.plot(
             (time[kept] - time[kept][0]) / 0.02, force[kept][:, point], label=f"point {point + 1}"
         )
     right.set(xlabel="revolution", ylabel="normal force, N", title="contact points that touch")
-    right.legend(fontsize=7, loc="upper center")
+    if touching.size > 5:  # beside the curves
+        right.set_position((0.58, 0.2, 0.27, 0.68))
+        right.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    else:
+        right.legend(fontsize=7, loc="upper center")
     return figure
 
 
@@ -480,6 +486,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures["backbone_2d"] = backbone_picture(runs / "backbone_2d")
         figures["arch_snap"] = path_picture(runs / "arch_snap")
         figures["blade_rub"] = rub_picture(runs / "blade_rub")
+        figures["blade_composite"] = rub_picture(runs / "blade_composite")
         figures["paraview"] = paraview_picture(runs / "blade_rub")
         figures["blade_response"] = blade_response_picture(runs / "blade_response")
         figures["compare"] = compare_picture(runs / "compare")

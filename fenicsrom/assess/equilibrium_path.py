@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.equilibrium_path import PathFollower, PathPoint
     from fenicsrom.fem.solid import Solid
 
+SYMMETRIC = 1e-6  # a smaller part of the tangent that is not symmetric is rounding
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
 
 
@@ -104,10 +105,6 @@ def varied_loads(scene: Scene) -> list[Load]:
     if not scene.geometrically_nonlinear:
         allowed = "false: must be true, because a linear path is a straight line"
         raise _refusal(scene, "geometrically_nonlinear", allowed, ErrorKind.CONFLICT)
-    if scene.followers:
-        key = f"loads[{scene.followers[0]}].follower"
-        allowed = "true: must be false, because the path is that of loads of constant directions"
-        raise _refusal(scene, key, allowed, ErrorKind.CONFLICT)
     if scene.contacts:
         allowed = "not allowed: the path is that of the body without contacts"
         raise _refusal(scene, "contacts", allowed, ErrorKind.CONFLICT)
@@ -153,8 +150,14 @@ def equilibrium_path(
         found.warnings.append(f"{dropped} of the loads vary in time and do not act on the path")
     lowest = -table.last if table.lowest is None else table.lowest
     try:
-        follower = PathFollower(body, body.load_vectors @ sizes, lowest, table.last)
+        follower = PathFollower(body, sizes, lowest, table.last)
         _follow(follower, body, found, say, stop, visit)
+        if follower.equations.asymmetry > SYMMETRIC:
+            found.warnings.append(
+                "the follower pressures have no potential: the tangent stiffness is not "
+                "symmetric, and the negative pivots, which tell stable from unstable equilibria, "
+                "are those of its symmetric part"
+            )
     except ConvergenceError as error:
         found.reason = "no convergence"
         found.unfinished = ConvergenceError(f"statics: {error}{_where(found)}")

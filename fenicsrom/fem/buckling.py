@@ -161,7 +161,7 @@ def check_snap(body: Solid, linear: Array) -> None:
                 body.warnings.append(
                     f"the body snaps through between {100.0 * begin:g} % and {100.0 * end:g} % of "
                     "the static loads: its equilibrium is one after the snap, which says nothing "
-                    "of the motion that leads to it"
+                    "of the motion that leads to it; fenicsrom statics follows the path between"
                 )
                 return
             u = new

@@ -21,13 +21,13 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.formats.calculix import Deck, Equation, Section
+from fenicsrom.fem.formats.calculix import Deck, Equation, Pressed, Section
 from fenicsrom.fem.formats.mesh_file import Block, Ints, MeshFile
 from fenicsrom.fem.formats.shapes import SERENDIPITY, SHAPES
 from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.elasticity_tensor import axes
-from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.scene import Region, Scene, scene_heading
 
 CORNERS = {
     basix.CellType.triangle: (2, (0, 1, 2), (0, 2, 1), (1, 2)),
@@ -61,18 +61,10 @@ def scene_deck(scene: Scene) -> Deck:
         materials=scene.materials,
         attachments=scene.attachments,
     )
-    if solid.slanted is not None:
-        raise SceneError(
-            f"{scene.source}: supports: the deck can clamp components only, but a normal is not "
-            "along an axis; turn the mesh",
-            kind=ErrorKind.CONFLICT,
-            key="supports",
-            source=scene.source,
-        )
     d, nodes = solid.dimension, _Nodes(solid)
     force = np.zeros(solid.local)
     for k, load in enumerate(scene.loads):
-        if load.static:
+        if load.static and not load.follower:
             force += load.size * solid.load_vector(load, f"loads[{k}]")
     clamped = nodes.clamped()
     rotation = scene.rotation
@@ -92,6 +84,11 @@ def scene_deck(scene: Scene) -> Deck:
         masses=nodes.attached(solid.point_masses).max(axis=1),
         springs=nodes.attached(solid.springs),
         forces=np.where(clamped, 0.0, nodes.project(force)),
+        pressures=tuple(
+            nodes.pressed(load.place, load.size)
+            for load in scene.loads
+            if load.static and load.follower
+        ),
         omega_squared=0.0 if rotation is None else rotation.omega**2,
         axis=axis,
         nonlinear=scene.geometrically_nonlinear or rotation is not None,
@@ -108,7 +105,9 @@ def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
     if any(not load.static for load in scene.loads):
         found.append("the loads that vary in time are left out")
     if any(scene.loads[k].static for k in scene.followers):
-        found.append("follower pressures act along the normals of the undeformed body")
+        found.append(
+            "CalculiX has another stiffness of follower pressures in its natural frequencies"
+        )
     if scene.material.mass_damping or scene.viscous:
         found.append("the damping is left out")
     if scene.rotation is not None and scene.rotation.coriolis:
@@ -179,9 +178,12 @@ class _Nodes:
         self._x = solid.space.tabulate_dof_coordinates()
         corners = self._x[self._rows[:, self._order(plain)]]
         sides = (corners[:, beside] - corners[:, :1])[:, :, : solid.dimension]
-        is_mirrored = np.linalg.det(sides)[:, None] < 0.0
+        self._mirrored = np.linalg.det(sides) < 0.0
+        self._orders = plain, mirrored
         cells = np.where(
-            is_mirrored, self._rows[:, self._order(mirrored)], self._rows[:, self._order(plain)]
+            self._mirrored[:, None],
+            self._rows[:, self._order(mirrored)],
+            self._rows[:, self._order(plain)],
         )
         self._kept, inverse = np.unique(cells, return_inverse=True)
         self._cells = inverse.reshape(cells.shape)
@@ -260,6 +262,21 @@ class _Nodes:
                 if self._number[node] >= 0:
                     found.append((int(self._number[node]), terms))
         return found
+
+    def pressed(self, region: Region, size: float) -> Pressed:
+        """The faces of cells in a region, with a pressure on them, Pa."""
+        topology, d = self._solid.mesh.domain.topology, self._solid.dimension
+        facets = self._solid.mesh.facets(region)
+        to_cells, to_facets = topology.connectivity(d - 1, d), topology.connectivity(d, d - 1)
+        cells = np.array([to_cells.links(facet)[0] for facet in facets], dtype=np.int64)
+        faces = []
+        for cell, facet in zip(cells, facets, strict=True):
+            inner = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+            order = self._orders[int(self._mirrored[cell])]
+            corners = {order.index(vertex) for vertex in self._topology[d - 1][inner]}
+            shapes = SHAPES[self._kind].facets
+            faces.append(next(k for k, shape in enumerate(shapes) if set(shape) == corners))
+        return Pressed(cells, np.array(faces, dtype=np.int64), size)
 
     def attached(self, values: Array) -> Array:
         """The attached masses or stiffnesses (kept nodes, d) from values (local,).

@@ -4,8 +4,8 @@ The equilibria u(λ) of
 
     r(u, λ) = f(u) − p₀ − λ p = 0    (1)
 
-form a curve in (u, λ), which is followed through limit points, where λ turns back. Lengths are
-those of
+(`fenicsrom.fem.path_equations`) form a curve in (u, λ), which is followed through limit points,
+where λ turns back. Lengths are those of
 
     |(du, dλ)|² = |du|² / size² + dλ² / range².    (2)
 
@@ -18,9 +18,9 @@ bordered equations by block elimination, with one factor of the tangent stiffnes
 where gap is the distance to the hyperplane (Riks 1979; Crisfield 1981). The factor is kept while
 the corrections become smaller by `CONTRACTION`; otherwise the mixed tangent is factorised
 (`fenicsrom.fem.elasticity`, eq. 5). At the point found, the exact tangent corrects once more. Its
-negative pivots count the directions in which the equilibrium is unstable under dead loads. They
-change by one at a limit point, where the tangent of the curve has no component along λ; any other
-change is a bifurcation, where a mode of K has the eigenvalue zero.
+negative pivots count the directions in which the equilibrium is unstable. They change by one at a
+limit point, where the tangent of the curve has no component along λ; any other change is a
+bifurcation, where a mode of K has the eigenvalue zero.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.fem.linalg import Factorisation
+from fenicsrom.fem.path_equations import PathEquations
 from fenicsrom.fem.solid import Solid
 from fenicsrom.fem.statics import CONTRACTION
 from fenicsrom.online.brackets import Bracket, bracketed
@@ -72,9 +72,6 @@ GAPS = (1e-4, 1e-3)
 """Distances from a bifurcation at which points are found where those nearer to it are not: the
 rounding of the mesh is an imperfection that parts the branches."""
 
-INVERSE_ITERATIONS = 4
-"""Solves for the eigenvalue of K nearest to zero; they start from the mode of the point before."""
-
 
 @dataclass(frozen=True, eq=False)
 class PathPoint:
@@ -112,31 +109,27 @@ class PathFollower:
 
     Attributes:
         reason: why the path ended: "end of the range" or "no convergence"; "" before.
+        equations: the equations (1).
     """
 
     reason = ""
 
-    def __init__(self, body: Solid, force: Array, lowest: float, last: float):
+    def __init__(self, body: Solid, sizes: Array, lowest: float, last: float):
         """Start from the equilibrium of the body, at the load factor zero.
 
         Args:
             body: the body in its equilibrium under constant loads, which may be none.
-            force: (local,) p, N.
+            sizes: (loads,) sizes of the loads that λ multiplies, 0 of the others.
             lowest: λ at which the path ends, below zero.
             last: λ at which the path ends, above zero.
 
         Raises:
             ConvergenceError: the tangent stiffness is singular at the start.
         """
-        self._body, self._force, self._constant = body, force, body.static_load
+        self._body, self.equations = body, PathEquations(body, sizes)
         self._lowest, self._last = lowest, last
-        matrix = body.tangent(body.equilibrium)
-        self._factor = Factorisation(matrix, "fenicsrom_path", counting=True)
-        first, _ = matrix.getOwnershipRange()
-        start = np.sin(1.0 + first + np.arange(body.local, dtype=np.float64))
-        self._soft = body.without_held(start)
-        self._slope = self._solve(force)
-        self._linear = last * np.sqrt(body.dot(self._slope, self._slope))
+        slope = self.equations.slope
+        self._linear = last * np.sqrt(body.dot(slope, slope))
         self._size = self._linear
 
     def points(self) -> Iterator[PathPoint]:
@@ -249,7 +242,7 @@ class PathFollower:
             length = self._length(correction)
             if not length <= max(CONTRACTION * last, ROUNDING):
                 renewals += 1
-                if renewals > RENEWALS or not self._renew(y, change):
+                if renewals > RENEWALS or not self.equations.renew(y, change):
                     return None
                 correction = self._correction(y, guess, along)
                 length = self._length(correction)
@@ -264,46 +257,25 @@ class PathFollower:
 
     def _exact(self, y: Array, guess: Array, along: Array, ahead: Array) -> PathPoint | None:
         """The point after one more correction, with the exact tangent; None if it is not small."""
-        if not self._renew(y, None):
+        if not self.equations.renew(y, None):
             return None
         correction = self._correction(y, guess, along)
         residual = self._length(correction)
         if not residual <= ROUNDING:
             return None
-        tangent = self._unit(np.append(self._slope, 1.0))
+        counted = self.equations.count(y)
+        if counted is None:
+            return None
+        tangent = self._unit(np.append(self.equations.slope, 1.0))
         tangent *= np.sign(self._dot(tangent, ahead)) or 1.0
-        negative = self._factor.negative_pivots
-        return PathPoint(y + correction, tangent, negative, self._softness(), residual)
+        return PathPoint(y + correction, tangent, *counted, residual)
 
     def _correction(self, y: Array, guess: Array, along: Array) -> Array:
         """The correction (3) (local + 1,) at y (local + 1,)."""
-        residual = self._body.internal_force(y[:-1]) - self._constant - y[-1] * self._force
-        fixed = np.append(-self._solve(residual), 0.0)
-        path = np.append(self._slope, 1.0)
+        fixed = np.append(-self.equations.solve(self.equations.residual(y)), 0.0)
+        path = np.append(self.equations.slope, 1.0)
         gap = self._dot(along, guess - y)
         return np.asarray(fixed + (gap - self._dot(along, fixed)) / self._dot(along, path) * path)
-
-    def _renew(self, y: Array, change: Array | None) -> bool:
-        """Factorise the tangent at y, mixed after a change (local,); False if it is singular."""
-        self._body.tangent(y[:-1], self._factor.matrix, change)
-        try:
-            self._factor.update()
-        except ConvergenceError:
-            return False
-        self._slope = self._solve(self._force)
-        return True
-
-    def _solve(self, right: Array) -> Array:
-        return self._factor.solve(right[:, None])[:, 0]
-
-    def _softness(self) -> float:
-        """Size of the eigenvalue nearest to zero of the factorised tangent, N/m."""
-        size = 0.0
-        for _ in range(INVERSE_ITERATIONS):
-            self._soft = self._solve(self._soft)
-            size = float(np.sqrt(self._body.dot(self._soft, self._soft)))
-            self._soft /= size
-        return 1.0 / size
 
     # ------------------------------------------------------------------ special points
 

@@ -343,7 +343,7 @@ class Solid(ElasticBody):
 
     def unclamped_tangent_times(self, block: Array) -> Array:
         """The tangent of the elastic force in K, without supports, times a block (local, k)."""
-        self._set(self._u, self.equilibrium if self._bends else np.zeros(self.local))
+        self.set_field(self._u, self.equilibrium if self._bends else np.zeros(self.local))
         matrix = fem.petsc.assemble_matrix(self._tangent_form)
         matrix.assemble()
         product = multiply(matrix, block)

@@ -51,6 +51,7 @@ def body_panel(view: View, low: Array, high: Array, spare: float) -> tuple[Figur
 def show_part(axis: Axes, low: Array, high: Array) -> None:
     """Show this part of the picture without axes and to scale."""
     axis.set_axis_off()
+    axis.set(xticks=[], yticks=[])  # measuring hidden ticks takes time
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
 
 
@@ -136,9 +137,11 @@ def draw_triad(axis: Axes, view: View, low: Array) -> None:
             continue  # seen from its end
         look = {"arrowstyle": "-|>", "color": "#30363C", "shrinkA": 0, "shrinkB": 0}
         start, end = ((float(x), float(y)) for x, y in (foot, foot + arrow))
-        axis.annotate("", end, start, arrowprops=look, annotation_clip=False)
+        line = axis.annotate("", end, start, arrowprops=look, annotation_clip=False)
         x, y = foot + (1.0 + 0.25 * size / np.linalg.norm(arrow)) * arrow
-        axis.text(x, y, name, fontsize=8, ha="center", va="center", color="#30363C")
+        text = axis.text(x, y, name, fontsize=8, ha="center", va="center", color="#30363C")
+        for drawn in (line, text):
+            drawn.set_in_layout(False)  # it lies inside the panel; measuring it takes time
 
 
 def triangle_colours(surface: Surface, values: Floats, colours: str = "viridis") -> Array:

@@ -25,7 +25,7 @@ from fenicsrom.post.fields import (
 from fenicsrom.post.film import Dots, Film
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.setup_figure import Marks, setup_figure
-from fenicsrom.post.surface_detail import LEAST_OF_FILM, for_picture, simplified
+from fenicsrom.post.surface_detail import LEAST_OF_MANY, for_picture, simplified
 from fenicsrom.post.vtk_files import in_space, refined_grid
 from fenicsrom.scene import Scene, scene_heading
 
@@ -62,24 +62,23 @@ def body_pictures(study: Study) -> list[Picture]:
     if found is None:
         return []
     scene, titles = study.scene, shape_titles(study, named)
-    pictures = [_setup(solid, scene, *found)]
-    surface, values = for_picture(*found)
-    if named:
-        drawn = {label: values[label] for label in named}
-        pictures.append(
-            Picture("Shapes", "shapes.png", lambda: shape_figure(surface, drawn, titles))
-        )
-    if solid.loaded:
-        displacement = values[EQUILIBRIUM]
-        largest = 1e3 * float(np.linalg.norm(displacement, axis=1).max())
+    surface, values = found
+
+    def draw_shapes() -> Figure:
+        shown = {label: values[label] for label in named}
+        return shape_figure(*for_picture(surface, shown, LEAST_OF_MANY), titles)
+
+    def draw_equilibrium() -> Figure:
+        shown, moved = for_picture(surface, {EQUILIBRIUM: values[EQUILIBRIUM]})
+        largest = 1e3 * float(np.linalg.norm(values[EQUILIBRIUM], axis=1).max())
         title = f"equilibrium: largest displacement {largest:.4g} mm"
-        pictures.append(
-            Picture(
-                "Equilibrium",
-                "equilibrium.png",
-                lambda: deflection_figure(surface, displacement, title),
-            )
-        )
+        return deflection_figure(shown, moved[EQUILIBRIUM], title)
+
+    pictures = [_setup(solid, scene, surface, values)]
+    if named:
+        pictures.append(Picture("Shapes", "shapes.png", draw_shapes))
+    if solid.loaded:
+        pictures.append(Picture("Equilibrium", "equilibrium.png", draw_equilibrium))
     return pictures
 
 
@@ -127,7 +126,7 @@ def film_of(study: Study) -> Film | None:
         marks = about_equilibrium(study, *marks)
     if found is None:
         return None
-    surface, values = for_picture(*found, LEAST_OF_FILM)
+    surface, values = for_picture(*found, LEAST_OF_MANY)
     rest = replace(surface, points=surface.points + values.pop(EQUILIBRIUM))
     moved = np.tensordot(frame_coordinates(motion), np.array(list(values.values())), 1)
     dots = None if marks is None else Dots(marks[0], marks[1]["displacement"], marks[1]["state"])

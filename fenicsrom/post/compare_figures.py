@@ -16,6 +16,16 @@ if TYPE_CHECKING:
 
 MARKERS = {"rubin": "o", "craig-bampton": "s"}
 METHODS = {"rubin": "Rubin", "craig-bampton": "Craig–Bampton"}
+# large hollow squares: equal values of the other method stay visible
+LINE_LOOKS: dict[str, dict[str, Any]] = {
+    "rubin": {"marker": "o", "markersize": 4.5, "linestyle": "-"},
+    "craig-bampton": {
+        "marker": "s",
+        "markersize": 9,
+        "markerfacecolor": "none",
+        "linestyle": "--",
+    },
+}
 SHORT = {"rubin": "R", "craig-bampton": "CB"}
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
 
@@ -206,12 +216,7 @@ def size_figure(comparison: Comparison) -> Figure:
         ):
             lines.setdefault((o.combination.method, o.combination.chosen), []).append(o)
     for (method, chosen), members in lines.items():
-        style: dict[str, Any] = {
-            "color": colours[chosen],
-            "marker": MARKERS[method],
-            "markersize": 5,
-            "linestyle": "-" if method == "rubin" else "--",
-        }
+        style = {"color": colours[chosen], **LINE_LOOKS[method]}
         for axis, values in (
             (axes[0], lambda o: o.combination.modes),
             (axes[1], lambda o: len(o.labels)),
@@ -236,17 +241,7 @@ def _key_of_lines(
 
     handles = [Line2D([], [], color=colour, label=name) for name, colour in colours.items()]
     for method in dict.fromkeys(method for method, _ in lines):
-        style = "-" if method == "rubin" else "--"
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color="#5b636b",
-                marker=MARKERS[method],
-                linestyle=style,
-                label=METHODS[method],
-            )
-        )
+        handles.append(Line2D([], [], color="#5b636b", label=METHODS[method], **LINE_LOOKS[method]))
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles))
 
 

@@ -165,7 +165,7 @@ def _basis(study: Study) -> list[Any]:
 
 def _seconds(study: Study) -> list[list[str]]:
     """Compose the table of run times."""
-    return [["stage", "s"], *[[stage, f"{s:.3g}"] for stage, s in study.seconds.items()]]
+    return [["stage", "s"], *[[stage, f"{round(s, 3):.3g}"] for stage, s in study.seconds.items()]]
 
 
 def _left_out(study: Study) -> list[list[str]]:

@@ -17,8 +17,8 @@ MOST = 12000
 LEAST = 4000
 """Fewer triangles, each of one colour, show steps of the colour."""
 
-LEAST_OF_FILM = 1000
-"""The same of an animation, which is drawn many times."""
+LEAST_OF_MANY = 1000
+"""The same of an animation and of small panels, which are drawn many times."""
 
 
 def for_picture(

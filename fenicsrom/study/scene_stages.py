@@ -64,7 +64,7 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
             parts=(newton_item(scene),) if moving else (),
         ),
         Stage(
-            "full modes",
+            "mode comparison",
             moving and full,
             full_reason,
             lambda run: motions.compare_modes(run.study),

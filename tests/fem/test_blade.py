@@ -176,11 +176,11 @@ def balance(solid: Any, motion: Motion, q: Array, v: Array) -> tuple[Array, Arra
     ) -> Array:
         for function, values in ((u, displacement), (w, velocity)):
             if values is not None:
-                solid._set(function, values)
+                solid.set_field(function, values)
         return np.asarray(solid.assembled(form))
 
     def internal(displacement: Array) -> Array:
-        solid._set(solid._u, displacement)
+        solid.set_field(solid._u, displacement)
         return np.asarray(solid.assembled(solid._force_form))
 
     clamped = np.setdiff1d(np.arange(solid.local), free_unknowns(solid))

@@ -18,7 +18,7 @@ from fenicsrom.fem.deck import scene_deck
 from fenicsrom.fem.formats import read
 from fenicsrom.fem.formats.abaqus_keywords import Keyword, read_keywords
 from fenicsrom.fem.formats.calculix import FIELD, Deck, write_deck
-from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.fem.formats.shapes import SHAPES, facet_nodes
 from fenicsrom.scene import Geometry, Scene
 
 SHORT = ("geometry.parameters.length=0.5", "geometry.parameters.elements_along=3")
@@ -195,6 +195,27 @@ def test_slanted_supports_are_equations_of_their_nodes(tmp_path: Path) -> None:
     assert all(len(word.lines[1].split(",")) == 3 * int(word.lines[0]) for word in words)
 
 
+@pytest.mark.parametrize(
+    ("dimension", "cells", "count"), [(3, "simplex", 2), (3, "structured", 1), (2, "simplex", 1)]
+)
+def test_follower_pressure_acts_on_the_faces_of_its_region(
+    dimension: int, cells: str, count: int, tmp_path: Path
+) -> None:
+    load = {"group": "tip", "pressure": 5.0, "follower": True}
+    deck = scene_deck(scene_of(dimension, f"geometry.cells='{cells}'", loads=[load]))
+    assert not np.any(deck.forces) and sum("follower" in note for note in deck.notes) == 1
+    (pressed,) = deck.pressures
+    assert len(pressed.cells) == count
+    (block,) = deck.mesh.blocks
+    faces = facet_nodes(block.kind)
+    for cell, face in zip(pressed.cells, pressed.faces, strict=True):
+        assert set(block.nodes[cell, faces[face]]) <= set(deck.mesh.node_groups["tip"])
+    (lines,) = [word.lines for word in written(deck, tmp_path) if word.name == "DLOAD"]
+    assert len(lines) == count
+    wanted = f"{1 + pressed.cells[0]}, P{1 + pressed.faces[0]}, 5.0"
+    assert lines[0] == wanted
+
+
 def test_linear_scene_has_no_geometric_effects(tmp_path: Path) -> None:
     load = {"group": "tip", "direction": [0.0, 1.0], "force": 3.0}
     scene = scene_of(2, "geometrically_nonlinear=false", loads=[load])
@@ -276,9 +297,3 @@ def test_command_writes_the_deck_or_says_what_is_missing(
         assert main(wrong) == 2
         error = capsys.readouterr().err
         assert "Traceback" not in error and error.strip().count("\n") == 0
-
-
-def test_slanted_support_is_refused() -> None:
-    supports = [{"group": "root"}, {"group": "tip", "normal": [1.0, 1.0]}]
-    with refusal(ErrorKind.CONFLICT, "supports"):
-        scene_deck(scene_of(2, supports=supports, probe={"group": "load"}))

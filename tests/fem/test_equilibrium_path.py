@@ -279,16 +279,11 @@ def test_deep_arch_with_a_hinge_collapses_at_the_published_load(tmp_path: Path) 
     [
         ({"geometrically_nonlinear": False}, ErrorKind.CONFLICT, "geometrically_nonlinear"),
         ({"loads": [], "probe": {"group": "tip"}}, ErrorKind.MISSING, "loads"),
-        (
-            {"loads": [{"group": "tip", "pressure": 1.0, "follower": True}]},
-            ErrorKind.CONFLICT,
-            "loads[0].follower",
-        ),
         ({"statics": {"loads": [1]}}, ErrorKind.RANGE, "statics.loads[0]"),
         ({"statics": {"last": 0.0}}, ErrorKind.RANGE, "statics.last"),
         ({"statics": {"lowest": 0.5}}, ErrorKind.RANGE, "statics.lowest"),
     ],
-    ids=["linear", "no load", "follower", "load number", "last", "lowest"],
+    ids=["linear", "no load", "load number", "last", "lowest"],
 )
 def test_scene_without_a_path_is_refused(
     tmp_path: Path, tables: dict[str, Any], kind: ErrorKind, key: str

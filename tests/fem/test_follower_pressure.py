@@ -30,7 +30,7 @@ from mpi4py import MPI
 
 from fenicsrom.errors import ErrorKind
 from fenicsrom.fem.full import full_model
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.fem.solid import KnownEquilibrium, build_solid, solid_of
 from fenicsrom.online.pressure import unit_force, unit_tangent
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
@@ -132,6 +132,13 @@ def test_static_pressure_is_part_of_equilibrium_and_stiffness(solid: Any) -> Non
         rtol=0,
         atol=1e-12 * np.abs(tangent).max(),
     )
+
+
+def test_known_equilibrium_gives_the_same_matrices(solid: Any) -> None:
+    known = KnownEquilibrium(solid.equilibrium, solid.unstable)
+    other, keep = solid_of(scene_of(solid), solid.mesh, known), free_unknowns(solid)
+    np.testing.assert_array_equal(other.load_vectors, solid.load_vectors)
+    np.testing.assert_array_equal(dense(other.stiffness, keep), dense(solid.stiffness, keep))
 
 
 def test_reduced_coefficients_equal_the_projected_force(solid: Any) -> None:

@@ -193,7 +193,7 @@ def test_reaction_equals_residual_of_full_equations_at_the_clamped_unknowns() ->
     integrand += 2.0 * density * omega * ufl.dot(ufl.cross(axis, velocity), test)
     integrand -= density * omega**2 * ufl.dot(arm - ufl.dot(axis, arm) * axis, test)
     smooth = solid.assembled(fem.form(integrand * dx)) - 1.5 * solid.load_vectors[:, 0]
-    solid._set(solid._u, solid.equilibrium + vectors @ q)
+    solid.set_field(solid._u, solid.equilibrium + vectors @ q)
     nodal = (smooth + solid.assembled(solid._force_form)).reshape(-1, 3)
     np.testing.assert_allclose(
         total[0], smooth.reshape(-1, 3).sum(axis=0), rtol=0, atol=1e-9 * np.abs(smooth).sum()
@@ -236,7 +236,7 @@ def test_viscous_forces_and_attachments_enter_the_reaction() -> None:
     found, total = table.evaluate(StressLaw.of(scene), q[None], v[None], a[None], np.ones((1, 1)))
 
     def elastic_force(u: Array) -> Array:
-        solid._set(solid._u, u)
+        solid.set_field(solid._u, u)
         return np.asarray(solid.assembled(solid._force_form))
 
     def slope(size: float) -> Array:

@@ -181,6 +181,21 @@ def test_large_deflection_on_a_slanted_roller_is_that_of_the_turned_beam() -> No
     assert other.mismatch < 1e-8
 
 
+def test_follower_pressure_on_a_slanted_roller_is_that_of_the_turned_beam() -> None:
+    push = {"group": "tip", "pressure": 2e7, "follower": True}
+    bend = {"group": "load", "at": "centre", "direction": [0.0, -1.0], "force": 2e5}
+    flat, slanted = (
+        turned(angle, [{"group": "root"}, roller], loads=[bend, push])
+        for angle, roller in ((0.0, ROLLER), (ANGLE, SLANTED_ROLLER))
+    )
+    u = flat.equilibrium.reshape(-1, 2)
+    expected = u @ turn(2, ANGLE).T
+    np.testing.assert_allclose(
+        slanted.equilibrium.reshape(-1, 2), expected, atol=1e-9 * np.abs(u).max()
+    )
+    np.testing.assert_allclose(frequencies(slanted), frequencies(flat), rtol=1e-8)
+
+
 @pytest.mark.slow
 def test_motion_on_a_slanted_roller_is_that_of_the_turned_beam() -> None:
     """Full and reduced model, with damping of all kinds, in a rotating frame."""

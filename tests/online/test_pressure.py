@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,19 @@ def test_compiled_motion_equals_the_plain_one(name: str) -> None:
         one.displacement, other.displacement, rtol=0, atol=1e-12 * np.abs(one.displacement).max()
     )
     np.testing.assert_allclose(one.work, other.work, rtol=0, atol=1e-12 * np.abs(one.work).max())
+
+
+def test_resumed_motion_equals_the_whole_one_bit_for_bit() -> None:
+    model, contacts, kept = pressed(), one_contact(preload=[]), []
+    settings = Time.of(periods=2, steps_per_period=60, steady_tolerance=0.0, steady="march")
+
+    def keep(here: Any) -> None:
+        kept.append(copy.deepcopy(here))
+
+    whole = integrate(model, contacts, settings, PERIOD, dimension=2, checkpoint=keep)
+    resumed = integrate(model, contacts, settings, PERIOD, dimension=2, resume=kept[0])
+    np.testing.assert_array_equal(resumed.displacement[-60:], whole.displacement[-60:])
+    np.testing.assert_array_equal(resumed.work[-60:], whole.work[-60:])
 
 
 @pytest.mark.parametrize("name", SCHEMES)

@@ -76,8 +76,8 @@ ONLINE = {
     "output.animation",
     "output.stress_fractions",
     "compare",
-    "campbell",
     "statics",
+    "campbell",
     "backbone",
 }
 """Keys and tables on which no offline result depends."""

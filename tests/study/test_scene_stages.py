@@ -39,7 +39,7 @@ FOLLOWER = [
         (FOLLOWER, [], ["follower pressures"]),
         (
             ["reference.full=false", "output.pictures=false"],
-            ["full modes", "full motion", "pictures"],
+            ["mode comparison", "full motion", "pictures"],
             ["normal modes", "numbers"],
         ),
         (["output.motion=true", "output.animation=true"], [], ["ParaView motion", "animation"]),
@@ -95,7 +95,7 @@ WORK = {
     "fenicsrom.reduction.stages.reduce": "reduction",
     "fenicsrom.reduction.candidates.candidate_model": "candidates",
     "fenicsrom.fem.reaction_rows.reaction_table": "stress points",
-    "fenicsrom.assess.mode_agreement.mode_agreement": "full modes",
+    "fenicsrom.assess.mode_agreement.mode_agreement": "mode comparison",
     "fenicsrom.study.motions.integrate": "motion",
     "fenicsrom.study.motions.check": "checks",
     "fenicsrom.study.motions.check_beam": "beam check",

@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +60,20 @@ CalculiX removes the first component.
 """
 
 
+class Pressed(NamedTuple):
+    """A pressure that follows the deformation.
+
+    Attributes:
+        cells: the cells (k,) on which it acts.
+        faces: (k,) their faces, as `shapes` counts them.
+        size: Pa.
+    """
+
+    cells: Ints
+    faces: Ints
+    size: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Section:
     """The cells of one material.
@@ -97,6 +112,7 @@ class Deck:
         masses: (n,) concentrated masses, kg.
         springs: (n, d) stiffness of springs to the ground, N/m.
         forces: (n, d) dead forces, N.
+        pressures: pressures that follow the deformation.
         omega_squared: Ω², rad²/s².
         axis: (2, 3) a point of the axis of rotation, and its unit vector.
         nonlinear: whether the equilibrium is geometrically nonlinear.
@@ -114,6 +130,7 @@ class Deck:
     masses: Array
     springs: Array
     forces: Array
+    pressures: tuple[Pressed, ...]
     omega_squared: float
     axis: Array
     nonlinear: bool
@@ -128,7 +145,7 @@ class Deck:
     @property
     def loaded(self) -> bool:
         """Whether forces or the rotation deform the body."""
-        return bool(np.any(self.forces)) or self.omega_squared > 0.0
+        return bool(np.any(self.forces)) or bool(self.pressures) or self.omega_squared > 0.0
 
 
 def write_deck(path: Path, deck: Deck) -> None:
@@ -145,7 +162,7 @@ def _lines(deck: Deck) -> Iterator[str]:
     """The lines of a deck."""
     yield "*HEADING"
     yield _plain(deck.title) or "a scene of fenicsrom"
-    yield "** SI units; *CLOAD holds the work-equivalent forces of all static loads"
+    yield "** SI units; *CLOAD holds the work-equivalent forces of the static loads"
     yield from (f"** {_plain(note)}" for note in deck.notes)
     names = _Names()
     every, cells = names.new("ALL_NODES"), names.new("ALL_CELLS")
@@ -239,11 +256,15 @@ def _sections(deck: Deck, names: _Names) -> Iterator[str]:
 
 
 def _loads(deck: Deck, cells: str) -> Iterator[str]:
-    """Dead forces and the centrifugal force."""
+    """Dead forces, pressures and the centrifugal force."""
     if np.any(deck.forces):
         yield "*CLOAD"
         for node, axis in np.argwhere(deck.forces != 0.0):
             yield f"{1 + node}, {1 + axis}, {_number(deck.forces[node, axis])}"
+    for pressed in deck.pressures:
+        yield "*DLOAD"
+        for cell, face in zip(pressed.cells, pressed.faces, strict=True):
+            yield f"{1 + cell}, P{1 + face}, {_number(pressed.size)}"
     if deck.omega_squared > 0.0:
         numbers = (deck.omega_squared, *deck.axis.reshape(-1))
         yield from ["*DLOAD", f"{cells}, CENTRIF, {', '.join(map(_number, numbers))}"]
