@@ -4,6 +4,7 @@
     python3 demos/benchmark.py --errors              # the errors too: the full blade takes an hour
     python3 demos/benchmark.py --offline 32 24 1     # CPU times of the offline stages instead
     python3 demos/benchmark.py --offline 32 24 1 --points 17 100 500 1000    # by contact points
+    python3 demos/benchmark.py --floors              # CPU times of the steps of reduced models
 
 A row is a scene and changes of its keys. Both models take the same steps: one period from rest. The
 ratio is that of the median CPU times of 25 runs of the reduced model and five runs of the full
@@ -109,6 +110,9 @@ def main() -> None:
         metavar="COUNT",
         help="with --offline: for these numbers of contact points on one mesh",
     )
+    parser.add_argument(
+        "--floors", action="store_true", help="time the steps of reduced models instead"
+    )
     options = parser.parse_args()
     if options.points and not options.offline:
         parser.error("--points needs --offline")
@@ -119,6 +123,11 @@ def main() -> None:
             benchmark_offline.measure_points(options.offline, options.points)
         else:
             benchmark_offline.measure(*options.offline)
+        return
+    if options.floors:
+        import benchmark_floors
+
+        benchmark_floors.measure()
         return
     print(", ".join(f"{key} {value}" for key, value in machine().items()))
     for name, changes in ROWS:

@@ -48,6 +48,7 @@ def _export_scene(options: argparse.Namespace) -> int:
 
     scene = read_scene(options.model, options.overrides, unloaded=True)
     path = Path(options.output or f"{Path(options.model).stem}.inp")
+    require_lasting(path)
     deck = scene_deck(scene)
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])

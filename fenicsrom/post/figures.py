@@ -50,6 +50,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
     _legend(figure, axes[0])
+    figure.align_ylabels()
     return figure
 
 

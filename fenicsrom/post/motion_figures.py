@@ -205,4 +205,5 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Fig
     axes[-1].set_xlabel("time / period" if motion.period is not None else "time, s")
     left = f"; the largest {len(chosen)} of {len(labels)}" if len(labels) > len(chosen) else ""
     axes[0].set_title(f"modal coordinate × largest displacement of the mode{left}")
+    figure.align_ylabels()
     return figure

@@ -117,12 +117,8 @@ def _shape(load: Load) -> Any:
     """What a unit load depends on; all of a static load, which deforms the body."""
     if load.static:
         return plain(load)
-    return {
-        **(plain(load.place) or {}),
-        load.kind: plain(load.direction),
-        "follower": load.follower,
-        "varies": True,
-    }
+    without_size = {**plain(load.action), load.kind: None}
+    return {**(plain(load.place) or {}), **without_size, "varies": True}
 
 
 def _frames(contact: Contact) -> dict[str, Any]:

@@ -36,6 +36,7 @@ TABLE: dict[str, Any] = {
     "loads": [
         {"group": "tip", "direction": [1.0, 0.0, 0.0], "force": 5.0, "frequency": 50.0},
         {"group": "pressure", "pressure": 100.0},
+        {"group": "pressure", "pressure": 50.0, "frequency": 50.0},
     ],
     "contacts": [
         {
@@ -87,6 +88,8 @@ MOTION = {
     "material.mass_damping",
     "loads.0.action.force",
     "loads.0.history",
+    "loads.2.action.pressure",
+    "loads.2.history",
     "contacts.0.preload",
     "contacts.0.gap",
     "contacts.0.approach",
