@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
     from fenicsrom.online.measures import out_of_reach
+    from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.sentences import motion_warnings
 
@@ -30,7 +31,7 @@ def integrate(run: Run, name: str) -> None:
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (name, error)
-        if error.partial is None:
+        if not isinstance(error.partial, Motion):  # it failed before the first step
             return
         motion = error.partial
     study.motions[name] = motion

@@ -128,6 +128,7 @@ def _integrate(
         The motion, up to the failure if there was one, and the failure.
     """
     from fenicsrom.online.checkpoints import keeper
+    from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.summary import CHECKPOINT
 
@@ -142,7 +143,7 @@ def _integrate(
             stop=stop,
         )
     except (AccuracyError, ConvergenceError) as error:
-        if error.partial is None:
+        if not isinstance(error.partial, Motion):  # it failed before the first step
             raise
         return error.partial, error
     return motion, None

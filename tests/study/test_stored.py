@@ -12,7 +12,7 @@ import pytest
 from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
-from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.post.sentences import UNJUDGED
@@ -117,3 +117,16 @@ def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) ->
     estimates = told["estimated_error_percent"]
     assert estimates["basis"] == pytest.approx(100.0 * found.errors["basis"].amplitude)
     assert estimates["basis"] > 50.0 and len(estimates["directions by the basis"]) == 2
+
+
+def test_failure_before_the_first_step_is_raised(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An equilibrium that is not found keeps its iterates, which are no motion."""
+
+    def failing(*_: object, **__: object) -> None:
+        raise ConvergenceError("no equilibrium", np.zeros(3))
+
+    monkeypatch.setattr("fenicsrom.online.simulate.simulate", failing)
+    with pytest.raises(ConvergenceError, match="no equilibrium"):
+        study.rerun(stored(), tmp_path)
