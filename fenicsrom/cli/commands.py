@@ -83,6 +83,13 @@ def plan(options: argparse.Namespace) -> int:
 
         path = Path(options.picture)
         require_lasting(path, "--picture")
+        if path.suffix.lower() != ".png":
+            raise SceneError(
+                f"--picture {path}: must end in .png",
+                kind=ErrorKind.FORMAT,
+                key="--picture",
+                source=str(path),
+            )
         picture, warnings = study.setup_picture(scene, path.name, progress)
         files = [path for _, path in draw_pictures([picture], path.parent, warnings)]
         print_results(None, "", warnings, files=files)

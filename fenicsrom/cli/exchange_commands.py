@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.output import require_lasting, require_other
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind, SceneError
 
@@ -35,6 +35,7 @@ def export(options: argparse.Namespace) -> int:
     stored = archive.load_model(model).with_overrides(options.overrides)
     path = Path(options.output or f"{model.stem}{SUFFIXES[options.format]}")
     require_lasting(path)
+    require_other(path, [model])
     found = write(stored, path, options.format)
     print_results(stored.scene, "", [], found.notes, found.files)
     return 0
@@ -49,6 +50,7 @@ def _export_scene(options: argparse.Namespace) -> int:
     scene = read_scene(options.model, options.overrides, unloaded=True)
     path = Path(options.output or f"{Path(options.model).stem}.inp")
     require_lasting(path)
+    require_other(path, [Path(options.model), scene.geometry.mesh])
     deck = scene_deck(scene)
     write_deck(path, deck)
     print_results(scene, "", deck.notes, [f"Now run: ccx {path.with_suffix('')}"], [path])
@@ -69,6 +71,7 @@ def import_matrices(options: argparse.Namespace) -> int:
     matrices, scene = Path(options.matrices), options.superelement_scene
     path = Path(options.output or f"{matrices.stem}.npz")
     require_lasting(path)
+    require_other(path, [matrices, Path(scene)])
     given = read_superelement_scene(scene, matrices)
     stored = superelement_model(read_matrices(matrices), given)
     archive.save_model(path, stored)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -113,6 +113,26 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
     else:
         words += ["--resume", str(folder / state)]
     return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
+
+
+def require_other(path: Path, read: Iterable[Path], option: str = "--output") -> None:
+    """Check that a file to be written is none of the files that the command reads.
+
+    Args:
+        path: the file to be written.
+        read: the files that the command reads.
+        option: the option that gives it.
+
+    Raises:
+        SceneError: the command would replace a file that it reads.
+    """
+    if path.resolve() in [other.resolve() for other in read]:
+        raise SceneError(
+            f"{option} {path}: the command reads this file; give another name",
+            kind=ErrorKind.FILE,
+            key=option,
+            source=str(path),
+        )
 
 
 def require_lasting(path: Path, option: str = "--output") -> None:

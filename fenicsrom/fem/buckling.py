@@ -11,8 +11,9 @@ c decreases, and Newton's method finds the equilibrium.
 
 A body that snaps through jumps to a distant stable equilibrium. It then moves much farther than the
 tangent stiffness before the jump predicts. Where the whole displacement is larger than the linear
-one, the loads grow again in small steps, and each change is compared with its prediction. Most
-of a jump stays in one half of its step when the step is halved.
+one, the loads grow again in small steps, and each change is compared with its prediction. A step
+with a jump is halved, because Newton's method may jump before the limit point in a long step; a
+true jump stays in one of the halves.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ JUMP = 4.0
 displacement changes like the square root of the load, the factor is at most 2."""
 
 HALVINGS = 10
-"""So often is a step with a jump halved. Most of a jump stays in one of the halves; a steep growth,
-as that of a column with a small imperfection just below its buckling load, is spread over them."""
+"""So often is a step with a jump halved. A jump stays in one of the halves; a steep growth, as that
+of a column with a small imperfection just below its buckling load, is spread over them."""
 
 GROWTH = 1e6
 """A step fails if Newton's decrement grows by this factor."""
@@ -131,37 +132,34 @@ def check_snap(body: Solid, linear: Array) -> None:
             body.pressures.part = part
         return body.static(part * full, u)
 
-    def leaps(u: Array, new: Array) -> bool:
-        body.tangent(u, factor.matrix)
-        factor.update()
-        return size(new - u) > JUMP * size(factor.solve(pushing[:, None] / LOAD_STEPS)[:, 0])
-
-    def stays(u: Array, new: Array, begin: float, end: float) -> bool:
-        whole = size(new - u)
-        for _ in range(HALVINGS):
-            middle = 0.5 * (begin + end)
-            try:
-                between = at(middle, u)
-            except ConvergenceError:  # the path ends at a limit load
-                return True
-            if size(between - u) > size(new - between):
-                new, end = between, middle
-            else:
-                u, begin = between, middle
-            if size(new - u) < 0.5 * whole:
-                return False
-        return True
+    def grown(u: Array, begin: float, end: float, halvings: int) -> Array | None:
+        """The equilibrium at a larger load, on the path that u is on; None beyond a jump."""
+        try:
+            new = at(end, u)
+        except ConvergenceError:
+            new = None
+        if new is not None:
+            body.tangent(u, factor.matrix)
+            factor.update()
+            predicted = size(factor.solve((end - begin) * pushing[:, None])[:, 0])
+            if size(new - u) <= JUMP * predicted:
+                return new
+        if not halvings:
+            return None
+        middle = 0.5 * (begin + end)
+        half = grown(u, begin, middle, halvings - 1)
+        return None if half is None else grown(half, middle, end, halvings - 1)
 
     u = np.zeros(body.local)
     try:
         for k in range(LOAD_STEPS):
             begin, end = k / LOAD_STEPS, (k + 1) / LOAD_STEPS
-            new = at(end, u)
-            if leaps(u, new) and stays(u, new, begin, end):
+            new = grown(u, begin, end, HALVINGS)
+            if new is None:
                 body.warnings.append(
                     f"the body snaps through between {100.0 * begin:g} % and {100.0 * end:g} % of "
-                    "the static loads: its equilibrium is one after the snap, which says nothing "
-                    "of the motion that leads to it; fenicsrom statics follows the path between"
+                    "the static loads: the equilibrium is one after the snap, and the motion "
+                    "during the snap is not computed; fenicsrom statics follows the path between"
                 )
                 return
             u = new

@@ -133,8 +133,8 @@ def support_sentence(
     moved = next(iter(found.values()))["support_amplitude_m"]
     along = ", ".join(f"{1e3 * value:.5g}" for value in moved)
     return (
-        f"Amplitudes are relative to the supports, which move by {along} mm along the axes; "
-        f"absolute amplitudes in the order of the table: {'; '.join(parts)}."
+        f"Amplitudes in the table are relative to the supports. Amplitudes of the supports along "
+        f"the axes: {along} mm; absolute amplitudes, in the order of the table: {'; '.join(parts)}."
     )
 
 

@@ -292,6 +292,25 @@ def test_plan_draws_the_setup(tmp_path, capsys):
     assert main(["plan", str(SCENE), "--picture", str(tmp_path)]) != 0
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["plan", "{scene}", "--picture", "{scene}"],
+        ["export", "{scene}", "--format", "inp", "--output", "{scene}"],
+        ["export", "{model}", "--format", "mat", "--output", "{model}"],
+        ["export", "{model}", "--format", "mat", "--output", "{folder}/scene.mat"],
+    ],
+)
+def test_command_does_not_replace_files_that_it_reads_or_others(results, tmp_path, capsys, command):
+    names = {"scene": tmp_path / "scene.toml", "model": tmp_path / "model.npz", "folder": tmp_path}
+    names["scene"].write_bytes(SCENE.read_bytes())
+    names["model"].write_bytes((results / "reduced_model.npz").read_bytes())
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main([word.format(**names) for word in command]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
 def interrupted(*_, folder=None, **__):
     """A run that is interrupted; it has kept a checkpoint if the folder is called "kept"."""
     if folder.name == "kept":

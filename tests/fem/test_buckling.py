@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 from fenicsrom.fem.linalg import Factorisation, negative_eigenvalues
 from fenicsrom.fem.solid import build_solid
-from fenicsrom.scene import make_scene
+from fenicsrom.scene import make_scene, read_scene
 
 LENGTH, EULER = 2.54, np.pi**2 * 207e9 * 0.0254**4 / 12 / (4 * 2.54**2)  # m, N
 
@@ -119,6 +119,15 @@ def test_column_with_contact_keeps_its_equilibrium_and_warns() -> None:
     (warning,) = solid.warnings
     assert solid.unstable == 1 and "without its contacts" in warning
     assert abs(tip(solid)[0]) < 1e-3
+
+
+@pytest.mark.slow
+def test_arch_just_below_its_limit_load_does_not_snap() -> None:
+    """`fenicsrom statics` finds the limit at 1535.9 N, between two steps of the growing load."""
+    path = Path(__file__).parents[2] / "demos" / "arch_snap.toml"
+    for force, told in ((1300.0, ""), (1530.0, ""), (3000.0, "between 50 % and 55 %")):
+        solid = build_solid(read_scene(path, [f"loads.0.force={force}"]), MPI.COMM_SELF)
+        assert bool(solid.warnings) == bool(told) and told in " ".join(solid.warnings), force
 
 
 def test_steep_growth_below_the_buckling_load_is_no_snap() -> None:

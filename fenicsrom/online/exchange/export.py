@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.exchange.arrays import write_mat
@@ -48,6 +49,10 @@ NOT_COPIED = (*EXCLUDED, "damping", "supports", "loads", "contacts", "probe", "o
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
 
+HEADING = "# The linear part of a reduced model, exported to "
+"""The scene beside an exported file begins so."""
+
+
 @dataclass(frozen=True, eq=False)
 class Exported:
     """The files of an export.
@@ -70,9 +75,12 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         form: a key of `SUFFIXES`.
 
     Raises:
-        SceneError: a follower pressure acts on the model.
+        SceneError: a follower pressure acts on the model, or another scene would be replaced.
         OSError: a file cannot be written.
     """
+    scene = path.with_suffix(".toml")
+    if form not in ("jax", "fmu"):
+        _require_own(scene)
     arrays, linear = model_arrays(stored.model, stored.scene.source), stored.model.linear
     if form == "jax":
         write_source(path, scene_heading(stored.scene), arrays, linear)
@@ -88,13 +96,24 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         write_op4(path, linear_matrices(arrays, interface))
     else:
         write_dmig(path, linear_matrices(arrays, interface), stored.size)
-    scene = path.with_suffix(".toml")
     with atomic_write(scene) as temporary:
         temporary.write_text(import_scene(stored, nodes, path.name), encoding="utf-8")
     notes = []
     if not linear and form != "mat":
         notes.append("the file holds the linear part of the model; mat and jax hold all of it")
     return Exported((path, scene), tuple(notes))
+
+
+def _require_own(scene: Path) -> None:
+    """Refuse to replace a scene that an export did not write."""
+    if scene.exists() and not scene.read_bytes().startswith(HEADING.encode()):
+        raise SceneError(
+            f"{scene}: the export would replace it by the scene of its file; give the file another "
+            "name",
+            kind=ErrorKind.FILE,
+            key="--output",
+            source=str(scene),
+        )
 
 
 def linear_matrices(arrays: ModelArrays, interface: Array) -> dict[str, Array]:
@@ -185,7 +204,7 @@ def import_scene(stored: StoredModel, nodes: list[dict[str, Any]], name: str) ->
     skipped = (*NOT_COPIED, "source", "geometrically_nonlinear")
     found |= {key: value for key, value in table.items() if key not in skipped}
     lines = [
-        f"# The linear part of a reduced model, exported to {name}. To make a model of it:",
+        f"{HEADING}{name}. To make a model of it:",
         f"#     fenicsrom import {name} --scene {Path(name).with_suffix('.toml').name}",
         "# The place of the probe is not known; a load acts along the row that belongs to it.",
     ]
