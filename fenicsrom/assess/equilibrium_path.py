@@ -15,7 +15,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.scene import Load, Scene
+from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
     from fenicsrom.fem.equilibrium_path import PathFollower, PathPoint
@@ -89,16 +89,16 @@ class EquilibriumPath:
         return [point for point in self.points if point.kind]
 
 
-def varied_loads(scene: Scene) -> list[Load]:
-    """The static loads that the load factor multiplies.
+def varied_loads(scene: Scene) -> list[int]:
+    """The numbers of the static loads that the load factor multiplies.
 
     Raises:
         SceneError: there is none, or the equilibria of the scene are no path of the bare body.
     """
     chosen = scene.statics.loads
     listed = range(len(scene.loads)) if chosen is None else chosen
-    found = [scene.loads[k] for k in listed if scene.loads[k].static]
-    if not any(load.size != 0.0 for load in found):
+    found = [k for k in listed if scene.loads[k].static]
+    if not any(scene.loads[k].size != 0.0 for k in found):
         raise _refusal(
             scene, "loads", "a static load of a size other than 0 is needed", ErrorKind.MISSING
         )
@@ -144,7 +144,7 @@ def equilibrium_path(
     begin, table = clock.perf_counter(), scene.statics
     varied = varied_loads(scene)
     body = _body(scene, varied, comm, say)
-    sizes = np.array([load.size if load in varied else 0.0 for load in scene.loads])
+    sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
     found = EquilibriumPath(scene, body.free, body, warnings=list(body.warnings))
     if dropped := sum(not load.static for load in scene.loads):
         found.warnings.append(f"{dropped} of the loads vary in time and do not act on the path")
@@ -167,12 +167,15 @@ def equilibrium_path(
     return found
 
 
-def _body(scene: Scene, varied: list[Load], comm: Any, say: Callable[[str], None]) -> Solid:
+def _body(scene: Scene, varied: list[int], comm: Any, say: Callable[[str], None]) -> Solid:
     """The solid in its equilibrium under the constant loads."""
     from fenicsrom.fem.mesh import build_mesh
     from fenicsrom.fem.solid import solid_of
 
-    loads = [load.changed(**{load.kind: 0.0}) if load in varied else load for load in scene.loads]
+    loads = [
+        load.changed(**{load.kind: 0.0}) if k in varied else load
+        for k, load in enumerate(scene.loads)
+    ]
     say("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     say("solid ..")

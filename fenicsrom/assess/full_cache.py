@@ -21,7 +21,12 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.full import full_model
-from fenicsrom.files import read_archive, write_archive
+from fenicsrom.files import (
+    cache_is_off,
+    read_archive,
+    reads_other_files,
+    write_archive,
+)
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.motion import Motion
@@ -49,7 +54,8 @@ def full_motion(
     """
     comm, key = body.comm, cache_key(scene)
     path = cache_folder() / f"full-{key[:32]}.npz"
-    found = read_cached(path, key) if comm.rank == 0 else None
+    kept = not cache_is_off() and not reads_other_files(scene.geometry.mesh.read_bytes())
+    found = read_cached(path, key) if kept and comm.rank == 0 else None
     found = comm.bcast(found)
     if found is not None:
         say(f"full model: taken from {path}")
@@ -71,7 +77,7 @@ def full_motion(
         "machine": machine(),
         "ranks": comm.size,
     }
-    if comm.rank == 0:
+    if kept and comm.rank == 0:
         try:
             write_cached(path, key, motion, note)
         except OSError as error:

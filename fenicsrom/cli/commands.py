@@ -18,6 +18,7 @@ from fenicsrom.cli.printing import print_results, progress
 from fenicsrom.cli.starting import changed_model, end, ranks, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.files import CACHE_OFF, CACHE_VARIABLE
 from fenicsrom.scene import Scene, json_schema, read_scene
 
 
@@ -328,7 +329,7 @@ def cache(options: argparse.Namespace) -> int:
 
     folder = result_cache.cache_folder()
     if folder is None:
-        print(f"{result_cache.VARIABLE} = {result_cache.OFF}: offline results are not kept")
+        print(f"{CACHE_VARIABLE} = {CACHE_OFF}: offline results are not kept")
         return 0
     if options.clear:
         print(f"{result_cache.clear(folder)} files removed from {folder}")

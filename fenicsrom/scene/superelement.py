@@ -23,7 +23,18 @@ from fenicsrom.scene.tables import read_table, tables_of
 LARGEST_NUMBER = 2_000_000_000
 """Largest number of a coordinate or of a node."""
 
-EXCLUDED = ("geometry", "material", "rotation", "basis", "reference", "compare", "campbell")
+EXCLUDED = (
+    "geometry",
+    "material",
+    "materials",
+    "attachments",
+    "rotation",
+    "basis",
+    "reference",
+    "compare",
+    "campbell",
+    "statics",
+)
 """Tables that describe a body with a mesh, or need its matrices at every speed."""
 
 SUPPORTED = "supports of the superelement"

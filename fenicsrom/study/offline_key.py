@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import re
 from dataclasses import fields
 from typing import Any
 
+from fenicsrom.files import reads_other_files
 from fenicsrom.online.scene_changes import CONTACT_KEYS, SURFACE_KEYS
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
 from fenicsrom.scene.excitation import highest_frequency
@@ -46,9 +46,6 @@ LIBRARIES = (
     "petsc4py",
     "slepc4py",
 )
-
-OTHER_FILES = re.compile(rb"(?i)\b(include|merge|input\s*=)|\.h5\b")
-"""Words of a mesh file that reads other files."""
 
 
 def modes_table(scene: Scene) -> dict[str, Any]:
@@ -89,7 +86,7 @@ def model_table(scene: Scene) -> dict[str, Any]:
 def keys_of(scene: Scene) -> tuple[str, str] | None:
     """The hashes of `modes_table` and of both tables; None if the mesh file reads other files."""
     content = scene.geometry.mesh.read_bytes()
-    if OTHER_FILES.search(content):
+    if reads_other_files(content):
         return None
     modes = modes_table(scene)
     modes["geometry"] = {**modes["geometry"], "mesh": hashlib.sha256(content).hexdigest()}

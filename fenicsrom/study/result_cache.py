@@ -8,17 +8,20 @@ another folder, or is "off".
 from __future__ import annotations
 
 import os
+import re
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-VARIABLE = "FENICSROM_CACHE"
-OFF = "off"
+from fenicsrom.files import CACHE_VARIABLE, cache_is_off
+
 LIMIT = 5_000_000_000
 """Largest total size in bytes; a model of 300,000 unknowns takes a tenth of it."""
 
 SUFFIX = ".npz"
+ARCHIVE = re.compile(r"([0-9a-f]{40}|\.[0-9a-f]{40}\.[0-9a-f]{12})\.npz")
+"""Names of archives and of their temporary files; other files of the folder are not ours."""
 
 ABANDONED = 3600.0
 """Age in s of a temporary file of a run that was killed; others write theirs within a minute."""
@@ -41,9 +44,11 @@ class Entry:
 
 def cache_folder() -> Path | None:
     """The folder of the offline results; None if the cache is switched off."""
-    given = os.environ.get(VARIABLE)
+    if cache_is_off():
+        return None
+    given = os.environ.get(CACHE_VARIABLE)
     if given:
-        return None if given == OFF else Path(given)
+        return Path(given)
     from fenicsrom.assess.full_cache import cache_folder
 
     return cache_folder() / "offline"
@@ -57,7 +62,7 @@ def entries(folder: Path) -> list[Entry]:
     found = []
     with suppress(OSError):
         for path in folder.iterdir():
-            if path.suffix == SUFFIX:
+            if ARCHIVE.fullmatch(path.name):
                 with suppress(OSError):
                     status = path.stat()
                     abandoned = status.st_mtime < time.time() - ABANDONED

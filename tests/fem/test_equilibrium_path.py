@@ -106,6 +106,12 @@ def test_constant_loads_stay_while_the_others_grow(tmp_path: Path) -> None:
     assert found.reason == "number of points" and len(found.points) >= 15
 
 
+def test_load_that_equals_a_varied_one_is_constant() -> None:
+    push = {"group": "tip", "direction": [0.0, 1.0], "force": 100.0}
+    scene = beam_scene(2, contacts=None, loads=[push, push], statics={"loads": [0]})
+    assert paths.varied_loads(scene) == [0]
+
+
 def test_path_ends_at_a_displacement_of_the_probe(tmp_path: Path) -> None:
     found = follow(block(tmp_path, statics={"displacement": 0.3}))
     assert found.reason == "displacement of the probe"

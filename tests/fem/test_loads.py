@@ -282,7 +282,7 @@ def test_pressure_on_a_group_of_nodes_is_refused() -> None:
     ("load", "kind"),
     [
         ({"group": "tip", "pressure": 1.0}, "pressure"),
-        ({"direction": DOWN, "acceleration": 1.0}, "acceleration"),
+        ({"group": "tip", "direction": DOWN, "traction": 1.0}, "traction"),
     ],
 )
 def test_load_of_the_beam_that_is_no_point_force_is_refused(

@@ -56,7 +56,8 @@ everything = [
     solid.equilibrium, force
 ]
 table = gathered(np.column_stack(everything))
-y, unit, compliance = full.solve_effective(1e3, 0.0, [(1.0, np.zeros(solid.local))], force)
+rest = [(1.0, np.zeros(solid.local), np.zeros(0))]
+y, unit, compliance = full.solve_effective(1e3, 0.0, rest, force)
 known = [
     modes.omega, energy, compliance, model.mass, model.loads, model.contact_offset, *model.elastic
 ]
@@ -135,15 +136,15 @@ def test_two_ranks_find_the_same_motion_of_the_full_model(tmp_path: Path) -> Non
 ALONE = """
 import sys
 from mpi4py import MPI
-from fenicsrom.cli import commands, main
+from fenicsrom.cli import main, starting
 from fenicsrom.errors import SceneError
 
-read = commands.read_scene
+read = starting.read_scene
 def read_scene(*given, **options):
     if MPI.COMM_WORLD.rank in map(int, sys.argv[4:]):
         raise SceneError(sys.argv[2].format(rank=MPI.COMM_WORLD.rank))
     return read(*given, **options)
-commands.read_scene = read_scene
+starting.read_scene = read_scene
 sys.exit(main(["run", sys.argv[1], "--output", sys.argv[3]]))
 """
 
@@ -188,14 +189,14 @@ def test_error_of_one_rank_is_printed_and_stops_the_other(
 CRASH = """
 import sys
 from mpi4py import MPI
-from fenicsrom.cli import commands, main
+from fenicsrom.cli import main, starting
 
-read = commands.read_scene
+read = starting.read_scene
 def read_scene(*given, **options):
     if MPI.COMM_WORLD.rank == 1:
         raise ZeroDivisionError("a defect of the program")
     return read(*given, **options)
-commands.read_scene = read_scene
+starting.read_scene = read_scene
 sys.exit(main(["run", sys.argv[1], "--output", sys.argv[2]]))
 """
 

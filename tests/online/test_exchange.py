@@ -311,6 +311,8 @@ def test_damping_that_cannot_be_is_refused() -> None:
             ErrorKind.PLACE,
             "nodes[0].grid",
         ),
+        ({"attachments": [{"group": "tip", "mass": 1.0}]}, ErrorKind.CONFLICT, "attachments"),
+        ({"statics": {}}, ErrorKind.CONFLICT, "statics"),
     ],
 )
 def test_wrong_scene_of_superelement_is_refused(

@@ -17,7 +17,13 @@ from support import STOCKY, beam_scene
 from fenicsrom import study
 from fenicsrom.cli import main
 from fenicsrom.errors import SceneError
-from fenicsrom.files import read_archive, write_archive
+from fenicsrom.files import (
+    CACHE_OFF,
+    CACHE_VARIABLE,
+    read_archive,
+    reads_other_files,
+    write_archive,
+)
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.post.record import Study
 from fenicsrom.scene import Scene, make_scene
@@ -243,7 +249,7 @@ def loaded_scene(*overrides: str) -> Scene:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of this test."""
-    monkeypatch.setenv(result_cache.VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
@@ -322,7 +328,7 @@ def test_damaged_archive_is_computed_again(folder: Path) -> None:
 def test_switched_off_cache_keeps_nothing(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setenv(result_cache.VARIABLE, result_cache.OFF)
+    monkeypatch.setenv(CACHE_VARIABLE, CACHE_OFF)
     assert result_cache.cache_folder() is None
     assert main(["cache"]) == 0
     assert "not kept" in capsys.readouterr().out
@@ -338,24 +344,50 @@ def archive(path: Path, size: int, used: float) -> None:
     os.utime(path, (used, used))
 
 
+NAMES = [f"{k:040x}.npz" for k in range(4)]
+
+
 def test_oldest_archives_are_removed_beyond_the_limit(folder: Path) -> None:
-    for k in range(4):
-        archive(folder / f"{k}.npz", 100, used=1000.0 + k)
-    result_cache.renew(folder / "0.npz")
+    for k, name in enumerate(NAMES):
+        archive(folder / name, 100, used=1000.0 + k)
+    result_cache.renew(folder / NAMES[0])
     result_cache.trim(folder, 250)
-    assert [entry.path.name for entry in result_cache.entries(folder)] == ["3.npz", "0.npz"]
+    left = [NAMES[3], NAMES[0]]
+    assert [entry.path.name for entry in result_cache.entries(folder)] == left
     result_cache.trim(folder, 200)
     assert len(result_cache.entries(folder)) == 2
-    archive(folder / ".killed.npz", 100, used=1000.0)
-    archive(folder / ".written_now.npz", 100, used=time.time())
+    killed, written_now = f".{40 * '1'}.{12 * '2'}.npz", f".{40 * '3'}.{12 * '4'}.npz"
+    archive(folder / killed, 100, used=1000.0)
+    archive(folder / written_now, 100, used=time.time())
     result_cache.trim(folder, 200)
-    assert {path.name for path in folder.iterdir()} == {"3.npz", "0.npz", ".written_now.npz"}
+    assert {path.name for path in folder.iterdir()} == {*left, written_now}
+
+
+def test_files_that_are_no_archives_stay(folder: Path) -> None:
+    """FENICSROM_CACHE may name a folder with files of the user."""
+    archive(folder / "reduced_model.npz", 100, used=1000.0)
+    result_cache.trim(folder, 0)
+    assert result_cache.clear(folder) == 0 and (folder / "reduced_model.npz").exists()
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'Include "other.geo";',
+        b'Merge "part.step";',
+        b'v() = ListFromFile["len.txt"];',
+        b'v() = ShapeFromFile("p.step");',
+        b'l = GetEnv("LENGTH");',
+    ],
+)
+def test_mesh_file_that_reads_other_files_is_told(line: bytes) -> None:
+    assert reads_other_files(line) and not reads_other_files(b"l = 2.54; Point(1) = {0, 0, 0};")
 
 
 def test_command_shows_and_empties_the_cache(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    archive(folder / "1.npz", 2_000_000, used=1000.0)
+    archive(folder / NAMES[1], 2_000_000, used=1000.0)
     assert main(["cache"]) == 0
     shown = capsys.readouterr().out
     assert f"{folder}: 1 files, 2.0 MB" in shown
@@ -365,7 +397,7 @@ def test_command_shows_and_empties_the_cache(
 
 def test_runs_at_the_same_time_read_whole_archives(folder: Path) -> None:
     """Four threads write, read and remove one archive; what is read is always complete."""
-    path, failures, read = folder / "0.npz", [], []
+    path, failures, read = folder / NAMES[0], [], []
 
     def work(number: int) -> None:
         for _ in range(30):

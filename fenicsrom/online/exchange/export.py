@@ -45,7 +45,20 @@ SUFFIXES: Mapping[str, str] = {
 }
 """Suffix of the file of each format."""
 
-NOT_COPIED = (*EXCLUDED, "damping", "supports", "loads", "contacts", "probe", "output", "title")
+CURVES = ("response", "backbone")
+"""Tables that may name loads by their numbers, which change with the static loads left out."""
+
+NOT_COPIED = (
+    *EXCLUDED,
+    *CURVES,
+    "damping",
+    "supports",
+    "loads",
+    "contacts",
+    "probe",
+    "output",
+    "title",
+)
 PLACE_KEYS = ("group", "box", "plane", "node", "nearest", "at")
 
 
@@ -99,6 +112,11 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
     with atomic_write(scene) as temporary:
         temporary.write_text(import_scene(stored, nodes, path.name), encoding="utf-8")
     notes = []
+    if any(load.moves_supports for load in stored.scene.loads):
+        notes.append(
+            "the motion of the supports is exported as the force of its inertia at the frequency "
+            "of the scene: do not change this frequency"
+        )
     if not linear and form != "mat":
         notes.append("the file holds the linear part of the model; mat and jax hold all of it")
     return Exported((path, scene), tuple(notes))
