@@ -18,7 +18,6 @@ from fenicsrom.cli.printing import print_results, progress
 from fenicsrom.cli.starting import changed_model, end, ranks, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.files import CACHE_OFF, CACHE_VARIABLE
 from fenicsrom.scene import Scene, json_schema, read_scene
 
 
@@ -325,6 +324,7 @@ def stability(options: argparse.Namespace) -> int:
 
 def cache(options: argparse.Namespace) -> int:
     """Show the cache of offline results, or empty it."""
+    from fenicsrom.files import CACHE_OFF, CACHE_VARIABLE
     from fenicsrom.study import result_cache
 
     folder = result_cache.cache_folder()

@@ -120,7 +120,7 @@ def _results(study: Study) -> list[Any]:
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if errors := errors_of(study.motions):
-        found.append(error_sentence(errors))
+        found.append(error_sentence(errors, study.scene))
     if study.errors:
         found.append(estimate_sentence(study.errors, study.motions["reduced"]))
     if study.unfinished:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,6 +60,16 @@ UNJUDGED_MATRICES = (
 )
 
 
+NOISE = 1e-9
+"""A component below this fraction of the largest is rounding, and shown as 0."""
+
+
+def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
+    """Displacements given in m as texts in mm."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    return [f"{1e3 * v:.{digits}g}" if abs(v) > NOISE * largest else "0" for v in values]
+
+
 def response_rows(
     motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
 ) -> list[list[Any]]:
@@ -73,7 +83,8 @@ def response_rows(
     rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
     for name, motion in motions.items():
         r = response_summary(motion)
-        amplitude = [f"{1e3 * a:.5g}" for a in r["amplitude_m"]["tangential"]]
+        size = r["amplitude_m"]
+        *amplitude, normal = millimetres([*size["tangential"], size["normal"]])
         missing = [None] * (len(names) - 1 - len(amplitude))
         contact: list[str | None] = [
             *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
@@ -86,7 +97,7 @@ def response_rows(
                 sizes.get(name),
                 *amplitude,
                 *missing,
-                f"{1e3 * r['amplitude_m']['normal']:.5g}",
+                normal,
                 *(contact if motion.force.shape[1] else [None] * len(contact)),
                 r["periods"],
                 "yes" if r["steady"] else "no",
@@ -101,20 +112,26 @@ def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scen
     return text_table(response_rows(motions, sizes, scene)) if motions else ""
 
 
-def error_sentence(errors: Mapping[str, float | None]) -> str:
-    """State the errors against the full model."""
-    parts = [
-        f"{ERROR_NAMES[name]} {value:.3g} %" for name, value in errors.items() if value is not None
-    ]
+def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
+    """State the errors against the full model; those of the contact only if there is one."""
+    names = dict(ERROR_NAMES)
+    if not scene.contacts:
+        first, *others = direction_names(scene)
+        names = {
+            "amplitude_tangential": f"amplitude along {' and '.join(others)}",
+            "amplitude_normal": f"amplitude along {first}",
+        }
+    stated = [(names[name], value) for name, value in errors.items() if name in names]
+    parts = [f"{name} {value:.3g} %" for name, value in stated if value is not None]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
-    left = [ERROR_NAMES[name] for name, value in errors.items() if value is None]
+    left = [name for name, value in stated if value is None]
     negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
     return f"Error of the reduced model against the full one: {listed}{negligible}."
 
 
 def equilibrium_sentence(deflection: Array) -> str:
     """State the displacement of the probe under the static loads."""
-    components = ", ".join(f"{1e3 * u:.6g}" for u in deflection)
+    components = ", ".join(millimetres(deflection, 6))
     return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
 
 
@@ -126,8 +143,8 @@ def support_sentence(
     parts = []
     for name, numbers in found.items():
         absolute = numbers["absolute_amplitude_m"]
-        values = [*absolute["tangential"], absolute["normal"]]
-        parts.append(f"{', '.join(f'{1e3 * value:.5g}' for value in values)} mm ({name})")
+        values = millimetres([*absolute["tangential"], absolute["normal"]])
+        parts.append(f"{', '.join(values)} mm ({name})")
     if not parts:
         return None
     moved = next(iter(found.values()))["support_amplitude_m"]
@@ -276,7 +293,7 @@ def study_sentences(study: Study) -> list[str]:
         if study.errors:
             found.append(estimate_sentence(study.errors, reduced))
     if errors := errors_of(study.motions):
-        found.append(error_sentence(errors))
+        found.append(error_sentence(errors, study.scene))
     if study.agreement is not None:
         found.append(agreement_sentence(study.agreement))
     found.append(speed_sentence(study.motions))

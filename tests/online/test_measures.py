@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from motions import FRICTION, PERIOD, RESPONSE_KEYS, STIFFNESS, jenkins, motion, side_by_side
+from support import beam_scene
 
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.post.sentences import error_sentence
+from fenicsrom.post.sentences import error_sentence, millimetres
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():
@@ -225,5 +226,11 @@ def test_negligible_dissipation_is_not_compared():
     assert error(1.9e-10, 1e-15) is None and error(1e-15, 1e-10) is None
     assert error(1e-3, 1e-15) == pytest.approx(100.0 * 1e-3 / 2e-9)
     assert error(1.1e-3, 1e-3) == pytest.approx(10.0)
-    sentence = error_sentence({"amplitude_tangential": 1.0, "dissipated_per_period": None})
-    assert "zero or negligible: dissipation" in sentence
+    errors = {"amplitude_tangential": 1.0, "dissipated_per_period": None}
+    assert "zero or negligible: dissipation" in error_sentence(errors, beam_scene(2))
+    free = error_sentence(errors, beam_scene(2, contacts=None, probe={"group": "tip"}))
+    assert "amplitude along y 1 %" in free and "dissipation" not in free
+
+
+def test_rounding_is_shown_as_zero() -> None:
+    assert millimetres([1.5e-3, -3e-16, 2e-9]) == ["1.5", "0", "2e-06"]
