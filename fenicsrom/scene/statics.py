@@ -15,7 +15,8 @@ class Statics:
     Attributes:
         last: load factor at which the path ends. The factor multiplies the static loads.
         lowest: load factor below zero at which the path ends; by default minus `last`.
-        displacement: displacement of the probe at which the path ends; by default any.
+        displacement: the path ends at its first point where the probe has moved so far; by default
+            never.
         points: largest number of points.
         loads: numbers of the static loads that the factor multiplies, from 0, such as [1] for
             loads.1; the other static loads are constant. By default it multiplies all of them.
