@@ -246,6 +246,7 @@ def test_run_started_from_a_motion_continues_it(scheme):
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.delenv("FENICSROM_CACHE")
     return tmp_path / "cache" / "fenicsrom"
 
 
@@ -271,6 +272,9 @@ def test_full_model_runs_once_and_damaged_cache_is_ignored(cache, monkeypatch):
         second.period,
     )
     (entry,) = cache.iterdir()
+    monkeypatch.setenv("FENICSROM_CACHE", "off")
+    assert not full_cache.full_motion(solid, scene, str)[1]["cached"]
+    monkeypatch.delenv("FENICSROM_CACHE")
     assert full_cache.read_cached(entry, "another key") is None
     # a damaged file is no file
     content = bytearray(entry.read_bytes())
@@ -331,6 +335,7 @@ def test_unwritable_cache_is_reported_and_ignored(tmp_path, monkeypatch):
     pytest.importorskip("dolfinx")
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.delenv("FENICSROM_CACHE")
     scene = beam_scene(overrides=QUICK)
     said = []
     found, _ = full_cache.full_motion(make_solid(scene), scene, said.append)
