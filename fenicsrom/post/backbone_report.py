@@ -11,12 +11,9 @@ from fenicsrom.assess.backbone import Backbone, ModePoint
 from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.post.backbone_figures import NO_DAMPING, figure
-from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.pictures import draw_pictures
+from fenicsrom.post.result_files import write_results
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_rows, write_summary
-from fenicsrom.scene import scene_heading
 
 
 def rows(found: Backbone) -> list[dict[str, Any]]:
@@ -151,23 +148,17 @@ def write(found: Backbone, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    write_rows(folder / "backbone.csv", rows(found))
-    write_summary(folder / "backbone.json", summary(found))
-    pictures = []
-    if found.scene.output.pictures:
-        diagram = Picture("Nonlinear mode", "backbone.png", lambda: figure(found))
-        pictures = draw_pictures([diagram], folder, found.warnings)
-        write_summary(folder / "backbone.json", summary(found))
-    table = peak_table(found)
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
-        *((name, [path]) for name, path in pictures),
-        *([("Peaks of the forced response", [table])] if table else []),
-    ]
-    title = f"{scene_heading(found.scene)}: nonlinear mode {found.table.mode}"
-    write_report(folder / "report.html", title, sections)
-    names = ("report.html", "backbone.json", "backbone.csv")
-    return [*(folder / name for name in names), *(path for _, path in pictures)]
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Nonlinear mode", "backbone.png", lambda: figure(found)),
+        title=f"nonlinear mode {found.table.mode}",
+        rows=rows(found),
+        summary=lambda: summary(found),
+        sentences=sentences(found),
+        warnings=found.warnings,
+        tables={"Peaks of the forced response": peak_table(found)},
+    )
 
 
 def terminal(found: Backbone) -> str:

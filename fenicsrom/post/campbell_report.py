@@ -9,13 +9,10 @@ import numpy as np
 
 from fenicsrom.assess.campbell import Campbell
 from fenicsrom.online.archive import provenance
-from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.pictures import draw_pictures
+from fenicsrom.post.result_files import write_results
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_rows, write_summary
-from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -195,26 +192,21 @@ def write(found: Campbell, folder: Path) -> list[Path]:
     modes = range(1, found.squares.shape[1] + 1)
     columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
     rows = [dict(zip(columns, map(float, row), strict=True)) for row in numbers]
-    write_rows(folder / "campbell.csv", rows)
-    write_summary(folder / "campbell.json", summary(found))
-    pictures = []
-    if found.scene.output.pictures:
-        diagram = Picture("Campbell diagram", "campbell.png", lambda: figure(found))
-        pictures = draw_pictures([diagram], folder, found.warnings)
-        write_summary(folder / "campbell.json", summary(found))
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)])
-    ]
-    sections += [(name, [path]) for name, path in pictures]
-    if found.critical:
-        sections.append(("Critical speeds", [critical_table(found)]))
-    if margins := margin_table(found):
-        sections.append(("Margins at the speed of operation", [margins]))
-    sections.append(("Frequencies", [frequency_table(found)]))
-    title = f"{scene_heading(found.scene)}: Campbell diagram"
-    write_report(folder / "report.html", title, sections)
-    names = ("report.html", "campbell.json", "campbell.csv")
-    return [*(folder / name for name in names), *(path for _, path in pictures)]
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Campbell diagram", "campbell.png", lambda: figure(found)),
+        title="Campbell diagram",
+        rows=rows,
+        summary=lambda: summary(found),
+        sentences=sentences(found),
+        warnings=found.warnings,
+        tables={
+            "Critical speeds": critical_table(found) if found.critical else [],
+            "Margins at the speed of operation": margin_table(found),
+            "Frequencies": frequency_table(found),
+        },
+    )
 
 
 def terminal(found: Campbell) -> str:

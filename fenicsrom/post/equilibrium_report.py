@@ -8,12 +8,9 @@ from typing import Any
 from fenicsrom.assess.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.online.archive import provenance
 from fenicsrom.post.equilibrium_figures import figure
-from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.pictures import draw_pictures
+from fenicsrom.post.result_files import write_results
 from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_rows, write_summary
-from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
 
 ENDS = {
@@ -116,22 +113,17 @@ def write(found: EquilibriumPath, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    write_rows(folder / "equilibria.csv", rows(found))
-    write_summary(folder / "equilibria.json", summary(found))
-    pictures = []
-    if found.scene.output.pictures:
-        diagram = Picture("Equilibrium path", "equilibria.png", lambda: figure(found))
-        pictures = draw_pictures([diagram], folder, found.warnings)
-        write_summary(folder / "equilibria.json", summary(found))
-    table = special_table(found)
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
-        *((name, [path]) for name, path in pictures),
-        *([("Limit points and bifurcations", [table])] if table else []),
-    ]
-    write_report(folder / "report.html", f"{scene_heading(found.scene)}: equilibria", sections)
-    names = ("report.html", "equilibria.json", "equilibria.csv")
-    return [*(folder / name for name in names), *(path for _, path in pictures)]
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Equilibrium path", "equilibria.png", lambda: figure(found)),
+        title="equilibria",
+        rows=rows(found),
+        summary=lambda: summary(found),
+        sentences=sentences(found),
+        warnings=found.warnings,
+        tables={"Limit points and bifurcations": special_table(found)},
+    )
 
 
 def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:

@@ -32,11 +32,6 @@ class PointForce:
     direction: Direction
     force: Annotated[float, number(unit="N")]
 
-    @property
-    def size(self) -> float:
-        """The size in N."""
-        return self.force
-
 
 @dataclass(frozen=True, kw_only=True)
 class Traction:
@@ -50,11 +45,6 @@ class Traction:
     WHERE: ClassVar[str] = "with a traction"
     direction: Direction
     traction: Annotated[float, number(unit="Pa")]
-
-    @property
-    def size(self) -> float:
-        """The size in Pa."""
-        return self.traction
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,11 +62,6 @@ class Pressure:
     pressure: Annotated[float, number(unit="Pa")]
     follower: Annotated[bool, rules.flag] = False
 
-    @property
-    def size(self) -> float:
-        """The size in Pa."""
-        return self.pressure
-
 
 @dataclass(frozen=True, kw_only=True)
 class Acceleration:
@@ -90,11 +75,6 @@ class Acceleration:
     WHERE: ClassVar[str] = "with an acceleration"
     direction: Direction
     acceleration: Annotated[float, number(unit="m/s²")]
-
-    @property
-    def size(self) -> float:
-        """The size in m/s²."""
-        return self.acceleration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,11 +91,6 @@ class SupportAcceleration:
     direction: Direction
     support_acceleration: Annotated[float, number(unit="m/s²")]
 
-    @property
-    def size(self) -> float:
-        """The size in m/s²."""
-        return self.support_acceleration
-
 
 @dataclass(frozen=True, kw_only=True)
 class SupportDisplacement:
@@ -130,11 +105,6 @@ class SupportDisplacement:
     WHERE: ClassVar[str] = "with a support_displacement"
     direction: Direction
     support_displacement: Annotated[float, number(unit="m")]
-
-    @property
-    def size(self) -> float:
-        """The size in m."""
-        return self.support_displacement
 
 
 SupportMotion = SupportAcceleration | SupportDisplacement
@@ -324,7 +294,7 @@ class Load:
     @property
     def size(self) -> float:
         """The size in N, Pa, m/s² or m."""
-        return self.action.size
+        return float(getattr(self.action, self.kind))
 
     @property
     def everywhere(self) -> bool:
@@ -370,7 +340,7 @@ class Load:
         if not isinstance(action, SupportDisplacement):
             return self
         assert isinstance(history, Harmonic | Harmonics)
-        size = -((2.0 * math.pi * history.frequency) ** 2) * action.size
+        size = -((2.0 * math.pi * history.frequency) ** 2) * self.size
         if isinstance(history, Harmonics):
             terms = ((order, order**2 * part, phase) for order, part, phase in history.harmonics)
             history = replace(history, harmonics=tuple(terms))

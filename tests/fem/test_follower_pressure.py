@@ -35,7 +35,7 @@ from fenicsrom.online.pressure import unit_force, unit_tangent
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.projection import project
-from fenicsrom.scene import make_scene
+from fenicsrom.scene import Scene, make_scene
 
 Array = NDArray[np.float64]
 
@@ -179,11 +179,11 @@ Physical Curve("right") = {{1}}; Physical Curve("top") = {{3}};
 """
 
 
-def ring(folder: Path, pressure: float, **load: Any) -> Any:
+def ring_scene(folder: Path, load: dict[str, Any], **tables: Any) -> Scene:
     """A quarter of a ring between its planes of symmetry, under pressure from outside."""
     sizes = {"low": RADIUS - THICKNESS / 2, "high": RADIUS + THICKNESS / 2, "count": 33}
     (folder / "ring.geo").write_text(QUARTER.format(**sizes))
-    scene = make_scene(
+    return make_scene(
         folder=folder,
         geometry={"mesh": "ring.geo", "dimension": 2, "thickness": 1.0, "curved": True},
         material={"young": YOUNG, "poisson": 0.3, "density": 7800.0},
@@ -191,9 +191,14 @@ def ring(folder: Path, pressure: float, **load: Any) -> Any:
             {"group": "right", "components": ["y"]},
             {"group": "top", "components": ["x"]},
         ],
-        loads=[{"group": "outside", "pressure": pressure, **load}],
+        loads=[{"group": "outside", **load}],
+        **tables,
     )
-    return build_solid(scene, MPI.COMM_SELF)
+
+
+def ring(folder: Path, pressure: float, **load: Any) -> Any:
+    """The solid of the ring."""
+    return build_solid(ring_scene(folder, {"pressure": pressure, **load}), MPI.COMM_SELF)
 
 
 OUTSIDE = RADIUS / (RADIUS + THICKNESS / 2)

@@ -12,7 +12,7 @@ from support import STEEL, beam_scene
 pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
-from test_follower_pressure import OUTSIDE, QUARTER, RADIUS, THICKNESS, YOUNG
+from test_follower_pressure import OUTSIDE, RADIUS, THICKNESS, YOUNG, ring_scene
 
 from fenicsrom.assess.equilibrium_path import EquilibriumPath, equilibrium_path
 from fenicsrom.fem.equilibrium_path import PathPoint
@@ -30,20 +30,9 @@ def test_path_of_a_ring_has_its_bifurcation_at_the_pressure_of_theory(
     follower: bool, factor: float, tmp_path: Path
 ) -> None:
     """The load factor 1 is 3 E I / R³ if the pressure follows, else 4 E I / R³."""
-    sizes = {"low": RADIUS - THICKNESS / 2, "high": RADIUS + THICKNESS / 2, "count": 33}
-    (tmp_path / "ring.geo").write_text(QUARTER.format(**sizes))
     critical = factor * YOUNG * THICKNESS**3 / 12 / RADIUS**3
-    scene = make_scene(
-        folder=tmp_path,
-        geometry={"mesh": "ring.geo", "dimension": 2, "thickness": 1.0, "curved": True},
-        material={"young": YOUNG, "poisson": 0.3, "density": 7800.0},
-        supports=[
-            {"group": "right", "components": ["y"]},
-            {"group": "top", "components": ["x"]},
-        ],
-        loads=[{"group": "outside", "pressure": critical, "follower": follower}],
-        statics={"last": 1.1},
-    )
+    load = {"pressure": critical, "follower": follower}
+    scene = ring_scene(tmp_path, load, statics={"last": 1.1})
     found = follow(scene)
     (crossed,) = found.special
     assert crossed.kind == "bifurcation" and not found.warnings
