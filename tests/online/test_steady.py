@@ -172,6 +172,15 @@ def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-4)
 
 
+@pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
+def test_state_of_subharmonic_motion_repeats_after_its_periods(force: float, multiple: int) -> None:
+    model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
+    marched = run(model, period, start=at(1.0, 0.0), steady="march", periods=300)
+    settings = Time.of(periods=301, steps_per_period=100)
+    problem = _Problem(model, no_contacts(), settings, period, marched.end, None)
+    assert problem.recurrences() == [multiple]
+
+
 def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
     model, contacts, period = rubbing()
     marched = run(model, period, contacts, steady="march", periods=8, steady_tolerance=1e-9)
