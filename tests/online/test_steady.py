@@ -188,7 +188,8 @@ def test_horizon_is_that_of_two_turns_or_of_the_decay_to_a_tenth() -> None:
 
     assert horizon(1.0, 0.1) == horizon(1.0 + 1e-9, 0.1) == 126  # 4 pi / 0.1 = 125.7
     assert horizon(0.9, 0.1) == horizon(0.9, 0.0) == 22  # 0.9^21.9 = 0.1
-    assert horizon(0.9, 1.0) == 13 and horizon(1.0, 0.0) == 1
+    assert horizon(0.9, 1.0) == 13
+    assert horizon(0.01, 1.0) == horizon(1.0, 0.0) == 1
 
 
 def test_motion_of_one_period_is_no_subharmonic_motion() -> None:
