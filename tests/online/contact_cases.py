@@ -70,6 +70,7 @@ def step(
     a: float,
     line: bool,
     time: tuple[float, float] = (0.0, 1.0),
+    blending: float = 0.0,
 ) -> Any:
     """A step of all points to x (P, d): the state at its end, the results, the dissipation and the
     work of the surface."""
@@ -80,6 +81,7 @@ def step(
         Interval(*time, a, line),
     )
     end.x[:] = x
+    found.blending[:] = blending
     sums = np.zeros(2)
     for p in range(points):
         contact_force(contacts, interval, p, start, end, found)
