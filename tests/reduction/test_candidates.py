@@ -61,6 +61,23 @@ def test_candidates_hold_next_modes_load_and_missing_derivatives(method: str) ->
     assert {"1V1V", "1V1S", "1V2V", "2V2V"} <= set(labels) and len(set(labels)) == len(labels)
 
 
+@pytest.mark.parametrize("elements", [5, 7])
+def test_combinations_of_derivatives_are_independent(elements: int) -> None:
+    """The derivatives of bending modes are axial: as many as elements are independent."""
+    scene = beam_scene(
+        2,
+        contacts=None,
+        probe={"group": "tip"},
+        reference={
+            "beam": True,
+            "beam_section": SLENDER | {"elements": elements, "load_at": 1.0},
+        },
+    )
+    basis = replace(scene.basis, modes=1, derivatives="none")
+    _, _, more = extended(replace(scene, basis=basis))
+    assert sum(label.endswith("D") for label in more.labels) == elements
+
+
 @pytest.mark.parametrize("nonlinear", [True, False])
 def test_candidates_hold_derivatives_only_of_nonlinear_structure(nonlinear: bool) -> None:
     scene = beam_scene(
@@ -89,25 +106,27 @@ def test_kept_derivatives_are_not_missing() -> None:
 
 
 @pytest.mark.parametrize("direction", [[1, 0], [0.3, 1]])
-@pytest.mark.parametrize("part", [0.2, 0.4])
-def test_candidates_judge_an_axial_motion(part: float, direction: list[float]) -> None:
-    """Below the first axial frequency; the next modes bend."""
+@pytest.mark.parametrize(("part", "before"), [(0.2, 0), (0.4, 0), (0.4, 9)])
+def test_candidates_judge_an_axial_motion(part: float, before: int, direction: list[float]) -> None:
+    """Below the first axial frequency; the next modes bend, and so do the loads before the last."""
+    load = {"group": "load", "at": "centre", "force": 1.0, "frequency": 3.2}
     scene = beam_scene(
         2,
-        ("geometrically_nonlinear=false", f"loads.0.direction={direction}"),
+        ("geometrically_nonlinear=false",),
+        loads=[load | {"direction": [0, 1]}] * before + [load | {"direction": direction}],
         contacts=None,
         probe={"group": "tip"},
         reference={"beam": True, "beam_section": SLENDER},
     )
     scene = replace(scene, basis=replace(scene.basis, modes=2))
     beam, found, more = extended(scene)
-    load, axial = beam.load_vectors[:, 0], beam.probe_rows[0]
+    pushed, axial = beam.load_vectors[:, before], beam.probe_rows[0]
     # the first axial frequency is pi c / 2 L
     square = (part * 0.5 * np.pi / 2.54) ** 2 * 207e9 / 7801.0
 
     def response(r: Array) -> float:
         stiffness = r.T @ (beam.stiffness - square * beam.mass) @ r
-        return float(axial @ r @ np.linalg.solve(stiffness, r.T @ load))
+        return float(axial @ r @ np.linalg.solve(stiffness, r.T @ pushed))
 
     exact = response(np.eye(beam.local))
     error, left = (abs(response(r) / exact - 1.0) for r in (found.basis.vectors, more.vectors))
