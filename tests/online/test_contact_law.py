@@ -144,6 +144,27 @@ def test_force_derivative_matches_differences(
     assert seen == {OPEN, SLIP, STICK}
 
 
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("surface", SURFACES[:2])
+def test_forces_scale_with_the_stiffnesses(surface: Any, a: float, line: bool) -> None:
+    """Also forces of nanonewtons."""
+    heavy, rng, unit = surface(3), np.random.default_rng(12), 1e-9
+    names = ("preload", "normal_stiffness", "tangential_stiffness")
+    light = heavy._replace(**{name: unit * getattr(heavy, name) for name in names})
+    way, modes = np.array([6e-3, 1e-3, 1e-3]), set()
+    for _ in range(40):
+        x, w, end = rng.uniform(-way, way, (3, 1, 3))
+        forces = []
+        for contacts in (heavy, light):
+            start = zero_contact_state(1, 3)
+            at_rest(contacts, x, w, 0.1, start, contact_scratch(1, 3))
+            found = step(contacts, start, end, a, line, (0.1, 0.5))[1]
+            forces.append(found.mean_force)
+        modes.add(int(found.mode[0]))
+        np.testing.assert_allclose(forces[1] / unit, forces[0], rtol=1e-8, atol=1e-8)
+    assert modes == {OPEN, SLIP, STICK}
+
+
 @pytest.mark.parametrize("blending", [0.0, 0.3, 1.0])
 def test_blended_normal_force_takes_energy(blending: float) -> None:
     """For any step; the derivative of the force matches its slope."""
