@@ -280,14 +280,17 @@ def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, mo
     assert main(["run", str(SCENE), "--output", str(tmp_path / "out")]) == 130
 
 
-def test_plan_draws_the_setup(tmp_path, capsys):
+def test_plan_draws_the_setup_without_an_equilibrium(tmp_path, capsys, monkeypatch):
     from matplotlib.image import imread
 
+    from fenicsrom.fem.solid import Solid
+
+    monkeypatch.setattr(Solid, "_find_equilibrium", None)
     path = tmp_path / "plan.png"
     assert main(["plan", str(SCENE), "--picture", str(path)]) == 0
     said = capsys.readouterr()
     assert "full motion" in said.out and said.out.splitlines()[-1].strip() == str(path)
-    assert said.err.splitlines() == ["mesh ..", "solid .."]
+    assert said.err.splitlines() == ["mesh ..", "supports, loads and contacts .."]
     assert list(tmp_path.iterdir()) == [path] and (imread(path)[..., :3] < 0.9).any()
     assert main(["plan", str(SCENE), "--picture", str(tmp_path)]) != 0
 
