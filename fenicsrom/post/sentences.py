@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -329,19 +329,25 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
     return found
 
 
-def rerun_warnings(scene: Scene) -> list[str]:
-    """Warn of the keys that have no effect on a run of a stored model."""
+def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
+    """Warn of the given keys or tables that have no effect on a run of a stored model."""
     asked = {
         "reference.full": scene.reference.full,
         "reference.beam": scene.reference.beam is not None,
         "output.motion": scene.output.motion,
         "output.animation": scene.output.animation,
     }
-    keys = [key for key, given in asked.items() if given]
+    named = {key for key in asked for name in given if _is_in(key, name) or _is_in(name, key)}
+    keys = [key for key, on in asked.items() if on and key in named]
     if not keys:
         return []
     verb = "has" if len(keys) == 1 else "have"
     return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+
+
+def _is_in(key: str, table: str) -> bool:
+    """Whether a key is this key or in this table."""
+    return f"{key}.".startswith(f"{table}.")
 
 
 def buckled_sentence(name: str, motion: Motion) -> str:
