@@ -161,7 +161,16 @@ def test_phase_is_continuous_where_its_angle_jumps() -> None:
     points = [point(1.0, lag, 1.0, 0.9) for lag in np.linspace(0.9 * np.pi, 1.3 * np.pi, 30)]
     phase = phases(points, 0, 1)
     assert np.abs(np.diff(phase)).max() < 5.0 and np.ptp(phase) == pytest.approx(72.0)
-    assert -270.0 < phase[0] <= 90.0
+    assert phase[0] == pytest.approx(-162.0)  # the points lag behind
+
+
+@pytest.mark.parametrize(
+    ("lag", "start"), [(0.0, 0.0), (180.5, 179.5), (179.5, 180.5), (175.0, -175.0), (200.0, 160.0)]
+)
+def test_phase_starts_between_minus_180_and_180(lag: float, start: float) -> None:
+    """Below its resonance a body on a shaker moves against the acceleration."""
+    points = [point(1.0, np.radians(lag + more), 1.0, 0.9) for more in (0.0, 90.0, 180.0)]
+    np.testing.assert_allclose(phases(points, 0, 1), [start, start - 90.0, start - 180.0])
 
 
 def test_contact_map_over_the_parameter_shows_the_states_of_the_nearest_motion() -> None:
