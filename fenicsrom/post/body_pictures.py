@@ -25,7 +25,12 @@ from fenicsrom.post.film import Dots, Film
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.setup_figure import setup_figure
 from fenicsrom.post.setup_marks import Marked, marked, marks_of
-from fenicsrom.post.surface_detail import LEAST_OF_MANY, for_picture, simplified
+from fenicsrom.post.surface_detail import (
+    LEAST_OF_MANY,
+    LEAST_SMOOTH,
+    for_picture,
+    simplified,
+)
 from fenicsrom.post.vtk_files import in_space, refined_grid
 from fenicsrom.scene import Scene, scene_heading
 
@@ -39,6 +44,9 @@ SLENDER = 8.0
 """Ratio of the length to the height of the box around a straight slender body.
 
 The sections of such a body move like points of its axis."""
+
+ROWS_PER_FRAME = 2
+"""An animation shows every second of the instants that ParaView gets."""
 
 TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
@@ -127,11 +135,15 @@ def film_of(study: Study) -> Film | None:
         marks = about_equilibrium(study, *marks)
     if found is None:
         return None
-    surface, values = for_picture(*found, LEAST_OF_MANY)
+    surface, values = for_picture(*found, LEAST_SMOOTH)
     rest = replace(surface, points=surface.points + values.pop(EQUILIBRIUM))
-    moved = np.tensordot(frame_coordinates(motion), np.array(list(values.values())), 1)
-    dots = None if marks is None else Dots(marks[0], marks[1]["displacement"], marks[1]["state"])
-    return Film(rest, motion.time[frame_rows(motion)], moved, solid.loaded, dots)
+    some = slice(None, None, ROWS_PER_FRAME)
+    coordinates, times = frame_coordinates(motion)[some], motion.time[frame_rows(motion)][some]
+    moved = np.tensordot(coordinates, np.array(list(values.values())), 1)
+    dots = None
+    if marks is not None:
+        dots = Dots(marks[0], marks[1]["displacement"][some], marks[1]["state"][some])
+    return Film(rest, times, moved, solid.loaded, dots)
 
 
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
