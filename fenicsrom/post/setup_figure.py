@@ -75,7 +75,7 @@ def setup_figure(surface: Surface, marks: Marks, title: str) -> Figure:
     draw_arrows(axis, arrows, reach, len(marks.loads) > 1)
     if marks.probe is not None:
         draw_probe(axis, view, marks.probe)
-    axis.set_title(title)
+    figure.suptitle(title, x=0.005, ha="left", fontsize=11)
     _add_legend(figure, legend_handles(marks))
     return figure
 

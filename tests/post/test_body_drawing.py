@@ -136,6 +136,17 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
     drawn(figure, tmp_path)
 
 
+@pytest.mark.parametrize("lines", [1, 4])
+def test_long_title_and_legend_of_the_setup_are_whole(plate, lines):
+    surface, normal = plate
+    none = np.zeros(len(surface.points), dtype=bool)
+    load = LoadMark(
+        "a load with a rather long label, 50 N, static", surface.points[:1], normal, none
+    )
+    title = "\n".join(["a title of many words"] * lines)
+    assert not illegible(setup_figure.setup_figure(surface, Marks(loads=[load] * lines), title))
+
+
 def test_symbols_of_attachments_lie_on_nothing_else(plate):
     surface, _ = plate
     view = view_of(surface.points, surface.triangles)
