@@ -90,8 +90,12 @@ def unit_of(found: Response, key: str) -> str:
 
 def parameter_label(found: Response) -> str:
     """The parameter with its unit."""
-    key = found.table.parameter
-    assert parameter_of(key)
+    assert parameter_of(found.table.parameter)
+    return key_label(found, found.table.parameter)
+
+
+def key_label(found: Response, key: str) -> str:
+    """A key of the scene with its unit, for people."""
     unit = unit_of(found, key)
     return f"{key}, {unit}" if unit else key
 

@@ -18,6 +18,7 @@ from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state
 from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
 from fenicsrom.post.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.response_rows import rows
+from fenicsrom.post.response_tables import bifurcation_table, run_table, trust_table
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -249,3 +250,8 @@ def test_stretches_share_a_bifurcation() -> None:
     points = [point(1.0, 0.1, p, size) for p, size in ((1.0, 0.9), (2.0, 0.9), (2.1, 3.0))]
     points.insert(2, point(1.0, 0.1, 2.05, 1.0, "fold"))
     assert stretches(points) == [(True, [0, 1, 2]), (False, [2, 3])]
+
+
+def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
+    for table in (bifurcation_table(found), run_table(found), trust_table(found)):
+        assert table[0][0] == "loads.0.force, N"
