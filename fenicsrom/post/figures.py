@@ -244,7 +244,7 @@ def plot_energy(motion: Motion) -> Figure:
     periodic = motion.load_period is not None
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     energy = motion.kinetic + motion.elastic + motion.contact_energy
-    # wide curves below thin and dashed ones: those that coincide are all seen
+    # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
     above.plot(time, motion.work, color="#000000", linewidth=3.6, label="work of the loads")
     damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
     above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
@@ -254,7 +254,7 @@ def plot_energy(motion: Motion) -> Figure:
     kinds = "kinetic + elastic + contact" if touching else "kinetic + elastic"
     for part in motion.parts:
         label = f"{kinds}, relative to the equilibrium" if part.start == 0 else None
-        above.plot(time[part], energy[part], color="#009E73", linewidth=3.0, label=label)
+        above.plot(time[part], energy[part], color="#009E73", label=label)
         below.plot(time[part], motion.imbalance[part], color="#555B61")
         if part.start > 0:
             for axis, name in ((above, "Newton's method: periodic from here"), (below, None)):
