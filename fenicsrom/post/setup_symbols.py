@@ -94,6 +94,8 @@ def _coincide(arrow: Arrow, other: Arrow, near: float) -> bool:
 
 def draw_arrows(axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: bool) -> None:
     """Draw the arrows of loads with their numbers; one that is seen from its end is a dot."""
+    from matplotlib.patheffects import withStroke
+
     colour = MARK_COLOURS["load"]
     look: dict[str, Any] = {
         "arrowstyle": "-|>",
@@ -113,14 +115,9 @@ def draw_arrows(axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: boo
             way, size = np.array([0.0, -1.0]), 1.0
         if numbered:
             x, y = start - 0.16 * reach / size * way
-            text: dict[str, Any] = {
-                "ha": "center",
-                "va": "center",
-                "fontsize": 10,
-                "weight": "bold",
-                "zorder": 7,
-            }
-            axis.text(x, y, str(number + 1), color=colour, **text)
+            text: dict[str, Any] = {"ha": "center", "va": "center", "weight": "bold"}
+            text["path_effects"] = [withStroke(linewidth=3.0, foreground="white")]
+            axis.text(x, y, str(number + 1), color=colour, fontsize=10, zorder=7, **text)
 
 
 def bars(mark: SupportMark, surface: Surface, view: View, reach: float) -> Array:
