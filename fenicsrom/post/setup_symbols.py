@@ -170,8 +170,8 @@ _FORMS: dict[str, tuple[list[tuple[float, float]], ...]] = {
 }
 """Lines of the symbols from the body at (0, 0) to the ground at (1, 0)."""
 
-_BAR = ([(0.0, 0.0), (1.0, 0.0)], [(1.0, -0.3), (1.0, 0.3)])
-"""The same of a held direction."""
+_BAR = ([(0.0, 0.0), (1.0, 0.0)], [(1.0, -0.16), (1.0, 0.16)])
+"""The same of a held direction, in the legend."""
 
 
 class Symbol(NamedTuple):
