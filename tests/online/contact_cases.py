@@ -41,12 +41,11 @@ SCHEMES = [(0.0, False), (0.4, False), (0.5, True)]
 
 
 def spoiled_scratch(points: int, d: int) -> ContactScratch:
-    """Scratch arrays full of NaN, as nothing may depend on what they hold; without blending."""
+    """Scratch arrays in which the results of an earlier step are NaN: nothing may depend on it."""
     found = contact_scratch(points, d)
-    for array in (*found, *found.point):
-        if isinstance(array, np.ndarray) and array.dtype == float:
-            array[:] = np.nan
-    found.blending[:] = 0.0
+    for array in (found.mean_force, found.mean_friction, found.slider_motion, found.guess):
+        array.fill(np.nan)
+    found.force_derivative.fill(np.nan)
     return found
 
 
