@@ -28,6 +28,16 @@ def test_amplitude_is_half_of_peak_to_peak_of_last_period():
     assert got["tangential"] == pytest.approx([0.03, 0.01], rel=1e-4)
 
 
+@pytest.mark.parametrize("period", [None, PERIOD])
+def test_rms_is_that_of_a_sine_about_its_mean(period):
+    """Also of motions that are shorter than a second."""
+    time = 2 * PERIOD * np.linspace(0, 1, 2001) ** 1.2
+    u = np.zeros((time.size, 1, 2))
+    u[:, 0, 0], u[:, 0, 1] = 0.3, 0.5 + 0.02 * np.sin(2 * np.pi * time / PERIOD)
+    found = measures.rms(motion(time, u, period=period))
+    np.testing.assert_allclose(found, [0.0, 0.02 / np.sqrt(2)], rtol=2e-3, atol=1e-12)
+
+
 def test_contact_fractions_with_uneven_steps_weigh_by_time():
     """Open for 30 % of the period, slip for 50 %, stick for 20 %, with ten times as many steps
     during stick."""
