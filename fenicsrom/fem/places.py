@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.forms import compiled_form
 from fenicsrom.fem.mesh_data import NEAR
 from fenicsrom.scene import Place, Region
 
@@ -199,16 +200,17 @@ class Places:
             not body.materials.has_one_thickness
         ):  # by volume: the thickness changes along the region
             per, whole = body.thickness, 1.0
-        fem.assemble_vector(weights.x.array, fem.form(per * ufl.TestFunction(scalar) * ds))
+        fem.assemble_vector(weights.x.array, compiled_form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         x = ufl.SpatialCoordinate(domain)
-        area = body.comm.allreduce(fem.assemble_scalar(fem.form(per * ds)))
+        area = body.comm.allreduce(fem.assemble_scalar(compiled_form(per * ds)))
         if not area > 0.0:
             name = region.group
             raise self._error(f"{key}.group", f"group {name!r} has no area; name a group of facets")
         position = np.zeros(3)
         for k in range(body.dimension):
-            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(per * x[k] * ds))) / area
+            moment = fem.assemble_scalar(compiled_form(per * x[k] * ds))
+            position[k] = body.comm.allreduce(moment) / area
         local = scalar.dofmap.index_map.size_local
         return weights.x.array[:local] / area, position, float(area * whole)
 
