@@ -13,6 +13,7 @@ pytest.importorskip("dolfinx")
 from support import beam_scene, dense, free_unknowns, make_solid, random_field
 
 from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem import statics as statics_module
 from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.fem.statics import Statics
 
@@ -88,6 +89,30 @@ def test_load_path_gives_the_equilibria_of_its_parts(
         np.testing.assert_allclose(u, expected, rtol=0, atol=1e-8 * np.abs(expected).max())
     assert used <= 3  # the factor at the equilibrium serves most of them
     np.testing.assert_array_equal(dense(bent2d.stiffness, free_unknowns(bent2d)), before)
+
+
+@pytest.mark.parametrize(
+    ("name", "plain", "counted"),
+    [("LARGEST_WEIGHT", 0.0, "solve"), ("LAST_CORRECTIONS", 0, "update")],
+    ids=["acceleration", "kept factor"],
+)
+def test_load_path_saves_work_with_the_same_equilibria(
+    name: str, plain: float, counted: str, bent2d: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    force = bent2d.load_vectors[:, 1] * 0.2 * bent2d.loads[1].size
+    calls, method = [0], getattr(Factorisation, counted)
+
+    def counting(*arguments: Any) -> Any:
+        calls[-1] += 1
+        return method(*arguments)
+
+    monkeypatch.setattr(Factorisation, counted, counting)
+    path = bent2d.load_path(force, np.arange(1, 11) / 10.0, 1e-7)
+    calls.append(0)
+    monkeypatch.setattr(statics_module, name, plain)
+    expected = bent2d.load_path(force, np.arange(1, 11) / 10.0, 1e-7)
+    assert calls[0] < calls[1]
+    np.testing.assert_allclose(path, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
 
 
 def test_state_that_is_no_equilibrium_is_refused(bent2d: Any) -> None:
