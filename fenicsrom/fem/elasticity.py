@@ -42,6 +42,7 @@ from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.forms import compiled_expression, compiled_form
+from fenicsrom.fem.inertia import Inertia
 from fenicsrom.fem.linalg import add_to_diagonal
 from fenicsrom.fem.materials import Materials
 from fenicsrom.fem.mesh_data import Mesh
@@ -80,6 +81,7 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         mass_form: the form of M.
+        inertia: the matrices of inertia forces.
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
@@ -133,6 +135,9 @@ class ElasticBody:
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self.pressures: FollowerPressures | None = None
         self._compile_forms()
+        self.inertia = Inertia(
+            self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted
+        )
         self.rotation = self._rotating_frame(rotation)
 
     @property
@@ -183,7 +188,7 @@ class ElasticBody:
             rotation,
             self.space,
             lambda form: self.density * form * self.dx,
-            lambda form: self.matrix(compiled_form(form), 0.0),
+            self.inertia.matrix,
             lambda form: self._vector(compiled_form(form)),
         )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csr_array
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
@@ -139,20 +138,6 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
     x.destroy()
     y.destroy()
     return np.asarray(found)
-
-
-def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """A matrix without the zeros that are stored in it; the given matrix is destroyed.
-
-    The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
-    """
-    rows, columns, values = matrix.getValuesCSR()
-    kept = csr_array((values, columns, rows), shape=(rows.size - 1, matrix.getSize()[1]))
-    kept.eliminate_zeros()
-    csr = kept.indptr, kept.indices, kept.data
-    found = PETSc.Mat().createAIJ(matrix.getSizes(), csr=csr, comm=matrix.comm)
-    matrix.destroy()
-    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:

@@ -30,7 +30,6 @@ from fenicsrom.fem.linalg import (
     add_to_diagonal,
     eigenmodes,
     multiply,
-    without_zeros,
 )
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
@@ -207,7 +206,7 @@ class Solid(ElasticBody):
     @cached_property
     def mass(self) -> PETSc.Mat:
         """M."""
-        return without_zeros(self.mass_matrix(0.0))
+        return self.inertia.matrix(np.eye(self.dimension), self.point_masses)
 
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
