@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.online.newton import STATIC_TOLERANCE, Correction, in_load_steps, newton
@@ -178,7 +178,9 @@ class Statics:
             else:
                 self._body.tangent(u, self._factor.matrix, change, symmetric=False)
                 self._factor.update()
-        except ConvergenceError:
+        except ConvergenceError as error:
+            if error.kind is ErrorKind.MEMORY:
+                raise
             return False
         return True
 
