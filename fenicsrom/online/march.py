@@ -220,7 +220,7 @@ def _run_span(
     # of the span before the last period, only the coordinates at its end are needed
     k = max(len(run.history) - run.multiple, 0)
     run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
-    run.history.append(joined_rows(pieces, counts))
+    run.history.append(pieces[0] if len(pieces) == 1 else joined_rows(pieces, counts))
     return status, stopped
 
 
