@@ -470,7 +470,7 @@ def refusal(kind: ErrorKind, key: str = "", file: str = "", names: str = "") -> 
 
 
 def on_ranks(
-    ranks: int, *command: str, cache: Path | None = None, code: int = 0, timeout: float = 300.0
+    ranks: int, *command: str, cache: Path | None = None, code: int = 0, timeout: float = 900.0
 ) -> subprocess.CompletedProcess[str]:
     """Run a Python command on some ranks, where it finds this program and these tests.
 
@@ -479,7 +479,7 @@ def on_ranks(
         command: what follows `python3`.
         cache: where it keeps full motions; as ever without.
         code: that it must end with.
-        timeout: s.
+        timeout: after which the ranks hang, s; a loaded machine is ten times slower.
     """
     environment = {
         k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX", "PRTE"))

@@ -15,10 +15,13 @@ from typing import Any
 from fenicsrom import study
 from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
-from fenicsrom.cli.starting import changed_model, end, ranks, require_scene, start
+from fenicsrom.cli.starting import changed_model, end, given_keys, ranks, require_scene, start
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
+
+OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
+"""Commands with a table of their own in the scene, which has their name."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -60,7 +63,14 @@ def _rerun(options: argparse.Namespace) -> int:
         stored = replace(stored, scene=checkpoints.load_scene(resume))
     current = changed_model(options, stored)
     with opened(options, current.scene) as folder:
-        found = study.rerun(current, folder, resume=resume, say=progress, stop=is_terminated)
+        found = study.rerun(
+            current,
+            folder,
+            resume=resume,
+            say=progress,
+            stop=is_terminated,
+            given=given_keys(options),
+        )
         sizes = {"reduced": stored.size}
         table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
         lines = sentences.rerun_sentences(found)
@@ -69,15 +79,23 @@ def _rerun(options: argparse.Namespace) -> int:
 
 
 def plan(options: argparse.Namespace) -> int:
-    """List the stages of a scene; the parts of a stage are indented. Draw the set-up if asked to.
+    """List the stages of `run`, and the other commands that the scene has tables for.
+
+    The parts of a stage are indented. The picture of the set-up is drawn if it is asked for.
 
     Raises:
         SceneError: the scene or the file of the picture cannot be used.
     """
     scene = read_scene(options.scene, options.overrides)
+    print(f"fenicsrom run {options.scene}:")
     for item in study.plan(scene):
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
         print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
+    for command in OWN_TABLES:
+        if any(key.split(".")[0] == command for key in given_keys(options)):
+            print(
+                f"the table [{command}] is for another command: fenicsrom {command} {options.scene}"
+            )
     if options.picture is not None:
         from fenicsrom.post.pictures import draw_pictures
 
@@ -268,7 +286,7 @@ def sweep(options: argparse.Namespace) -> int:
     def variant(overrides: Sequence[str]) -> Scene:
         if options.scene is not None:
             return read_scene(options.scene, [*options.overrides, *overrides])
-        return archive.changed_scene(model.scene, [*options.overrides, *overrides])
+        return archive.changed_scene(model.scene, [*options.overrides, *overrides], model.file)
 
     first = comm is None or comm.rank == 0
     with opened(options, scene, comm) as folder:

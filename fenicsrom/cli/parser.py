@@ -138,7 +138,8 @@ SET = Argument(
 PICTURE = Argument(
     "--picture",
     metavar="FILE",
-    help="make the mesh, and draw it with its supports, loads and contacts to this PNG file",
+    help="make the mesh, and draw it undeformed with its supports, loads and contacts to this "
+    "PNG file",
 )
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
 FORCE = Argument(

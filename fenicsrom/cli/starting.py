@@ -8,6 +8,8 @@ from typing import Any
 from fenicsrom.cli.printing import progress
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
+from fenicsrom.scene.overrides import names_of
+from fenicsrom.scene.reading import read_toml
 
 
 def require_scene(options: argparse.Namespace) -> None:
@@ -74,3 +76,11 @@ def changed_model(options: argparse.Namespace, stored: Any) -> Any:
     if options.scene is not None:
         return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
     return stored.with_overrides(options.overrides)
+
+
+def given_keys(options: argparse.Namespace) -> set[str]:
+    """The keys that the user gave: those of the scene file, such as "output.motion", and --set."""
+    keys = {".".join(names_of(override.partition("=")[0])) for override in options.overrides}
+    for name, value in (read_toml(options.scene) if options.scene is not None else {}).items():
+        keys |= {f"{name}.{key}" for key in value} if isinstance(value, dict) else {name}
+    return keys

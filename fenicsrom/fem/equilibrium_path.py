@@ -7,7 +7,10 @@ The equilibria u(λ) of
 (`fenicsrom.fem.path_equations`) form a curve in (u, λ), which is followed through limit points,
 where λ turns back. Lengths are those of
 
-    |(du, dλ)|² = |du|² / size² + dλ² / range².    (2)
+    |(du, dλ)|² = |du|² / size² + dλ² / scale².    (2)
+
+Size and scale are the displacement and the load factor of a point, or those of a linear body at the
+end of the range or at the displacement `FARTHEST`, if these are larger.
 
 The curve is extrapolated by the cubic through its last two points with their tangents. Newton's
 method corrects the guess on the hyperplane normal to a direction c. Each correction solves the
@@ -42,6 +45,12 @@ LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.02, 0.1, 1e-6
 """Steps along the curve, with the lengths (2)."""
+
+FARTHEST = 3.0
+"""Largest linear displacement of a node, in parts of the extent of the mesh, that sets the lengths.
+
+A path to a larger load factor begins with the lengths of this one: steps in parts of the whole
+path would miss what happens on it."""
 
 STRAIGHT = 0.97
 """Least cosine of the angle between the tangents of two neighbours."""
@@ -129,8 +138,10 @@ class PathFollower:
         self._body, self.equations = body, PathEquations(body, sizes)
         self._lowest, self._last = lowest, last
         slope = self.equations.slope
-        self._linear = last * np.sqrt(body.dot(slope, slope))
-        self._size = self._linear
+        fastest = float(body.largest(slope[:, None])[0])
+        self._first_scale = min(last, FARTHEST * body.mesh.extent() / fastest)
+        self._linear = self._first_scale * np.sqrt(body.dot(slope, slope))
+        self._size, self._scale = self._linear, self._first_scale
 
     def points(self) -> Iterator[PathPoint]:
         """Yield the equilibria in the order of the path, special points among them.
@@ -168,13 +179,14 @@ class PathFollower:
     def _dot(self, a: Array, b: Array) -> float:
         """Inner product of (2)."""
         along = self._body.dot(a[:-1], b[:-1]) / self._size**2
-        return along + float(a[-1] * b[-1]) / self._last**2
+        return along + float(a[-1] * b[-1]) / self._scale**2
 
     def _length(self, a: Array) -> float:
         return float(np.sqrt(self._dot(a, a)))
 
     def _measure(self, here: PathPoint) -> None:
-        """Make `size` the displacement from the start, or the linear one if it is larger."""
+        """Make the lengths (2) those at this point, or those of the start if they are larger."""
+        self._scale = max(self._first_scale, abs(here.load_factor))
         u = here.displacement - self._body.equilibrium
         self._size = max(self._linear, float(np.sqrt(self._body.dot(u, u))))
 
@@ -197,7 +209,7 @@ class PathFollower:
 
     def _upwards(self) -> Array:
         """The direction of λ alone (local + 1,)."""
-        return np.append(np.zeros(self._body.local), self._last)
+        return np.append(np.zeros(self._body.local), self._scale)
 
     def _guess(self, before: PathPoint | None, here: PathPoint, step: float) -> Array:
         """The unknowns (local + 1,) a step beyond a point, which may have one before it."""

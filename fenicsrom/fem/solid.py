@@ -73,12 +73,16 @@ class KnownEquilibrium:
     """The equilibrium of a solid that was computed before.
 
     Attributes:
-        displacement: (local,) m.
+        displacement: (local,) m, or () of the same displacement at all unknowns.
         unstable: see `Solid`.
     """
 
     displacement: Array
     unstable: int
+
+
+UNDEFORMED = KnownEquilibrium(np.zeros(()), 0)
+"""The undeformed body in place of the equilibrium, for a solid whose places are all that counts."""
 
 
 class Solid(ElasticBody):
@@ -176,7 +180,8 @@ class Solid(ElasticBody):
         self.loaded = self._spinning or bool(pushed) or not self.symmetric
         self._known = known
         if known is not None:
-            self.equilibrium, self.unstable = known.displacement, known.unstable
+            self.equilibrium = np.zeros(self.local) + known.displacement
+            self.unstable = known.unstable
             self._set_follower_loads()
         else:
             self._find_equilibrium()

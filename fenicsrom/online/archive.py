@@ -96,6 +96,7 @@ class StoredModel:
         recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
         candidates: the larger model that judges the basis, whose first n coordinates are those of
             the model; None if it was not made.
+        file: the file from which it was read, for messages; "" if there is none.
     """
 
     model: ReducedModel
@@ -107,6 +108,7 @@ class StoredModel:
     provenance: dict[str, str]
     recovery: Recovery | None = None
     candidates: ReducedModel | None = None
+    file: str = ""
 
     @property
     def size(self) -> int:
@@ -122,13 +124,17 @@ class StoredModel:
         Raises:
             SceneError: the scenes do not agree; the error names the first key that differs.
         """
+        return self._with_scene(scene, scene.source)
+
+    def _with_scene(self, scene: Scene, source: str) -> StoredModel:
+        """As `with_scene`; messages name this source of the scene."""
         if (key := changed_key(self.scene, scene)) is not None:
             raise SceneError(
-                f"{scene.source}: {key} cannot change on a stored reduced model; "
+                f"{source}: {key} cannot change on a stored reduced model; "
                 "run the scene again, without --from",
                 kind=ErrorKind.MISMATCH,
                 key=key,
-                source=scene.source,
+                source=source,
             )
         changes: dict[str, Any] = {
             "load_histories": load_histories(scene),
@@ -151,7 +157,8 @@ class StoredModel:
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
         """
-        return self.with_scene(changed_scene(self.scene, overrides))
+        source = self.file or self.scene.source
+        return self._with_scene(changed_scene(self.scene, overrides, source), source)
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.
@@ -169,15 +176,21 @@ class StoredModel:
         return simulate(run.model, run.scene, **options)
 
 
-def changed_scene(scene: Scene, overrides: str | Sequence[str]) -> Scene:
+def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = "") -> Scene:
     """A scene with other values, which its title names; its paths stay as they are.
+
+    Args:
+        scene: the scene.
+        overrides: as `StoredModel.with_overrides` takes them.
+        source: the file that messages name; by default that of the scene.
 
     Raises:
         SceneError: an override is wrong.
     """
-    table, source = scene_table(scene), scene.source
-    changed = override_table(table, overrides, source)
-    return parse_scene(titled(changed, overrides, source), source, None)
+    source = source or scene.source
+    changed = override_table(scene_table(scene), overrides, source)
+    found = parse_scene(titled(changed, overrides, scene.source), source, None)
+    return replace(found, source=scene.source)
 
 
 def provenance(
@@ -302,6 +315,7 @@ def _assemble(
         {str(name): str(number) for name, number in header["provenance"].items()},
         recovery,
         candidates,
+        str(path),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.body_surface import Surface, normals
+from fenicsrom.post.body_surface import Ints, Surface, normals
 from fenicsrom.post.body_view import View
 from fenicsrom.post.style import new_figure
 
@@ -25,6 +25,9 @@ TRIAD = 0.08
 
 LABEL_MARGIN = 0.1
 """Margin below the label of a colour bar, inches."""
+
+DARKEST = 0.78
+"""Brightness of a face that gets no light."""
 
 GREY = "#D9DDE1"
 """Colour of the undeformed body."""
@@ -74,22 +77,16 @@ def draw_body(
     Returns:
         What is drawn.
     """
-    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgba
 
     points = surface.points if moved is None else moved
-    direction = normals(points, surface.triangles)
-    facing = direction @ view.towards
-    seen = np.flatnonzero(facing > 0.0) if not surface.flat else np.arange(len(facing))
-    depth = points[surface.triangles[seen]].mean(axis=1) @ view.towards
-    seen = seen[np.argsort(depth, kind="stable")]
+    seen, light = _seen(surface, view, points)
     paint = np.broadcast_to(
-        to_rgba(colours) if isinstance(colours, str) else colours, (len(facing), 4)
+        to_rgba(colours) if isinstance(colours, str) else colours, (len(surface.triangles), 4)
     )
     paint = np.array(paint[seen])
-    if not surface.flat:
-        light = view.towards + 0.6 * view.up - 0.3 * view.right
-        paint[:, :3] *= (0.78 + 0.22 * np.clip(direction[seen] @ light, 0.0, 1.0))[:, None]
+    paint[:, :3] *= light[:, None]
     places: Any = view.project(points)
     faces = PolyCollection(
         places[surface.triangles[seen]],
@@ -98,16 +95,66 @@ def draw_body(
         linewidths=0.4,
         zorder=2,
     )
+    axis.add_collection(faces, autolim=False)
+    return [faces, _draw_edges(axis, surface, view, points)]
+
+
+def draw_smooth_body(
+    axis: Axes, surface: Surface, view: View, moved: Array, colours: Array
+) -> list[Artist]:
+    """Draw the same with colours (n, 4) of the points, in a fifth of the time.
+
+    The colours are interpolated, so that few triangles do. The edges of the triangles are not
+    smoothed: this is for the frames of an animation.
+    """
+    from matplotlib.artist import Artist
+
+    seen, light = _seen(surface, view, moved)
+    corners = view.project(moved)[surface.triangles[seen]]
+    paint = colours[surface.triangles[seen]]
+    paint[:, :, :3] *= light[:, None, None]
+
+    class Triangles(Artist):
+        """The triangles, without an object for each of them."""
+
+        def draw(self, renderer: Any) -> None:
+            """Draw them in their order."""
+            context = renderer.new_gc()
+            self._set_gc_clip(context)  # type: ignore[attr-defined]
+            renderer.draw_gouraud_triangles(context, corners, paint, self.get_transform())
+            context.restore()
+
+    faces = Triangles()
+    axis.add_artist(faces)
+    return [faces, _draw_edges(axis, surface, view, moved)]
+
+
+def _seen(surface: Surface, view: View, points: Array) -> tuple[Ints, Array]:
+    """The triangles that face the viewer, those in front last, and how bright each is (k,)."""
+    direction = normals(points, surface.triangles)
     if surface.flat:
-        front = np.ones(len(surface.edges), dtype=bool)
-    else:
+        return np.arange(len(direction)), np.ones(len(direction))
+    seen = np.flatnonzero(direction @ view.towards > 0.0)
+    depth = points[surface.triangles[seen]].mean(axis=1) @ view.towards
+    seen = seen[np.argsort(depth, kind="stable")]
+    light = view.towards + 0.6 * view.up - 0.3 * view.right
+    return seen, DARKEST + (1.0 - DARKEST) * np.clip(direction[seen] @ light, 0.0, 1.0)
+
+
+def _draw_edges(axis: Axes, surface: Surface, view: View, points: Array) -> Artist:
+    """Draw the edges of the body that lie on a triangle that faces the viewer."""
+    from matplotlib.collections import LineCollection
+
+    front = np.ones(len(surface.edges), dtype=bool)
+    if not surface.flat:
+        facing = normals(points, surface.triangles) @ view.towards
         front = np.any(facing[surface.sides] > 0.0, axis=1)
+    places: Any = view.project(points)
     lines = LineCollection(
         places[surface.edges[front]], colors="#30363C", linewidths=0.5, zorder=2.5
     )
-    for drawn in (faces, lines):
-        axis.add_collection(drawn, autolim=False)
-    return [faces, lines]
+    axis.add_collection(lines, autolim=False)
+    return lines
 
 
 def draw_outline(axis: Axes, surface: Surface, view: View) -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from fenicsrom.post.body_figures import deflection_figure, shape_figure, stress_
 from fenicsrom.post.body_surface import Surface, gathered_surface, surface_of
 from fenicsrom.post.fields import (
     about_equilibrium,
-    contact_places,
     contact_points,
     frame_coordinates,
     frame_rows,
@@ -24,8 +23,14 @@ from fenicsrom.post.fields import (
 )
 from fenicsrom.post.film import Dots, Film
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.setup_figure import Marks, setup_figure
-from fenicsrom.post.surface_detail import LEAST_OF_MANY, for_picture, simplified
+from fenicsrom.post.setup_figure import setup_figure
+from fenicsrom.post.setup_marks import Marked, marked, marks_of
+from fenicsrom.post.surface_detail import (
+    LEAST_OF_MANY,
+    LEAST_SMOOTH,
+    for_picture,
+    simplified,
+)
 from fenicsrom.post.vtk_files import in_space, refined_grid
 from fenicsrom.scene import Scene, scene_heading
 
@@ -40,9 +45,12 @@ SLENDER = 8.0
 
 The sections of such a body move like points of its axis."""
 
+ROWS_PER_FRAME = 2
+"""An animation shows every second of the instants that ParaView gets."""
+
 TITLE_WIDTH = 80  # characters of the set-up's title in a line
 
-CLAMPED, EQUILIBRIUM = "clamped", "equilibrium"
+EQUILIBRIUM = "equilibrium"
 
 
 def body_pictures(study: Study) -> list[Picture]:
@@ -54,11 +62,11 @@ def body_pictures(study: Study) -> list[Picture]:
         if kind != EQUILIBRIUM
         for label, field in fields.items()
     }
-    fields = _marked_fields(solid)
+    regions = marked(solid, study.scene)
+    fields = dict(regions.fields)
     if solid.loaded:
         fields[EQUILIBRIUM] = solid.equilibrium
-    filled = {name: solid.field(values) for name, values in fields.items()}
-    found = gathered_surface(solid.space, filled | named)
+    found = gathered_surface(solid.space, _filled(solid, fields) | named)
     if found is None:
         return []
     scene, titles = study.scene, shape_titles(study, named)
@@ -74,7 +82,7 @@ def body_pictures(study: Study) -> list[Picture]:
         title = f"equilibrium: largest displacement {largest:.4g} mm"
         return deflection_figure(shown, moved[EQUILIBRIUM], title)
 
-    pictures = [_setup(solid, scene, surface, values)]
+    pictures = [_setup(solid, scene, regions, surface, values)]
     if named:
         pictures.append(Picture("Shapes", "shapes.png", draw_shapes))
     if solid.loaded:
@@ -84,31 +92,32 @@ def body_pictures(study: Study) -> list[Picture]:
 
 def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     """The picture of the set-up to a file; None on ranks other than the first. Collective."""
-    fields = {label: solid.field(values) for label, values in _marked_fields(solid).items()}
-    found = gathered_surface(solid.space, fields)
-    return _setup(solid, scene, *found, name) if found is not None else None
+    regions = marked(solid, scene)
+    found = gathered_surface(solid.space, _filled(solid, regions.fields))
+    return _setup(solid, scene, regions, *found, name) if found is not None else None
 
 
 def _setup(
-    solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array], name: str = "setup.png"
+    solid: Solid,
+    scene: Scene,
+    regions: Marked,
+    surface: Surface,
+    values: dict[str, Array],
+    name: str = "setup.png",
 ) -> Picture:
-    """The picture of the set-up from the fields of `_marked_fields` on the whole surface."""
+    """The picture of the set-up from the fields of the regions on the whole surface."""
 
     def draw() -> Figure:
-        marks = marks_of(solid, scene, surface, values)
+        marks = marks_of(solid, scene, regions, surface.points, values)
         shown, kept = simplified(surface)
         return setup_figure(shown, marks.at(kept), _title(scene))
 
     return Picture("Set-up", name, draw)
 
 
-def _marked_fields(solid: Solid) -> dict[str, Array]:
-    """The fields that the picture of the set-up marks: what is clamped, and the loads."""
-    clamped = np.zeros(solid.local)
-    clamped[solid.clamped] = 1.0
-    if solid.slanted is not None:
-        clamped[solid.slanted.nodes * solid.dimension] = 1.0
-    return {CLAMPED: clamped} | {_load(k): v for k, v in enumerate(solid.load_vectors.T)}
+def _filled(solid: Solid, fields: Mapping[str, Array]) -> dict[str, Any]:
+    """Fields with ghost values from fields (local,)."""
+    return {name: solid.field(values) for name, values in fields.items()}
 
 
 def film_of(study: Study) -> Film | None:
@@ -126,11 +135,15 @@ def film_of(study: Study) -> Film | None:
         marks = about_equilibrium(study, *marks)
     if found is None:
         return None
-    surface, values = for_picture(*found, LEAST_OF_MANY)
+    surface, values = for_picture(*found, LEAST_SMOOTH)
     rest = replace(surface, points=surface.points + values.pop(EQUILIBRIUM))
-    moved = np.tensordot(frame_coordinates(motion), np.array(list(values.values())), 1)
-    dots = None if marks is None else Dots(marks[0], marks[1]["displacement"], marks[1]["state"])
-    return Film(rest, motion.time[frame_rows(motion)], moved, solid.loaded, dots)
+    some = slice(None, None, ROWS_PER_FRAME)
+    coordinates, times = frame_coordinates(motion)[some], motion.time[frame_rows(motion)][some]
+    moved = np.tensordot(coordinates, np.array(list(values.values())), 1)
+    dots = None
+    if marks is not None:
+        dots = Dots(marks[0], marks[1]["displacement"][some], marks[1]["state"][some])
+    return Film(rest, times, moved, solid.loaded, dots)
 
 
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
@@ -173,42 +186,9 @@ def is_slender(surface_points: Array) -> bool:
     return bool(extent[-1] >= SLENDER * extent[-2])
 
 
-def marks_of(solid: Solid, scene: Scene, surface: Surface, values: dict[str, Array]) -> Marks:
-    """Supports, loads, contacts and probe of a scene on the points of its surface."""
-    loads = {}
-    middle = surface.points.mean(axis=0)
-    for k, load in enumerate(scene.loads):
-        forces = values[_load(k)]
-        sizes = np.linalg.norm(forces, axis=1)
-        total = forces.sum(axis=0)
-        everywhere = load.everywhere
-        place = middle if everywhere or not sizes.any() else sizes @ surface.points / sizes.sum()
-        size = float(np.linalg.norm(total))
-        direction = total / size if size > 0.0 else total
-        direction = -direction if load.moves_supports else direction  # of the supports
-        group = "" if everywhere else f' on "{load.place.group}"' if load.place.group else ""
-        name = f"{load.kind.replace('_', ' ')}{group}"
-        name = name if name not in loads else f"{name} ({k + 1})"
-        on = (sizes > 0.0) & (not everywhere)
-        loads[name] = np.asarray(place), direction, on
-    contacts = {}
-    points = solid.points
-    places = contact_places(points)
-    for k in range(len(scene.contacts)):
-        mine = points.contact == k
-        label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
-        contacts[label] = places[mine], in_space(points.frame[mine, 0])
-    probe = None if scene.contacts or np.isnan(solid.probe_position).any() else solid.probe_position
-    return Marks(values[CLAMPED].max(axis=1) > 0.5, loads, contacts, probe)
-
-
 def _title(scene: Scene) -> str:
     """The heading of the set-up, with the speed of rotation."""
     turning = f", {scene.rotation.speed_rpm:g} rpm" if scene.rotation is not None else ""
     heading = scene_heading(scene)
     whole = heading if turning and turning.strip(", ") in heading else f"{heading}{turning}"
     return textwrap.fill(whole, TITLE_WIDTH)
-
-
-def _load(k: int) -> str:
-    return f"load {k}"

@@ -233,22 +233,28 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 
 @styled
 def plot_energy(motion: Motion) -> Figure:
-    """Draw the energy balance of a motion: work, dissipation, stored energy and imbalance."""
+    """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
+
+    The elastic energy is relative to the equilibrium, where static loads stress the body: it may
+    be negative.
+    """
     touching = has_contact(motion)
     figure = new_figure(8.6, 4.8)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     periodic = motion.load_period is not None
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
-    stored = motion.kinetic + motion.elastic + motion.contact_energy
-    above.plot(time, motion.work, color="#000000", label="work of the loads")
-    above.plot(time, motion.damping_dissipation, color="#0072B2", label="dissipated by damping")
+    energy = motion.kinetic + motion.elastic + motion.contact_energy
+    # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
+    above.plot(time, motion.work, color="#000000", linewidth=3.6, label="work of the loads")
+    damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
+    above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
     if touching:
         friction = motion.friction_dissipation
         above.plot(time, friction, color="#D55E00", label="dissipated by friction")
-    kinds = "kinetic, elastic, contact springs" if touching else "kinetic, elastic"
+    kinds = "kinetic + elastic + contact" if touching else "kinetic + elastic"
     for part in motion.parts:
-        label = f"stored ({kinds})" if part.start == 0 else None
-        above.plot(time[part], stored[part], color="#009E73", linewidth=1.0, label=label)
+        label = f"{kinds}, relative to the equilibrium" if part.start == 0 else None
+        above.plot(time[part], energy[part], color="#009E73", label=label)
         below.plot(time[part], motion.imbalance[part], color="#555B61")
         if part.start > 0:
             for axis, name in ((above, "Newton's method: periodic from here"), (below, None)):

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.post.body_drawing import (
+    DARKEST,
     body_panel,
     colour_bar,
-    draw_body,
     draw_outline,
+    draw_smooth_body,
     mark_places,
-    triangle_colours,
 )
 from fenicsrom.post.body_figures import shown_part
 from fenicsrom.post.body_surface import Surface
@@ -29,11 +29,14 @@ from fenicsrom.progress import tracked
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FILM_SECONDS = 3.0
+FILM_SECONDS = 2.5
 """Duration of an animation, s."""
 
 FILM_DPI = 90
 """Pixels per inch of an animation, whose width is 8 inches at most."""
+
+BODY_COLOURS, LIGHTS, GREYS = 215, 5, 36
+"""Numbers of colours in the palette: of the body, in so many lights in space; and of the rest."""
 
 Pixels = NDArray[np.uint8]
 
@@ -84,7 +87,7 @@ def write_film(path: Path, film: Film) -> Path:
     """
     images = list(film_frames(film))
     with atomic_write(path) as temporary:
-        _write_gif(temporary, images)
+        _write_gif(temporary, images, film_palette(film.surface.flat))
     return path
 
 
@@ -93,6 +96,7 @@ def film_frames(film: Film) -> Iterator[Pixels]:
 
     What does not move is drawn once, and each frame is drawn on a copy of it.
     """
+    import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     surface, view = film.surface, view_of(film.surface.points, film.surface.triangles)
@@ -108,10 +112,10 @@ def film_frames(film: Film) -> Iterator[Pixels]:
     canvas.draw()
     still = canvas.copy_from_bbox(figure.bbox)
     figure.set_layout_engine("none")
+    colours = matplotlib.colormaps["viridis"](sizes / (largest or 1.0))
     for k in tracked(range(len(film.times))):
         canvas.restore_region(still)
-        colours = triangle_colours(surface, sizes[k] / (largest or 1.0))
-        moving = draw_body(axis, surface, view, places[k], colours)
+        moving = draw_smooth_body(axis, surface, view, places[k], colours[k])
         if film.dots is not None:
             paint = [STATES[int(state)][1] for state in film.dots.states[k]]
             at = film.dots.places + factor * film.dots.moved[k]
@@ -143,15 +147,12 @@ def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: 
     return figure
 
 
-def _write_gif(path: Path, images: Sequence[Pixels]) -> None:
-    """Write pictures as an animated GIF with one palette for all frames."""
+def _write_gif(path: Path, images: Sequence[Pixels], palette: Pixels) -> None:
+    """Write pictures as an animated GIF with one palette (at most 256, 3) for all frames."""
     from PIL import Image
 
-    sample = Image.fromarray(np.concatenate(images[:: max(1, len(images) // 8)]))
-    common: Any = sample.quantize(250, dither=Image.Dither.NONE)
-    # the colours of the marks cover too few pixels to enter the palette by themselves
-    kept = [(0, 0, 0), (255, 255, 255), *(state_rgb(state) for state in STATES)]
-    common.putpalette([*common.getpalette()[: 3 * 250], *np.ravel(kept)])
+    common = Image.new("P", (1, 1))
+    common.putpalette(palette.tobytes())
     frames = [
         Image.fromarray(image).quantize(palette=common, dither=Image.Dither.NONE)
         for image in images
@@ -164,6 +165,18 @@ def _write_gif(path: Path, images: Sequence[Pixels]) -> None:
         duration=round(1e3 * FILM_SECONDS / len(frames)),
         loop=0,
     )
+
+
+def film_palette(flat: bool) -> Pixels:
+    """The colours of an animation: displacements in each light, greys, and the contact states."""
+    import matplotlib
+
+    lights = np.linspace(1.0, DARKEST, 1 if flat else LIGHTS)
+    levels = np.linspace(0.0, 1.0, BODY_COLOURS // len(lights))
+    body = 255.0 * lights[:, None, None] * matplotlib.colormaps["viridis"](levels)[:, :3]
+    greys = np.repeat(np.linspace(0.0, 255.0, GREYS)[:, None], 3, axis=1)
+    states = [state_rgb(state) for state in STATES]
+    return np.concatenate([body.reshape(-1, 3), greys, states]).round().astype(np.uint8)
 
 
 def state_rgb(state: int) -> tuple[int, ...]:

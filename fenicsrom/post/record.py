@@ -104,6 +104,12 @@ class Study:
         return found
 
     @property
+    def dropped_modes(self) -> list[str]:
+        """Labels of the modes that the selection left out of the basis."""
+        modes = self.modes.labels if self.modes is not None else ()
+        return [label for label in modes if label not in self.selection.modes]
+
+    @property
     def labels(self) -> Sequence[str]:
         """Labels of the basis vectors, or of the modes and derivatives if there is no basis."""
         if self.basis is not None:

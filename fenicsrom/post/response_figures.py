@@ -75,6 +75,10 @@ def largest_component(found: Response) -> tuple[int, int]:
     return int(place), int(direction)
 
 
+OPPOSITE = 1.0
+"""A phase that starts less than this from -180 degrees starts at +180 degrees: light damping."""
+
+
 def unit_of(found: Response, key: str) -> str:
     """The unit of a number of the scene; "" for a region of nodes, whose unit depends on it."""
     *path, name = key.split(".")
@@ -86,8 +90,12 @@ def unit_of(found: Response, key: str) -> str:
 
 def parameter_label(found: Response) -> str:
     """The parameter with its unit."""
-    key = found.table.parameter
-    assert parameter_of(key)
+    assert parameter_of(found.table.parameter)
+    return key_label(found, found.table.parameter)
+
+
+def key_label(found: Response, key: str) -> str:
+    """A key of the scene with its unit, for people."""
     unit = unit_of(found, key)
     return f"{key}, {unit}" if unit else key
 
@@ -114,11 +122,13 @@ def in_order(piece: Piece) -> list[CurvePoint]:
 def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
     """Phase of the first harmonic of the displacement against the load along a piece, degrees.
 
-    The phase is continuous along the piece, and starts between -270 and 90 degrees.
+    The phase is continuous along the piece, and starts above -180 and at most at 180 degrees, up
+    to `OPPOSITE`.
     """
     angles = [np.angle(point.harmonics[0, place, direction]) for point in points]
     unwrapped = np.degrees(np.unwrap(angles))
-    return np.asarray(unwrapped - 360.0 * np.ceil((unwrapped[0] - 90.0) / 360.0))
+    highest = 180.0 + OPPOSITE
+    return np.asarray(unwrapped - 360.0 * np.ceil((unwrapped[0] - highest) / 360.0))
 
 
 @styled

@@ -7,9 +7,8 @@ from typing import Any
 from fenicsrom.assess.response_results import Response
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.post.directions import direction_names
-from fenicsrom.post.response_figures import largest_direction, parameter_label
+from fenicsrom.post.response_figures import key_label, largest_direction, parameter_label
 from fenicsrom.post.response_motion import largest_point
-from fenicsrom.post.response_rows import with_unit
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
@@ -58,7 +57,7 @@ def _verdict(point: CurvePoint) -> str:
 def bifurcation_table(found: Response) -> list[list[Any]]:
     """The bifurcations of all curves, the head first; empty without any."""
     direction, families = largest_direction(found), found.table.families
-    first = [] if families is None else [families.key]
+    first = [] if families is None else [key_label(found, families.key)]
     head = [*first, "bifurcation", parameter_label(found)]
     head += [f"{direction_names(found.scene)[direction]} amplitude, mm"]
     listed = [
@@ -77,7 +76,7 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
 def full_table(found: Response) -> list[list[Any]]:
     """The full model beside the reduced one, the head first; empty if it was not asked for."""
     direction, families = largest_direction(found), found.table.families
-    first = [] if families is None else [families.key]
+    first = [] if families is None else [key_label(found, families.key)]
     head = [*first, parameter_label(found)]
     head += [
         f"{direction_names(found.scene)[direction]} amplitude, mm",
@@ -113,7 +112,7 @@ def run_table(found: Response) -> list[list[Any]]:
         line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
         line.append(1e3 * curve.seconds / marched if marched else None)
         lines.append([*([] if families is None else [curve.value]), *line])
-    return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
+    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
 
 
 def trust_table(found: Response) -> list[list[Any]]:
@@ -137,7 +136,7 @@ def trust_table(found: Response) -> list[list[Any]]:
         for curve in found.curves
         for check in curve.checks
     ]
-    return [[*([] if families is None else [with_unit(found, families.key)]), *head], *lines]
+    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
 
 
 def terminal(found: Response) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,10 +39,11 @@ RESPONSE_HEAD = (
     "steady",
     "imbalance",
 )
+PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
 RESPONSE_NOTE = (
     "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
     "of the motion. The imbalance is the largest error of the energy balance relative to the "
-    "largest energy of the motion."
+    f"largest energy of the motion. {PERIODS_NOTE}"
 )
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
@@ -108,8 +109,8 @@ def response_rows(
 
 
 def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
-    """Compose the table of responses for the terminal; empty without a motion."""
-    return text_table(response_rows(motions, sizes, scene)) if motions else ""
+    """Compose the table of responses with its note for the terminal; empty without a motion."""
+    return f"{text_table(response_rows(motions, sizes, scene))}\n{PERIODS_NOTE}" if motions else ""
 
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
@@ -259,12 +260,19 @@ def free_slider_sentence(name: str, motion: Motion) -> str | None:
 
 
 def basis_sentences(study: Study) -> list[str]:
-    """State the coordinates of the basis and the condition numbers."""
-    basis, modes = study.basis, study.modes
+    """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
+    basis, modes, dropped = study.basis, study.modes, study.dropped_modes
     if basis is None or modes is None:
         return []
+    left = []
+    if dropped:
+        share = f"{study.scene.basis.threshold:g} of the largest"
+        left = [f"modes left out, with an amplitude below {share}: {' '.join(dropped)}"]
+    if basis.dropped:
+        left.append(f"vectors left out, because others contain them: {' '.join(basis.dropped)}")
     return [
         f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}",
+        *left,
         f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
         f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
     ]
@@ -329,19 +337,25 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
     return found
 
 
-def rerun_warnings(scene: Scene) -> list[str]:
-    """Warn of the keys that have no effect on a run of a stored model."""
+def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
+    """Warn of the given keys or tables that have no effect on a run of a stored model."""
     asked = {
         "reference.full": scene.reference.full,
         "reference.beam": scene.reference.beam is not None,
         "output.motion": scene.output.motion,
         "output.animation": scene.output.animation,
     }
-    keys = [key for key, given in asked.items() if given]
+    named = {key for key in asked for name in given if _is_in(key, name) or _is_in(name, key)}
+    keys = [key for key, on in asked.items() if on and key in named]
     if not keys:
         return []
     verb = "has" if len(keys) == 1 else "have"
     return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+
+
+def _is_in(key: str, table: str) -> bool:
+    """Whether a key is this key or in this table."""
+    return f"{key}.".startswith(f"{table}.")
 
 
 def buckled_sentence(name: str, motion: Motion) -> str:

@@ -18,7 +18,10 @@ LEAST = 4000
 """Fewer triangles, each of one colour, show steps of the colour."""
 
 LEAST_OF_MANY = 1000
-"""The same of an animation and of small panels, which are drawn many times."""
+"""The same of small panels, which are drawn many times."""
+
+LEAST_SMOOTH = 300
+"""The same of an animation, whose colours are interpolated."""
 
 
 def for_picture(

@@ -91,10 +91,8 @@ def selection(run: Run) -> None:
 
 def note_selection(study: Study) -> None:
     """Note the modes and derivatives that the selection left out."""
-    assert study.modes is not None
-    selected = study.selection
+    selected, dropped = study.selection, study.dropped_modes
     threshold = study.scene.basis.threshold
-    dropped = [label for label in study.modes.labels if label not in selected.modes]
     light = [label for label in selected.weights if label not in selected.derivatives]
     if dropped:
         study.left_out.append(

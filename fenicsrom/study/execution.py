@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from fenicsrom.study.offline_cache import OfflineCache
 
 
-SETUP = ("mesh", "solid")
-"""The stages that the picture of the set-up needs."""
-
-
 def run(
     scene: Scene,
     comm: Any = None,
@@ -106,7 +102,9 @@ def offline(
 def setup_picture(
     scene: Scene, name: str, say: Callable[[str], None] | None = None
 ) -> tuple[Picture, list[str]]:
-    """Make the mesh and the solid of a scene, for the picture of its set-up. On one rank.
+    """Make the mesh of a scene and find its places, for the picture of its set-up. On one rank.
+
+    No equilibrium is computed: the picture shows the undeformed body.
 
     Args:
         scene: the scene.
@@ -114,18 +112,22 @@ def setup_picture(
         say: receives the progress, one line at a time; by default nobody.
 
     Returns:
-        The picture, not drawn yet, and the warnings of the mesh and the solid.
+        The picture, not drawn yet, and the warnings of the mesh and the places.
     """
     from mpi4py import MPI
 
+    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.solid import UNDEFORMED, solid_of
     from fenicsrom.post import body_pictures
-    from fenicsrom.post.record import Study
 
-    run = Run(Study(scene), MPI.COMM_SELF, Stopwatch(say))
-    execute(run, [stage for stage in offline_stages(scene, False) if stage.name in SETUP])
-    picture = body_pictures.setup_picture(run.study.solid, scene, name)
+    watch = Stopwatch(say)
+    with watch("mesh"):
+        mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
+    with watch("supports, loads and contacts"):
+        solid = solid_of(scene, mesh, UNDEFORMED)
+        picture = body_pictures.setup_picture(solid, scene, name)
     assert picture is not None
-    return picture, run.study.warnings
+    return picture, solid.warnings
 
 
 def build_model(

@@ -68,9 +68,21 @@ class OfflineCache:
         self._warned = len(self._run.study.warnings)
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
-        names = f"{self.reused[0]} to {self.reused[-1]}"
-        self._run.watch.say(f"{names}: results of an earlier run (--fresh computes them again)")
-        self._run.study.left_out.append(f"{names}: results of an earlier run, from the cache")
+        names = ", ".join(self._needed())
+        self._run.watch.say(
+            f"not computed, because an earlier run kept the same results: {names}; --fresh "
+            "computes them again"
+        )
+        self._run.study.left_out.append(
+            f"{names}: an earlier run kept the same results; --fresh computes them again"
+        )
+
+    def _needed(self) -> list[str]:
+        """The stages that the scene needs, of those whose results were read."""
+        from fenicsrom.study.scene_stages import offline_stages
+
+        listed = offline_stages(self._run.study.scene, modes_only=False)
+        return [stage.name for stage in listed if stage.needed and self.has(stage.name)]
 
     def has(self, stage: str) -> bool:
         """Whether the results of a stage were read."""

@@ -14,7 +14,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fenicsrom.files import CACHE_VARIABLE, cache_is_off
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.files import CACHE_OFF, CACHE_VARIABLE, cache_is_off
 
 LIMIT = 5_000_000_000
 """Largest total size in bytes; a model of 300,000 unknowns takes a tenth of it."""
@@ -43,11 +44,22 @@ class Entry:
 
 
 def cache_folder() -> Path | None:
-    """The folder of the offline results; None if the cache is switched off."""
+    """The folder of the offline results; None if the cache is switched off.
+
+    Raises:
+        SceneError: the environment variable names a file.
+    """
     if cache_is_off():
         return None
     given = os.environ.get(CACHE_VARIABLE)
     if given:
+        if Path(given).exists() and not Path(given).is_dir():
+            raise SceneError(
+                f'{CACHE_VARIABLE} = {given}: is not a folder; name a folder, or "{CACHE_OFF}"',
+                kind=ErrorKind.FILE,
+                key=CACHE_VARIABLE,
+                source=given,
+            )
         return Path(given)
     from fenicsrom.assess.full_cache import cache_folder
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ def rerun(
     resume: Path | None = None,
     say: Callable[[str], None] | None = None,
     stop: Callable[[], bool] = never,
+    given: Collection[str] = (),
 ) -> Rerun:
     """Integrate a stored model, check the motion and write the files: the numbers first.
 
@@ -35,6 +36,7 @@ def rerun(
         resume: checkpoint from which the model continues.
         say: receives the progress, one line at a time; by default nobody.
         stop: called between stages and after each period; the run ends when it returns True.
+        given: keys that the user gave, for the warning of those without effect.
 
     Raises:
         SceneError: the checkpoint cannot be used.
@@ -58,7 +60,7 @@ def rerun(
     begin = load_checkpoint(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
-    warnings = rerun_warnings(scene)
+    warnings = rerun_warnings(scene, given)
     errors: dict[str, MotionErrors] = {}
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []

@@ -280,16 +280,56 @@ def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, mo
     assert main(["run", str(SCENE), "--output", str(tmp_path / "out")]) == 130
 
 
-def test_plan_draws_the_setup(tmp_path, capsys):
+def test_plan_draws_the_setup_without_an_equilibrium(tmp_path, capsys, monkeypatch):
     from matplotlib.image import imread
 
+    from fenicsrom.fem.solid import Solid
+
+    monkeypatch.setattr(Solid, "_find_equilibrium", None)
     path = tmp_path / "plan.png"
     assert main(["plan", str(SCENE), "--picture", str(path)]) == 0
     said = capsys.readouterr()
     assert "full motion" in said.out and said.out.splitlines()[-1].strip() == str(path)
-    assert said.err.splitlines() == ["mesh ..", "solid .."]
+    assert said.err.splitlines() == ["mesh ..", "supports, loads and contacts .."]
     assert list(tmp_path.iterdir()) == [path] and (imread(path)[..., :3] < 0.9).any()
     assert main(["plan", str(SCENE), "--picture", str(tmp_path)]) != 0
+
+
+def test_plan_names_its_command_and_those_of_the_other_tables(capsys):
+    command = ["plan", str(SCENE), "--set", "statics.last=2.0"]
+    assert main(command) == 0
+    first, *stages, compare, statics = capsys.readouterr().out.splitlines()
+    assert first == f"fenicsrom run {SCENE}:"
+    assert all(line.startswith(("runs ", "left out ")) for line in stages)
+    assert f"fenicsrom compare {SCENE}" in compare and f"fenicsrom statics {SCENE}" in statics
+
+
+def test_run_of_stored_model_warns_of_given_keys_only(results, tmp_path, capsys):
+    """The stored scene has reference.full, reference.beam and output.motion."""
+    call = ["run", "--from", str(results / "reduced_model.npz"), *NO_PICTURES]
+    assert main([*call, "--output", str(tmp_path / "one")]) == 0
+    assert "no effect" not in capsys.readouterr().out
+    given = [*call, "--set", "reference.full=true", "--set", "output.motion=false"]
+    assert main([*given, "--output", str(tmp_path / "two")]) == 0
+    (warning,) = [line for line in capsys.readouterr().out.splitlines() if "no effect" in line]
+    assert "reference.full has no effect" in warning
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("loads.0.colour=1", "loads[0].colour"),
+        ("geometry.degree=1", "geometry"),
+        ("loads.0.force", "loads.0.force"),
+    ],
+)
+def test_messages_on_a_stored_model_name_its_file(results, tmp_path, capsys, override, key):
+    model = results / "reduced_model.npz"
+    call = ["run", "--from", str(model), "--output", str(tmp_path / "out"), "--set", override]
+    assert main(call) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"fenicsrom: {model}: ") and str(SCENE) not in line
+    assert key in line
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,18 @@ def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_p
         assert point.probe[0] == pytest.approx(LENGTH * (stretch - 1.0), abs=5e-5)
 
 
+def test_large_last_load_factor_misses_nothing_at_the_start(tmp_path: Path) -> None:
+    """The path to a load of 250 million E A has the same limit points and bifurcations."""
+    near, far = (follow(block(tmp_path, statics={"last": last})) for last in (1.0, 1e9))
+    assert far.reason == "end of the range" and far.points[-1].load_factor == 1e9
+    assert [point.kind for point in far.special] == [point.kind for point in near.special]
+    for one, two in zip(near.special, far.special, strict=True):
+        assert two.load_factor == pytest.approx(one.load_factor, abs=1e-3)
+    stretch = np.array([1.0 + point.probe[0] / LENGTH for point in far.points])
+    factors = np.array([point.load_factor for point in far.points])
+    np.testing.assert_allclose(factors, force(stretch) / 0.25, rtol=1e-6, atol=1e-9)
+
+
 def test_negative_pivots_count_the_unstable_directions(tmp_path: Path) -> None:
     found = follow(block(tmp_path))
     stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points if not point.kind])

@@ -8,6 +8,21 @@ from fenicsrom.post import body_figures, setup_figure
 from fenicsrom.post.body_surface import surface_of
 from fenicsrom.post.body_view import view_of
 from fenicsrom.post.group_drawing import MORE_COLOURS, group_figure
+from fenicsrom.post.setup_marks import (
+    CLAMPED,
+    AttachmentMark,
+    ContactMark,
+    LoadMark,
+    Marks,
+    SupportMark,
+)
+from fenicsrom.post.setup_symbols import (
+    APART,
+    MOST_BARS,
+    REGION_COLOURS,
+    attachment_symbols,
+    bars,
+)
 from fenicsrom.post.style import magnification
 from fenicsrom.post.vtk_files import Grid, reference_nodes
 
@@ -74,29 +89,86 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
     surface, normal = plate
     x = surface.points[:, 0]
     tip = surface.points[x > 0.99 * x.max()]
-    marks = setup_figure.Marks(
-        x < 1e-9,
-        {
-            'force on "tip"': (tip.mean(axis=0), normal, x > 0.99 * x.max()),
-            "away from the viewer": (tip[0], np.zeros(3), x < 0.0),
-        },
-        {"contact": (tip, np.tile([1.0, 0.0, 0.0], (len(tip), 1)))},
-        tip[0],
+    none = np.zeros(len(x), dtype=bool)
+    marks = Marks(
+        supports=[
+            SupportMark(CLAMPED, x < 1e-9, np.zeros((0, 3))),
+            SupportMark("held along x", x > 0.99 * x.max(), np.eye(3)[:1]),
+        ],
+        loads=[
+            LoadMark("first", tip.mean(axis=0)[None], normal, x > 0.99 * x.max()),
+            LoadMark("second", tip.mean(axis=0)[None], normal, none),
+        ],
+        attachments=[
+            AttachmentMark("spring", "spring, 3 N/m", tip[0]),
+            AttachmentMark("dashpot", "dashpot, 2 N s/m", tip[0]),
+            AttachmentMark("mass", "mass, 1 kg", tip[-1]),
+        ],
+        contacts=[ContactMark("contact", tip, np.tile([1.0, 0.0, 0.0], (len(tip), 1)))],
+        probe=tip[0],
     )
     figure = setup_figure.setup_figure(surface, marks, "a plate")
     (legend,) = figure.legends
-    labels = [text.get_text() for text in legend.get_texts()]
-    assert labels == ["support", *marks.loads, "contact", "probe"]
-    held = setup_figure.MARK_COLOURS["support"]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "support, clamped",
+        "support, held along x",
+        "1: first",
+        "2: second",
+        "loaded region",
+        "spring, 3 N/m",
+        "dashpot, 2 N s/m",
+        "mass, 1 kg",
+        "contact",
+        "normal into the wall",
+        "probe",
+    ]
+    (axis,) = figure.axes
+    numbers = [text for text in axis.texts if text.get_text() in "12" and text.get_text()]
+    boxes = [text.get_window_extent() for text in numbers]
+    assert len(boxes) == 2 and not boxes[0].overlaps(boxes[1])
     from matplotlib.colors import to_rgba
 
-    found = [
-        collection
-        for collection in figure.axes[0].collections
-        if np.allclose(collection.get_edgecolor()[:1], to_rgba(held))
-    ]
+    held = to_rgba(REGION_COLOURS["clamped"])
+    found = [c for c in axis.collections if np.allclose(c.get_edgecolor()[:1], held)]
     assert found and len(found[0].get_segments()) >= 4
+    ring = [line for line in axis.lines if line.get_markerfacecolor() == "none"]
+    assert len(ring) == 1  # nothing below the probe is hidden
     drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize("lines", [1, 4])
+def test_long_title_and_legend_of_the_setup_are_whole(plate, lines):
+    surface, normal = plate
+    none = np.zeros(len(surface.points), dtype=bool)
+    load = LoadMark(
+        "a load with a rather long label, 50 N, static", surface.points[:1], normal, none
+    )
+    title = "\n".join(["a title of many words"] * lines)
+    assert not illegible(setup_figure.setup_figure(surface, Marks(loads=[load] * lines), title))
+
+
+def test_symbols_of_attachments_lie_on_nothing_else(plate):
+    surface, _ = plate
+    view = view_of(surface.points, surface.triangles)
+    place = surface.points[0]
+    marks = [AttachmentMark("spring", "spring", place), AttachmentMark("dashpot", "", place)]
+    taken = view.project(place[None]) - [[0.0, 0.1]]
+    symbols = attachment_symbols(marks, view, 0.1, taken)
+    ends = np.array([symbol.lines[0][-1] for symbol in symbols])
+    spots = np.array([np.concatenate(symbol.lines).mean(axis=0) for symbol in symbols])
+    assert np.linalg.norm(spots[0] - spots[1]) > 0.5 * APART * view.length
+    assert np.all(np.linalg.norm(ends - taken, axis=1) > 0.5 * APART * view.length)
+
+
+def test_held_direction_is_drawn_as_a_line_with_a_bar(plate):
+    surface, _ = plate
+    view = view_of(surface.points, surface.triangles)
+    on = surface.points[:, 0] < 1e-9
+    lines = bars(SupportMark("held", on, np.array([[0.6, 0.8, 0.0]])), surface, view, 0.1)
+    ways = lines[:, 1] - lines[:, 0]
+    expected = view.project(np.array([[-0.06, -0.08, 0.0]]))  # out of the body
+    assert 1 < len(lines) <= MOST_BARS
+    np.testing.assert_allclose(ways, np.tile(expected, (len(ways), 1)), atol=1e-12)
 
 
 def test_view_turns_to_a_place_that_must_be_seen(plate):
@@ -158,8 +230,8 @@ def test_setup_shows_the_loaded_side(plate, side):
     surface, normal = plate
     across = side * (surface.points @ normal)
     on = across > across.mean()
-    marks = setup_figure.Marks(on & False, {"load": (surface.points[0], normal, on)}, {}, None)
+    marks = Marks(loads=[LoadMark("load", surface.points[:1], normal, on)])
     figure = setup_figure.setup_figure(surface, marks, "a plate")
     colours = figure.axes[0].collections[0].get_facecolors()
-    red, _, blue, _ = np.array(to_rgba("#F3C6A5"))
+    red, _, blue, _ = np.array(to_rgba(REGION_COLOURS["loaded"]))
     assert np.mean(colours[:, 0] / colours[:, 2] > 0.99 * red / blue) > 0.5

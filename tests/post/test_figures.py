@@ -196,6 +196,9 @@ def test_energy_figure_shows_four_energies_and_imbalance(tmp_path):
     figure = figures.plot_energy(jenkins())
     above, below = figure.axes
     assert len(above.lines) == 4
+    work, damping, friction, energy = above.lines  # curves that coincide are all seen
+    assert all(work.get_linewidth() > 2.0 * line.get_linewidth() for line in (friction, energy))
+    assert damping.is_dashed() and damping.get_zorder() > energy.get_zorder()
     assert below.lines[0].get_ydata()[-1] == pytest.approx(-1e-3)
     drawn(figure, tmp_path)
     touching = jenkins()

@@ -7,7 +7,16 @@ import pytest
 from test_body_surface import beam_surface
 
 from fenicsrom.post import style
-from fenicsrom.post.film import FILM_SECONDS, Dots, Film, film_frames, state_rgb, write_film
+from fenicsrom.post.body_drawing import DARKEST
+from fenicsrom.post.film import (
+    FILM_SECONDS,
+    Dots,
+    Film,
+    film_frames,
+    film_palette,
+    state_rgb,
+    write_film,
+)
 
 LENGTH = 2.0
 STATES = (1, 0, 1, 0)
@@ -62,9 +71,24 @@ def test_written_animation_has_all_frames(tmp_path):
     assert os.listdir(tmp_path) == ["motion.gif"]
     with Image.open(path) as film:
         assert film.n_frames == 4 and film.info["loop"] == 0
-        assert film.info["duration"] == pytest.approx(1e3 * FILM_SECONDS / 4)
+        assert film.info["duration"] == pytest.approx(1e3 * FILM_SECONDS / 4, abs=10.0)
         frames = []
         for k in range(4):
             film.seek(k)
             frames.append(np.asarray(film.convert("RGB")))
     heights(frames)
+    drawn = np.array(list(film_frames(swing(0.2))), dtype=int)
+    assert np.all(frames[0][60:, -5:] == 255)  # the background is white
+    assert np.percentile(np.abs(drawn - frames).max(axis=3), 98.0) < 10  # but at smoothed edges
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_palette_has_the_colours_of_the_body_in_every_light(flat):
+    import matplotlib
+
+    palette = film_palette(flat).astype(int)
+    assert len(palette) <= 256
+    viridis = 255.0 * matplotlib.colormaps["viridis"](np.linspace(0.0, 1.0, 29))[:, :3]
+    for light in [1.0] if flat else [1.0, 0.9, DARKEST]:
+        away = np.abs(light * viridis[:, None] - palette).max(axis=2).min(axis=1)
+        assert away.max() < (3.0 if flat else 9.0)

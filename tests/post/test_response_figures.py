@@ -18,6 +18,7 @@ from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state
 from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
 from fenicsrom.post.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.response_rows import rows
+from fenicsrom.post.response_tables import bifurcation_table, run_table, trust_table
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -161,7 +162,16 @@ def test_phase_is_continuous_where_its_angle_jumps() -> None:
     points = [point(1.0, lag, 1.0, 0.9) for lag in np.linspace(0.9 * np.pi, 1.3 * np.pi, 30)]
     phase = phases(points, 0, 1)
     assert np.abs(np.diff(phase)).max() < 5.0 and np.ptp(phase) == pytest.approx(72.0)
-    assert -270.0 < phase[0] <= 90.0
+    assert phase[0] == pytest.approx(-162.0)  # the points lag behind
+
+
+@pytest.mark.parametrize(
+    ("lag", "start"), [(0.0, 0.0), (180.5, 179.5), (179.5, 180.5), (175.0, -175.0), (200.0, 160.0)]
+)
+def test_phase_starts_between_minus_180_and_180(lag: float, start: float) -> None:
+    """Below its resonance a body on a shaker moves against the acceleration."""
+    points = [point(1.0, np.radians(lag + more), 1.0, 0.9) for more in (0.0, 90.0, 180.0)]
+    np.testing.assert_allclose(phases(points, 0, 1), [start, start - 90.0, start - 180.0])
 
 
 def test_contact_map_over_the_parameter_shows_the_states_of_the_nearest_motion() -> None:
@@ -240,3 +250,8 @@ def test_stretches_share_a_bifurcation() -> None:
     points = [point(1.0, 0.1, p, size) for p, size in ((1.0, 0.9), (2.0, 0.9), (2.1, 3.0))]
     points.insert(2, point(1.0, 0.1, 2.05, 1.0, "fold"))
     assert stretches(points) == [(True, [0, 1, 2]), (False, [2, 3])]
+
+
+def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
+    for table in (bifurcation_table(found), run_table(found), trust_table(found)):
+        assert table[0][0] == "loads.0.force, N"

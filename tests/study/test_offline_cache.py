@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene
+from support import STOCKY, beam_scene, refusal
 
 from fenicsrom import study
 from fenicsrom.cli import main
-from fenicsrom.errors import SceneError
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import (
     CACHE_OFF,
     CACHE_VARIABLE,
@@ -297,6 +297,21 @@ def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path
     assert_equal_runs(again, third)
 
 
+def test_run_names_the_stages_that_it_did_not_compute(folder: Path) -> None:
+    """Of the stages that the scene needs; a listed derivative needs no transient."""
+    pytest.importorskip("dolfinx")
+    scene = loaded_scene("basis.derivatives=['1V1V']")
+    run(scene)
+    said: list[str] = []
+    found = study.run(scene, say=said.append)
+    (line,) = [line for line in said if "--fresh" in line]
+    listed = line.partition(": ")[2].partition(";")[0].split(", ")
+    assert {"mesh", "solid", "modes", "derivatives", "reduction", "candidates"} <= set(listed)
+    assert "linear transient" not in listed
+    assert not {*listed} & found.seconds.keys()
+    assert any(", ".join(listed) in line for line in found.left_out)
+
+
 def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
     run(loaded_scene("basis.derivatives='none'"))
     other = loaded_scene(
@@ -333,6 +348,21 @@ def test_switched_off_cache_keeps_nothing(
     assert main(["cache"]) == 0
     assert "not kept" in capsys.readouterr().out
     assert not folder.exists()
+
+
+def test_file_in_place_of_the_folder_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "cache"
+    path.write_text("")
+    monkeypatch.setenv(CACHE_VARIABLE, str(path))
+    with refusal(ErrorKind.FILE, key=CACHE_VARIABLE, file=path.name):
+        result_cache.cache_folder()
+    assert main(["cache"]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    pytest.importorskip("dolfinx")
+    with refusal(ErrorKind.FILE, key=CACHE_VARIABLE, file=path.name):
+        study.run(loaded_scene())
 
 
 # ------------------------------------------------------------------ the folder

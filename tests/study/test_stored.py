@@ -33,9 +33,9 @@ def stored(*overrides: str) -> StoredModel:
     return StoredModel(model, scene, "rubin", ("1V",), 9, np.array([3.6, 22.0]), {})
 
 
-def warnings_of(model: StoredModel, folder: Path) -> list[str]:
+def warnings_of(model: StoredModel, folder: Path, given: tuple[str, ...] = ()) -> list[str]:
     """The warnings of a run, which its summary repeats."""
-    found = study.rerun(model, folder)
+    found = study.rerun(model, folder, given=given)
     assert json.loads((folder / "summary.json").read_text())["warnings"] == found.warnings
     return found.warnings
 
@@ -67,9 +67,11 @@ def test_stored_model_keeps_its_modes_where_a_scene_leaves_them_open() -> None:
 
 
 @pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
-def test_key_without_effect_on_stored_model_is_named(tmp_path: Path, key: str) -> None:
-    named = [text for text in warnings_of(stored(f"{key}=true"), tmp_path) if key in text]
-    assert len(named) == 1
+def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, key: str) -> None:
+    model, table = stored(f"{key}=true"), key.partition(".")[0]
+    for given, count in (((key,), 1), ((table,), 1), ((), 0), (("output.pictures",), 0)):
+        named = [text for text in warnings_of(model, tmp_path, given) if key in text]
+        assert len(named) == count
 
 
 def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:

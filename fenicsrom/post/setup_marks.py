@@ -1,0 +1,288 @@
+"""What the picture of the set-up marks: supports, loads, attachments, contacts and the probe.
+
+All of it belongs to the undeformed body, which the picture shows: the arrow of a pressure is normal
+to the face that is drawn, also if the pressure follows the deformation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.post.body_surface import Ints
+from fenicsrom.post.fields import contact_places
+from fenicsrom.post.vtk_files import in_space
+from fenicsrom.scene import Load, Place, Scene, Support
+from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
+from fenicsrom.scene.tables import keys
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid import Solid
+
+Flags = NDArray[np.bool_]
+
+CLAMPED = "clamped"
+"""The legend of supports that hold every component."""
+
+WEIGHTY = 0.1
+"""Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
+
+LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
+"""Key of the size of a load -> its unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class SupportMark:
+    """Supports that hold the same directions.
+
+    Attributes:
+        label: which directions they hold, for the legend.
+        on: (n,) whether a point of the body belongs to them.
+        directions: (c, 3) unit vectors of the held directions; (0, 3) if every component is held.
+    """
+
+    label: str
+    on: Flags
+    directions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LoadMark:
+    """A load.
+
+    Attributes:
+        label: its kind, place, size and history, for the legend.
+        places: (k, 3) where its arrows end, m.
+        direction: (3,) unit vector.
+        on: (n,) whether a point of the body belongs to the region on which it is distributed.
+    """
+
+    label: str
+    places: Array
+    direction: Array
+    on: Flags
+
+
+@dataclass(frozen=True, eq=False)
+class AttachmentMark:
+    """A concentrated mass, spring or dashpot.
+
+    Attributes:
+        kind: "mass", "spring" or "dashpot".
+        label: with its size, for the legend.
+        place: (3,) where it is, m.
+    """
+
+    kind: str
+    label: str
+    place: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ContactMark:
+    """A contact.
+
+    Attributes:
+        label: its name in the legend.
+        places: (P, 3) its contact points, m.
+        normals: (P, 3) unit normals into the wall.
+    """
+
+    label: str
+    places: Array
+    normals: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Marks:
+    """What the picture of the set-up marks.
+
+    Attributes:
+        supports, loads, attachments, contacts: the marks of each kind.
+        probe: (3,) the place where the motion is read, or None.
+    """
+
+    supports: Sequence[SupportMark] = ()
+    loads: Sequence[LoadMark] = ()
+    attachments: Sequence[AttachmentMark] = ()
+    contacts: Sequence[ContactMark] = ()
+    probe: Array | None = None
+
+    def at(self, kept: Ints) -> Marks:
+        """The marks on the points of a surface that has only these points of the whole one."""
+        return replace(
+            self,
+            supports=[replace(mark, on=mark.on[kept]) for mark in self.supports],
+            loads=[replace(mark, on=mark.on[kept]) for mark in self.loads],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """What `marks_of` needs of a solid, from all ranks.
+
+    Attributes:
+        fields: label -> field (local,): 1 at the first component of the nodes of a region, or
+            nodal forces of a pressure.
+        positions: the centre of each region on which a point is marked, m.
+    """
+
+    fields: dict[str, Array]
+    positions: Mapping[Place, Array]
+
+
+def marked(solid: Solid, scene: Scene) -> Marked:
+    """Find the nodes and centres of the regions that a scene names. Collective."""
+    from fenicsrom.fem.supports import support_directions
+
+    d = solid.dimension
+    fields: dict[str, Array] = {}
+    positions: dict[Place, Array] = {}
+
+    def mark(label: str, nodes: Any) -> None:
+        fields[label] = np.zeros(solid.local)
+        fields[label][nodes[nodes < solid.local // d] * d] = 1.0
+
+    for k, support in enumerate(scene.supports):
+        mark(f"support {k}", support_directions(solid.mesh, solid.space, support, scene.source)[0])
+    for k, load in enumerate(scene.loads):
+        if load.everywhere:
+            continue
+        if _is_region(load.place) and load.place.at == "mean":
+            mark(f"load {k}", solid.mesh.nodes(load.place, solid.space))
+        if load.kind == "pressure":
+            fields[f"pressure {k}"] = solid.load_vector(load, f"loads[{k}]")
+        elif _is_region(load.place):
+            positions[load.place] = solid.place(load.place, f"loads[{k}]")[1]
+    for k, attachment in enumerate(scene.attachments):
+        if _is_region(attachment.place):
+            positions[attachment.place] = solid.place(attachment.place, f"attachments[{k}]")[1]
+    return Marked(fields, positions)
+
+
+def marks_of(
+    solid: Solid, scene: Scene, found: Marked, points: Array, values: Mapping[str, Array]
+) -> Marks:
+    """The marks of a scene. On the first rank.
+
+    Args:
+        solid: the body.
+        scene: its scene.
+        found: its regions.
+        points: (n, 3) all points of the body, m.
+        values: the fields of `found` (n, 3) at the points.
+    """
+
+    def place_of(place: Place) -> Array:
+        if place in found.positions:
+            return np.asarray(found.positions[place])
+        wanted = np.zeros(3)
+        coordinates = place.node if place.node is not None else place.nearest
+        wanted[: solid.dimension] = coordinates or ()
+        return np.asarray(points[np.argmin(np.linalg.norm(points - wanted, axis=1))])
+
+    supports = _support_marks(scene, values)
+    loads = [_load_mark(scene, k, points, values, place_of) for k in range(len(scene.loads))]
+    attachments = [
+        AttachmentMark(kind, label, place_of(attachment.place))
+        for attachment in scene.attachments
+        for kind, label in _attached(attachment)
+    ]
+    contacts = []
+    places = contact_places(solid.points)
+    for k in range(len(scene.contacts)):
+        mine = solid.points.contact == k
+        label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
+        contacts.append(ContactMark(label, places[mine], in_space(solid.points.frame[mine, 0])))
+    hidden = (scene.contacts and scene.probe is None) or np.isnan(solid.probe_position).any()
+    return Marks(supports, loads, attachments, contacts, None if hidden else solid.probe_position)
+
+
+def _support_marks(scene: Scene, values: Mapping[str, Array]) -> list[SupportMark]:
+    """The supports, those with the same directions together."""
+    marks: dict[str, SupportMark] = {}
+    for k, support in enumerate(scene.supports):
+        label, directions = _held(support, scene.geometry.dimension)
+        on = values[f"support {k}"][:, 0] > 0.5
+        if label in marks:
+            on = on | marks[label].on
+        marks[label] = SupportMark(label, on, directions)
+    return list(marks.values())
+
+
+def _held(support: Support, d: int) -> tuple[str, Array]:
+    """The legend of a support and its held directions (c, 3); none if it holds all."""
+    if support.normal is not None:
+        along = ", ".join(f"{x:.3g}" for x in support.normal)
+        return f"held along ({along})", in_space(np.array([support.normal]))
+    axes = support.components or tuple("xyz"[:d])
+    if len(set(axes)) == d:
+        return CLAMPED, np.zeros((0, 3))
+    return f"held along {' and '.join(axes)}", np.eye(3)[["xyz".index(axis) for axis in axes]]
+
+
+def _load_mark(
+    scene: Scene, k: int, points: Array, values: Mapping[str, Array], place_of: Any
+) -> LoadMark:
+    """The mark of a load. A motion of the supports has an arrow at each of them."""
+    load = scene.loads[k]
+    on: Flags = np.zeros(len(points), dtype=bool)
+    if f"load {k}" in values:
+        on = values[f"load {k}"][:, 0] > 0.5
+    direction = np.zeros(3)
+    if load.direction is not None:
+        direction[: len(load.direction)] = load.direction
+    if load.moves_supports:
+        held = [values[f"support {n}"][:, 0] > 0.5 for n in range(len(scene.supports))]
+        places = np.array([points[found].mean(axis=0) for found in held])
+    elif load.everywhere:
+        places = points.mean(axis=0)[None]
+    elif load.kind == "pressure":
+        forces = values[f"pressure {k}"]
+        sizes = np.linalg.norm(forces, axis=1)
+        middle = sizes @ points / sizes.sum()
+        weighty = np.flatnonzero(sizes > WEIGHTY * sizes.max())
+        nearest = weighty[np.argmin(np.linalg.norm(points[weighty] - middle, axis=1))]
+        places, direction = points[[nearest]], forces[nearest] / sizes[nearest]
+    else:
+        places = place_of(load.place)[None]
+    return LoadMark(_load_label(load), places, np.copysign(1.0, load.size) * direction, on)
+
+
+def _load_label(load: Load) -> str:
+    """Kind, place, size and history of a load."""
+    where = ""
+    if not load.everywhere and load.place.group is not None:
+        where = f' on "{load.place.group}"'
+    history = "static" if load.static else f"{load.frequency:g} Hz" if load.frequency else "table"
+    if isinstance(load.history, Harmonics):
+        history = f"harmonics of {history}"
+    elif isinstance(load.history, Sweep):
+        history = f"{history} to {load.history.sweep.to:g} Hz"
+    elif isinstance(load.history, Pulse):
+        history = "pulse"
+    size = f"{abs(load.size):g} {LOAD_UNITS[load.kind]}"
+    kind = f"{'follower ' * load.follower}{load.kind.replace('_', ' ')}"
+    return f"{kind}{where}, {size}, {history}"
+
+
+def _attached(attachment: Any) -> list[tuple[str, str]]:
+    """The kinds and the legends of the parts of an attachment."""
+    parts = (
+        ("mass", attachment.mass, "kg"),
+        ("spring", attachment.stiffness, "N/m"),
+        ("spring", attachment.stiffness_per_area, "N/m³"),
+        ("dashpot", attachment.damping, "N s/m"),
+        ("dashpot", attachment.damping_per_area, "N s/m³"),
+    )
+    return [(kind, f"{kind}, {size:g} {unit}") for kind, size, unit in parts if size]
+
+
+def _is_region(place: Place) -> bool:
+    """Whether a place is a region, and not given by the coordinates of a point."""
+    return place.node is None and place.nearest is None

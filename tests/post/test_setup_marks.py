@@ -1,0 +1,94 @@
+"""What the picture of the set-up marks, from scenes on small meshes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from support import beam_scene
+
+pytest.importorskip("dolfinx")
+
+from mpi4py import MPI
+
+from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.solid import UNDEFORMED, solid_of
+from fenicsrom.post.body_surface import gathered_surface
+from fenicsrom.post.setup_marks import CLAMPED, Marks, marked, marks_of
+
+SMALL = (
+    "geometry.parameters.length=1.0",
+    "geometry.parameters.height=0.1",
+    "geometry.parameters.elements_along=8",
+    "geometry.parameters.load_at=0.5",
+)
+TOP = {"point": [0.0, 0.05], "normal": [0.0, 1.0]}
+
+
+def marks(scene: Any, known: Any = UNDEFORMED) -> tuple[Marks, Any]:
+    """The marks of a scene and the points of its body."""
+    solid = solid_of(scene, build_mesh(scene.geometry, MPI.COMM_SELF), known)
+    regions = marked(solid, scene)
+    fields = {name: solid.field(values) for name, values in regions.fields.items()}
+    found = gathered_surface(solid.space, fields)
+    assert found is not None
+    surface, values = found
+    return marks_of(solid, scene, regions, surface.points, values), surface.points
+
+
+def test_follower_pressure_is_marked_on_the_undeformed_face_up_to_the_supports() -> None:
+    """15 MPa turn the face of the equilibrium by several degrees."""
+    load = {"plane": TOP, "pressure": 1.5e7, "follower": True}
+    scene = beam_scene(2, SMALL, contacts=None, loads=[load])
+    for known in (UNDEFORMED, None):
+        found, points = marks(scene, known)
+        (mark,) = found.loads
+        np.testing.assert_allclose(mark.direction, [0.0, -1.0, 0.0], atol=1e-12)
+        assert mark.places[0, 1] == pytest.approx(0.05)
+        np.testing.assert_array_equal(mark.on, np.abs(points[:, 1] - 0.05) < 1e-9)
+        assert mark.label == "follower pressure, 1.5e+07 Pa, static"
+
+
+def test_supports_that_hold_the_same_are_one_mark() -> None:
+    supports = [
+        {"group": "root"},
+        {"group": "tip", "normal": [0.6, 0.8]},
+        {"node": [0.5, -0.05], "components": ["y"]},
+        {"node": [0.25, -0.05], "components": ["y"]},
+    ]
+    found, points = marks(beam_scene(2, SMALL, contacts=None, supports=supports))
+    clamped, slanted, roller = found.supports
+    assert clamped.label == CLAMPED and not len(clamped.directions)
+    assert slanted.label == "held along (0.6, 0.8)" and roller.label == "held along y"
+    np.testing.assert_allclose(slanted.directions, [[0.6, 0.8, 0.0]])
+    np.testing.assert_array_equal(slanted.on, points[:, 0] > 0.999)
+    assert roller.on.sum() == 2
+
+
+def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:
+    loads = [
+        {"group": "load", "direction": [0.0, 1.0], "force": -5.0},
+        {"support_acceleration": 2.0, "direction": [0.0, 1.0], "frequency": 3.0},
+    ]
+    attachments = [
+        {"group": "tip", "stiffness": 3.0, "damping": 2.0},
+        {"nearest": [0.51, 0.06], "mass": 0.25},
+    ]
+    supports = [{"group": "root"}, {"node": [0.5, -0.05], "components": ["y"]}]
+    scene = beam_scene(2, SMALL, loads=loads, attachments=attachments, supports=supports)
+    found, _ = marks(scene)
+    assert [(mark.kind, mark.label) for mark in found.attachments] == [
+        ("spring", "spring, 3 N/m"),
+        ("dashpot", "dashpot, 2 N s/m"),
+        ("mass", "mass, 0.25 kg"),
+    ]
+    places = [mark.place for mark in found.attachments]
+    np.testing.assert_allclose(places, [[1, 0, 0], [1, 0, 0], [0.5, 0.05, 0]], atol=1e-9)
+    force, shaken = found.loads
+    assert force.direction @ [0.0, 1.0, 0.0] == -1.0
+    assert shaken.label == "support acceleration, 2 m/s², 3 Hz" and len(shaken.places) == 2
+    np.testing.assert_allclose(shaken.places, [[0, 0, 0], [0.5, -0.05, 0]], atol=1e-9)
+    (contact,) = found.contacts
+    np.testing.assert_allclose(contact.normals, [[1.0, 0.0, 0.0]])
+    assert found.probe is None  # the motion is read at the contact
