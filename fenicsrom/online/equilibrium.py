@@ -208,7 +208,7 @@ class _Statics:
                 0.0, 0.0, self._tangent(q), -inertia, self.scratch.directions
             )
             inner = np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
-            x = model.contact_displacement(y) - model.contact_displacement(zero)
+            x = model.contact_displacement(y).copy() - model.contact_displacement(zero)
             new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
             rate = 1.0 / model.dot(inertia, new)
             shape = new
@@ -258,5 +258,5 @@ class _Statics:
             0.0, 0.0, self._tangent(q), -force, self.scratch.directions
         )
         if model.dot(y, model.mass_times(y)) > 0.0:
-            return np.asarray(y), force
+            return y.copy(), force
         return np.asarray(unit.sum(axis=1)), force

@@ -10,6 +10,7 @@ from support import beam_scene
 
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.state import PeriodicSearch
 from fenicsrom.post.sentences import error_sentence, millimetres
 
 
@@ -181,6 +182,27 @@ def test_errors_are_percent_of_reference():
     free = motion(exact.time, exact.displacement)
     assert measures.errors_percent(exact, free)["peak_normal_force"] is None
     assert measures.errors_percent(exact, free)["dissipated_per_period"] is None
+
+
+def test_errors_of_small_and_large_forces_are_equal():
+    exact, close = jenkins(normal=1e-3), jenkins(normal=1.1e-3)
+    whole = measures.errors_percent(close, exact)["peak_normal_force"]
+    small = (replace(case, force=1e-6 * case.force) for case in (close, exact))
+    assert measures.errors_percent(*small)["peak_normal_force"] == pytest.approx(whole)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tends", "told"),
+    [
+        ("not found", False, "not found"),
+        ("stable", True, "stable"),
+        ("stable", False, "not reached"),
+        ("torus", True, "unstable: torus"),
+    ],
+)
+def test_search_verdict_tells_stability_and_whether_the_run_tends_to_it(verdict, tends, told):
+    search = PeriodicSearch(verdict, tends, None, 1, 5, 4, 1e-12, np.zeros(0, complex), 0)
+    assert measures.search_verdict(search) == told
 
 
 def test_tangential_error_in_3d_compares_vectors():
