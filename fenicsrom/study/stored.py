@@ -132,7 +132,7 @@ def _integrate(
     from fenicsrom.online.checkpoints import keeper
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.summary import CHECKPOINT
+    from fenicsrom.post.summary import CHECKPOINT, write_checkpoint
 
     try:
         motion = simulate(
@@ -148,6 +148,7 @@ def _integrate(
         if not isinstance(error.partial, Motion):  # it failed before the first step
             raise
         return error.partial, error
+    write_checkpoint(folder, model, scene, motion)  # the checks may be interrupted
     return motion, None
 
 
