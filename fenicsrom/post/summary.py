@@ -37,7 +37,6 @@ from fenicsrom.scene import Scene
 
 SUMMARY = "summary.json"
 HISTORY = "history.npz"
-MODEL = "reduced_model.npz"
 CHECKPOINT = "checkpoint.npz"
 
 
