@@ -105,24 +105,26 @@ def _coincide(arrow: Arrow, other: Arrow, near: float) -> bool:
     return bool(same and np.linalg.norm(arrow.end - other.end) < near)
 
 
-def number_places(arrows: Sequence[Arrow], reach: float, taken: Array) -> Array:
-    """Places (n, 2) of the numbers of arrows: behind or beside their tails, where there is room.
+def number_places(arrows: Sequence[Arrow], reach: float, taken: Array) -> list[Array]:
+    """Places (2,) of the numbers of arrows: behind or beside their tails, where there is room.
 
     Arguments as for `draw_arrows`.
     """
     shafts = [start + np.linspace(0.0, 1.0, 8)[:, None] * (end - start) for _, start, end in arrows]
-    taken = np.concatenate([np.zeros((0, 2)), taken, *shafts])
+    every: Array = np.concatenate([np.zeros((0, 2)), taken, *shafts])
     places: list[Array] = []
     for _, start, end in arrows:
-        way, size = end - start, float(np.linalg.norm(end - start))
-        way = way / size if size > DOT * reach else np.array([0.0, -1.0])
+        size = float(np.linalg.norm(end - start))
+        way = np.array([0.0, -1.0])
+        if size > DOT * reach:
+            way = (end - start) / size
         across = np.array([-way[1], way[0]])
         steps = np.array([[1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [2, 0], [2, 1], [2, -1]])
         options = start + NUMBER * reach * steps @ [-way, across]
-        apart = np.linalg.norm(options[:, None] - np.array([*taken, *places]), axis=2).min(axis=1)
+        apart = np.linalg.norm(options[:, None] - np.array([*every, *places]), axis=2).min(axis=1)
         free = np.flatnonzero(apart > 0.9 * NUMBER * reach)
         places.append(options[free[0] if free.size else int(np.argmax(apart))])
-    return np.array(places)
+    return places
 
 
 def draw_arrows(
@@ -148,7 +150,7 @@ def draw_arrows(
         "shrinkB": 0,
     }
     places = number_places(arrows, reach, taken)
-    for (number, start, end), (x, y) in zip(arrows, places, strict=True):
+    for (number, start, end), place in zip(arrows, places, strict=True):
         if np.linalg.norm(end - start) > DOT * reach:
             head, tail = ((float(x), float(y)) for x, y in (end, start))
             axis.annotate("", head, tail, arrowprops=look, zorder=5)
@@ -157,6 +159,7 @@ def draw_arrows(
         if numbered:
             text: dict[str, Any] = {"ha": "center", "va": "center", "weight": "bold"}
             text["path_effects"] = [withStroke(linewidth=3.0, foreground="white")]
+            x, y = place
             axis.text(x, y, str(number + 1), color=colour, fontsize=10, zorder=7, **text)
 
 
