@@ -106,7 +106,8 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
     state = STATES.get(options.name)
     if state is None or not (folder / state).exists():
         if options.name == "run" and not options.stored and _is_of(options, folder / MODEL):
-            words = ["fenicsrom", "run", "--from", str(folder / MODEL), "--output", str(folder)]
+            words = ["fenicsrom", "run", "--from", str(folder / MODEL)]
+            words += ["--output", f"{folder}_reduced"]
             return (
                 f"the reduced model was kept, but no motion; to run this model: {shlex.join(words)}"
                 "; to compute all, run the command again"
