@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fenicsrom.arrays import Array
 from fenicsrom.study.stage import Run
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
 
 
 def _output(run: Run) -> Path:
