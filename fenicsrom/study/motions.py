@@ -88,7 +88,8 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     from fenicsrom.online.archive import save_model
     from fenicsrom.online.checkpoints import keeper, load_checkpoint
     from fenicsrom.online.model import ReducedModel
-    from fenicsrom.post.summary import CHECKPOINT, MODEL, stored_model
+    from fenicsrom.post.origin import MODEL
+    from fenicsrom.post.summary import CHECKPOINT, stored_model
 
     study, model = run.study, run.study.model
     if not isinstance(model, ReducedModel):

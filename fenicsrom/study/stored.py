@@ -51,6 +51,7 @@ def rerun(
         UNJUDGED,
         UNJUDGED_MATRICES,
         motion_warnings,
+        rerun_left_out,
         rerun_warnings,
     )
     from fenicsrom.reduction.mode_count import missing_modes
@@ -75,7 +76,8 @@ def rerun(
     stresses = None
     if unfinished is None:
         stresses = _stresses(stored, motion, warnings, watch)
-    found = Rerun(stored, motion, errors, unfinished, warnings, stresses)
+    left_out = rerun_left_out(stored, motion)
+    found = Rerun(stored, motion, errors, unfinished, warnings, stresses, left_out)
     _write(found, folder, watch, stop)
     return found
 

@@ -92,6 +92,17 @@ def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, ke
         assert len(named) == count
 
 
+def test_report_lists_what_a_stored_model_leaves_out(tmp_path: Path) -> None:
+    """Also those keys of the stored scene that the user did not give."""
+    model = stored("output.motion=true", "output.animation=true")
+    assert len(warnings_of(model, tmp_path)) == 2  # unsteady, and not judged
+    left = json.loads((tmp_path / "summary.json").read_text())["left_out"]
+    names = ["offline stages, and files of the body", "ParaView motion", "animation"]
+    assert [line.partition(": ")[0] for line in left] == names
+    (section,) = (tmp_path / "report.html").read_text().split("<h2>Left out</h2>")[1:]
+    assert "output.motion" in section and "output.animation" in section
+
+
 def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
     """With so long a step, the run with twice the step gives another motion."""
     model = stored("time.steps_per_period=10", "time.periods=40", "loads.0.frequency=3.6")
