@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
     require_scene(options)
     comm, say, scene = start(options)
     from fenicsrom.post import sentences
+    from fenicsrom.post.directions import direction_names
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
@@ -44,7 +45,8 @@ def run(options: argparse.Namespace) -> int:
             fresh=options.fresh,
         )
         if comm.rank == 0:
-            table = sentences.response_table(found.motions, found.sizes, scene)
+            names = direction_names(scene, found.solid.points)
+            table = sentences.response_table(found.motions, found.sizes, names)
             lines = sentences.study_sentences(found)
             print_results(scene, table, found.warnings, lines, found.files)
         return end(comm, found.unfinished[1] if found.unfinished else None)
@@ -56,6 +58,7 @@ def _rerun(options: argparse.Namespace) -> int:
 
     from fenicsrom.online import archive, checkpoints
     from fenicsrom.post import sentences
+    from fenicsrom.post.directions import direction_names
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -72,7 +75,8 @@ def _rerun(options: argparse.Namespace) -> int:
             given=given_keys(options),
         )
         sizes = {"reduced": stored.size}
-        table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
+        names = direction_names(current.scene, current.model.points)
+        table = sentences.response_table({"reduced": found.motion}, sizes, names)
         lines = sentences.rerun_sentences(found)
         print_results(current.scene, table, found.warnings, lines, found.files)
         return end(None, found.unfinished)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.online.measures import has_contact
+from fenicsrom.post.directions import plain_names
 from fenicsrom.post.style import STATES, line_styles, new_figure, styled
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a sma
 
 
 @styled
-def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()) -> Figure:
     """Draw displacements over the last two periods, one panel per direction.
 
     Each panel shows all models, as figure 5 of the paper does.
@@ -32,10 +33,11 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     Args:
         motions: model name -> motion.
         point: number of the contact point.
+        names: of the directions.
     """
     styles = line_styles(motions)
     directions = max(motion.displacement.shape[2] for motion in motions.values())
-    touching = any(has_contact(motion) for motion in motions.values())
+    names = names or plain_names(directions, any(map(has_contact, motions.values())))
     figure = new_figure(8.6, 0.7 + 2.2 * directions)
     axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
     for name, motion in motions.items():
@@ -45,7 +47,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
                 time, 1e3 * motion.displacement[part, point, k], label=name, **styles[name]
             )
     for k, axis in enumerate(axes):
-        axis.set_ylabel(f"{direction_name(k, directions, touching)}\ndisplacement, mm")
+        axis.set_ylabel(f"{names[k]}\ndisplacement, mm")
         axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
@@ -64,7 +66,9 @@ _LOOPS = {
 
 
 @styled
-def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+def plot_contact(
+    motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()
+) -> Figure:
     """Draw contact states over the last period, and contact forces against displacements.
 
     The loops show the tangential force against the tangential displacement, one panel per tangent
@@ -75,6 +79,7 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     Args:
         motions: model name -> motion; motions without contact are left out.
         point: number of the contact point.
+        names: of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
@@ -86,14 +91,16 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
     _plot_states(figure.add_subplot(grid[0, :]), motions, point)
     panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
-    _plot_loops(panels, motions, point)
+    _plot_loops(panels, motions, point, names)
     _legend(figure, panels[0])
     return figure
 
 
 @styled
 def plot_points(
-    motions: Mapping[str, Motion], points: Mapping[str, Sequence[Mapping[str, Any]]]
+    motions: Mapping[str, Motion],
+    points: Mapping[str, Sequence[Mapping[str, Any]]],
+    names: Sequence[str] = (),
 ) -> Figure:
     """Draw the peak force, the time in contact and the dissipation of all contact points.
 
@@ -102,6 +109,7 @@ def plot_points(
     Args:
         motions: model name -> motion; motions without contact are left out.
         points: model name -> the result of `point_summaries`.
+        names: of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     styles = line_styles(motions)
@@ -135,6 +143,7 @@ def plot_points(
         panels,
         {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest},
         hardest,
+        names,
     )
     below.suptitle(
         f"contact point {hardest + 1}: largest normal force",
@@ -146,10 +155,13 @@ def plot_points(
     return figure
 
 
-def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: int) -> None:
+def _plot_loops(
+    panels: Sequence[Axes], motions: Mapping[str, Motion], point: int, names: Sequence[str]
+) -> None:
     """Draw the loops of a contact point over the last period, one panel for each of `_LOOPS`."""
     styles = line_styles(motions)
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    names = names or plain_names(directions, touching=True)
     for axis, pair in zip(panels, _LOOPS[directions], strict=True):
         for name, motion in motions.items():
             part = motion.last_period()
@@ -161,21 +173,21 @@ def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: in
                     for kind, k in pair
                 ]
                 axis.plot(*curve, label=name, **styles[name])
-        axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+        axis.set(xlabel=_quantity(pair[0], names), ylabel=_quantity(pair[1], names))
         axis.locator_params(axis="x", nbins=NARROW)
     panels[-1].set_title("orbit")
 
 
-def _quantity(name: str, directions: int) -> str:
+def _quantity(name: str, names: Sequence[str]) -> str:
     """Compose the axis label of a quantity of `_LOOPS`."""
     kind, k = name
-    way = "normal" if k == "0" else "tangential"
-    number = f" {k}" if directions == 3 and k != "0" else ""
-    return f"{way} displacement{number}, mm" if kind == "u" else f"{way} force{number}, N"
+    return f"{names[int(k)]} {'displacement, mm' if kind == 'u' else 'force, N'}"
 
 
 @styled
-def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray) -> Figure:
+def plot_modes(
+    labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray, names: Sequence[str]
+) -> Figure:
     """Draw the displacement of shapes along the axis of a slender body.
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
@@ -186,6 +198,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
         labels: one per shape, such as 1V, 2S, 1V1S.
         positions: (k,) positions along the axis, m.
         shapes: (n_labels, k, d) components, the axial one first.
+        names: (d,) of the components.
     """
     from matplotlib.lines import Line2D
 
@@ -207,7 +220,6 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
     figure = new_figure(4.6 if columns == 2 else 3.6, 1.0)
     figure.set_size_inches(1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds))
     axes = figure.subplots(len(kinds), columns, sharex=True, sharey=True, squeeze=False)
-    names = ["axial", "transverse"] if columns == 2 else ["axial", "transverse 1", "transverse 2"]
     for row, (kind, members) in zip(axes, kinds.items(), strict=True):
         styles = line_styles(labels[i] for i in members)
         for k, axis in enumerate(row):
@@ -310,13 +322,6 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     start = max(last - periods, 0)
     part = cycles >= start - 1e-9
     return cycles[part] - start, part
-
-
-def direction_name(k: int, directions: int, touching: bool) -> str:
-    """Name a component of a displacement."""
-    if not touching:
-        return "xyz"[k]
-    return "normal" if k == 0 else "tangential" if directions == 2 else f"tangential {k}"
 
 
 def _legend(figure: Figure, axis: Axes, columns: int | None = None) -> None:

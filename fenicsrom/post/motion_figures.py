@@ -17,7 +17,7 @@ from fenicsrom.assess.signals import (
     strongest_oscillation,
 )
 from fenicsrom.online.measures import has_contact
-from fenicsrom.post.figures import direction_name
+from fenicsrom.post.directions import plain_names
 from fenicsrom.post.style import STATES, new_figure, styled
 
 if TYPE_CHECKING:
@@ -33,7 +33,9 @@ MOST_COORDINATES = 6
 
 
 @styled
-def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
+def plot_transient(
+    motion: Motion, natural_hz: Array, point: int = 0, names: Sequence[str] = ()
+) -> Figure:
     """Draw a motion that does not repeat: envelope, spectrum and spectrogram.
 
     The direction is that with the largest motion.
@@ -42,6 +44,7 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
         motion: the motion.
         natural_hz: (n,) natural frequencies, Hz, to mark in the spectrum.
         point: number of the contact point.
+        names: of the directions.
     """
     moved = motion.displacement[:, point]
     k = int(np.argmax(np.ptp(moved, axis=0)))
@@ -51,7 +54,7 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
     above = figure.add_subplot(grid[0, :])
     below = figure.add_subplot(grid[1, 0])
     side = figure.add_subplot(grid[1, 1], sharey=below)
-    name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
+    name = (names or plain_names(moved.shape[1], has_contact(motion)))[k]
     above.plot(time, x, color="#0072B2", linewidth=0.6, label=f"{name} displacement")
     hertz, size = spectrum(time, x)
     strongest = max(strongest_oscillation(hertz, size), 1e-300)
@@ -92,8 +95,9 @@ def _highest(hertz: Array, size: Array) -> float:
 
 
 @styled
-def plot_section(motion: Motion, point: int = 0) -> Figure:
+def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> Figure:
     """Draw the states once per period of the loads: velocity over displacement."""
+    names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
     displacement, velocity = stroboscopic_states(motion, point)
     directions = displacement.shape[1]
     figure = new_figure(3.9 * directions + 1.0, 3.9)
@@ -106,8 +110,7 @@ def plot_section(motion: Motion, point: int = 0) -> Figure:
             s=14,
             cmap="viridis",
         )
-        name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
-        axis.set(xlabel=f"{name} displacement, mm", ylabel=f"{name} velocity, mm/s")
+        axis.set(xlabel=f"{names[k]} displacement, mm", ylabel=f"{names[k]} velocity, mm/s")
     bar: Any = figure.colorbar(dots, ax=axes, label="period of the loads")
     bar.ax.yaxis.get_major_locator().set_params(integer=True)
     return figure

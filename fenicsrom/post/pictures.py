@@ -14,6 +14,7 @@ from fenicsrom.assess.signals import LEAST_SAMPLES
 from fenicsrom.online.measures import is_unsteady, point_summaries
 from fenicsrom.post.body_pictures import body_pictures, film_of, is_slender, stress_picture
 from fenicsrom.post.centreline import centreline
+from fenicsrom.post.directions import direction_names
 from fenicsrom.post.fields import shapes
 from fenicsrom.post.figures import (
     plot_contact,
@@ -51,7 +52,9 @@ LEAST_SECTION = 20  # fewer periods make no section
 
 
 def motion_pictures(
-    motions: Mapping[str, Motion], natural_hz: Array = NO_FREQUENCIES
+    motions: Mapping[str, Motion],
+    natural_hz: Array = NO_FREQUENCIES,
+    names: Sequence[str] = (),
 ) -> list[Picture]:
     """List the pictures of the motion, of the contact and of the energy.
 
@@ -62,16 +65,19 @@ def motion_pictures(
     Args:
         motions: model name -> motion.
         natural_hz: (n,) natural frequencies, Hz.
+        names: of the directions.
     """
     first = next(iter(motions.values()))
-    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions))]
+    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))]
     if first.period is None and first.time.size >= LEAST_SAMPLES:
         pictures.append(
-            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz))
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names))
         )
     if is_unsteady(first) and first.periods >= LEAST_SECTION:
-        pictures.append(Picture("Poincaré section", "section.png", lambda: plot_section(first)))
-    pictures += _contact_pictures(motions, first.force.shape[1])
+        pictures.append(
+            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names))
+        )
+    pictures += _contact_pictures(motions, first.force.shape[1], names)
     if first.state.shape[1] > FEW_POINTS:
         pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
     pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first)))
@@ -86,7 +92,9 @@ def motion_pictures(
     return pictures
 
 
-def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
+def _contact_pictures(
+    motions: Mapping[str, Motion], count: int, names: Sequence[str]
+) -> list[Picture]:
     """List the pictures of contact points: one for each of a few, or one for all of many."""
     if count > FEW_POINTS:
 
@@ -96,7 +104,7 @@ def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture
                 for name, motion in motions.items()
                 if motion.state.shape[1]
             }
-            return plot_points(motions, found)
+            return plot_points(motions, found, names)
 
         return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
 
@@ -104,7 +112,7 @@ def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture
         touching = {
             name: motion for name, motion in motions.items() if motion.force.shape[1] > point
         }
-        return lambda: plot_contact(touching, point)
+        return lambda: plot_contact(touching, point, names)
 
     if count == 1:
         return [Picture("Contact", "contact.png", draw(0))]
@@ -176,7 +184,8 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     if study.solid.comm.rank != 0:
         return []
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
-    motions = motion_pictures(study.motions, natural) if study.motions else []
+    names = direction_names(study.scene, study.solid.points)
+    motions = motion_pictures(study.motions, natural, names) if study.motions else []
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
     return draw_pictures(listed, folder, study.warnings)
 
@@ -223,10 +232,14 @@ def _along_the_axis(study: Study) -> list[Picture]:
     if not fields or not is_slender(np.concatenate(boxes)):
         return []
     positions, values = centreline(study.solid.space, fields)
-    labels = list(fields)
-    return [
-        Picture("Shapes along the axis", "modes.png", lambda: plot_modes(labels, positions, values))
-    ]
+    labels, lengths = list(fields), np.ptp(np.concatenate(boxes), axis=0)
+    axis, *across = sorted(range(len(lengths)), key=lambda k: (k != np.argmax(lengths), k))
+    names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in across)]
+
+    def draw() -> Figure:
+        return plot_modes(labels, positions, values, names)
+
+    return [Picture("Shapes along the axis", "modes.png", draw)]
 
 
 def _box(study: Study) -> Array | None:

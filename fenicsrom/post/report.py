@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.mode_agreement import ModeAgreement
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
+from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.record import Rerun, Study
@@ -16,7 +18,7 @@ from fenicsrom.post.sentences import (
     RESPONSE_NOTE,
     equilibrium_sentence,
     error_sentence,
-    estimate_sentence,
+    estimate_rows,
     periodic_sentence,
     response_rows,
     support_sentence,
@@ -32,7 +34,7 @@ from fenicsrom.post.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import scene_heading
+from fenicsrom.scene import Scene, scene_heading
 
 REPORT = "report.html"
 
@@ -65,15 +67,18 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         OSError: the file cannot be written.
     """
     scene, motion = found.stored.scene, found.motion
+    points = found.stored.model.points
+    names = direction_names(scene, points)
     results: list[Any] = [
-        response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, names),
         RESPONSE_NOTE,
+        *_directions(scene, points),
         *_periodic(motion),
     ]
-    if sentence := support_sentence(scene, found.stored.model.points, {"reduced": motion}):
+    if sentence := support_sentence(scene, points, {"reduced": motion}):
         results.append(sentence)
     if found.errors:
-        results.append(estimate_sentence(found.errors, motion))
+        results.append(estimate_rows(found.errors, motion, names))
     if found.unfinished:
         results.append(unreliable_sentence("reduced", found.unfinished))
     sections: list[Section] = [
@@ -109,8 +114,10 @@ def _agreement(found: ModeAgreement | None) -> list[Any]:
 def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
+    names = direction_names(study.scene, study.solid.points)
     if study.motions:
-        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
+        found += [response_rows(study.motions, study.sizes, names), RESPONSE_NOTE]
+        found += _directions(study.scene, study.solid.points)
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.motions and (
@@ -122,10 +129,16 @@ def _results(study: Study) -> list[Any]:
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors, study.scene))
     if study.errors:
-        found.append(estimate_sentence(study.errors, study.motions["reduced"]))
+        found.append(estimate_rows(study.errors, study.motions["reduced"], names))
     if study.unfinished:
         found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
+
+
+def _directions(scene: Scene, points: ContactPoints) -> list[str]:
+    """Compose the paragraph with the vectors of the directions whose names have no axis."""
+    note = direction_note(scene, points)
+    return [note] if note else []
 
 
 def _periodic(motion: Motion) -> list[str]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+import pytest
+from motions import jenkins
 from support import beam_scene
 
 from fenicsrom.post.record import Study
@@ -12,6 +15,8 @@ from fenicsrom.post.sentences import (
     PERIODS_NOTE,
     RESPONSE_NOTE,
     basis_sentences,
+    estimate_rows,
+    response_rows,
     response_table,
 )
 from fenicsrom.reduction.selection import Selection
@@ -36,4 +41,26 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
 
 def test_notes_of_the_table_say_what_its_periods_are() -> None:
     assert PERIODS_NOTE in RESPONSE_NOTE
-    assert response_table({}, {}, beam_scene(2)) == ""
+    assert response_table({}, {}, ["x", "y"]) == ""
+
+
+def test_table_of_estimates_has_a_row_for_each_direction_and_the_force() -> None:
+    errors: Any = {
+        name: SimpleNamespace(amplitude=size, directions=[2 * size, np.nan], peak_force=3 * size)
+        for name, size in (("time step", 0.01), ("basis", 0.1))
+    }
+    rows = estimate_rows(errors, jenkins(), ["normal x", "tangential y"])
+    assert rows[0][1:] == ["time step %", "basis %"]
+    assert [row[0].split(", ")[-1] for row in rows[2:]] == ["normal x", "tangential y", rows[-1][0]]
+    assert [row[1:] for row in rows[1:]] == [
+        ["1", "10"],
+        ["2", "20"],
+        ["unknown", "unknown"],
+        ["3", "30"],
+    ]
+
+
+def test_row_of_responses_has_the_order_of_the_directions() -> None:
+    head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"])
+    assert head[2:4] == ["normal x mm", "tangential y mm"]
+    assert float(row[3]) == pytest.approx(8.0, rel=1e-3) and float(row[2]) < 2.0
