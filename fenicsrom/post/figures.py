@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
 
 
+LOADS = "the loads"
+LOADS_AND_SURFACES = "the loads and of moving surfaces"
 NARROW = 4  # largest number of intervals between the ticks of a narrow panel
 LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
 
@@ -244,11 +246,15 @@ def plot_modes(
 
 
 @styled
-def plot_energy(motion: Motion) -> Figure:
+def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
 
     The elastic energy is relative to the equilibrium, where static loads stress the body: it may
     be negative.
+
+    Args:
+        motion: the motion.
+        work: what does work.
     """
     touching = has_contact(motion)
     figure = new_figure(8.6, 4.8)
@@ -257,7 +263,7 @@ def plot_energy(motion: Motion) -> Figure:
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     energy = motion.kinetic + motion.elastic + motion.contact_energy
     # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
-    above.plot(time, motion.work, color="#000000", linewidth=3.6, label="work of the loads")
+    above.plot(time, motion.work, color="#000000", linewidth=3.6, label=f"work of {work}")
     damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
     above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
     if touching:

@@ -18,6 +18,7 @@ from fenicsrom.assess.signals import (
 )
 from fenicsrom.online.measures import has_contact
 from fenicsrom.post.directions import plain_names
+from fenicsrom.post.figures import LOADS
 from fenicsrom.post.style import STATES, new_figure, styled
 
 if TYPE_CHECKING:
@@ -157,12 +158,17 @@ def plot_rub_map(motion: Motion) -> Figure:
 
 
 @styled
-def plot_energy_per_period(motion: Motion) -> Figure:
-    """Draw the work of the loads and the dissipated energies of each period of the loads."""
+def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
+    """Draw the work and the dissipated energies of each period of the loads.
+
+    Args:
+        motion: the motion.
+        source: what does work.
+    """
     found = energy_per_period(motion)
     figure = new_figure(8.6, 3.6)
     axis = figure.subplots()
-    work = found["work of the loads"]
+    work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
     for name, colour in (("damping", "#56B4E9"), ("friction", "#E69F00")):
@@ -172,7 +178,7 @@ def plot_energy_per_period(motion: Motion) -> Figure:
             label = f"{name} (last period: {part:.3g} %)"
             axis.stairs(top, edges, baseline=base, fill=True, color=colour, label=label)
             base = top
-    axis.stairs(work, edges, color="#000000", label="work of the loads", linewidth=1.4)
+    axis.stairs(work, edges, color="#000000", label=f"work of {source}", linewidth=1.4)
     axis.set(xlabel="period of the loads", ylabel="energy per period, J")
     axis.set_xlim(edges[0], edges[-1])
     axis.locator_params(axis="x", integer=True)

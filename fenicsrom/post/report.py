@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
+from fenicsrom.post.pictures import open_sentence
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
+    MULTIPLIER_NOTE,
     RESPONSE_NOTE,
     equilibrium_sentence,
     error_sentence,
@@ -50,6 +52,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
     sections = [
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
+        *_open_points(study.motions),
         *_stresses(study.stresses),
         ("Modes of the reduced and of the full model", _agreement(study.agreement)),
         ("Basis", _basis(study)),
@@ -84,9 +87,16 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
     sections: list[Section] = [
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
+        *_open_points({"reduced": motion}),
         *_stresses(found.stresses),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
+
+
+def _open_points(motions: Mapping[str, Motion]) -> list[Section]:
+    """Compose the section on contact points without a picture, if there are any."""
+    sentence = open_sentence(motions)
+    return [("Contact points that do not touch", [sentence])] if sentence else []
 
 
 def _stresses(stresses: Stresses | None) -> list[Section]:
@@ -144,7 +154,7 @@ def _directions(scene: Scene, points: ContactPoints) -> list[str]:
 def _periodic(motion: Motion) -> list[str]:
     """Compose the paragraph on what Newton's method found, if it was tried."""
     sentence = periodic_sentence(motion)
-    return [sentence] if sentence else []
+    return [sentence, MULTIPLIER_NOTE] if sentence else []
 
 
 def _warnings(warnings: Sequence[str]) -> list[str]:

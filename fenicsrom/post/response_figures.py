@@ -12,6 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.support_motion import moves_supports
 from fenicsrom.post.directions import direction_names, plain_names
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
@@ -134,12 +135,19 @@ def figure(found: Response) -> Figure:
     place, direction = largest_component(found)
     name = direction_names(found.scene)[direction]
 
+    shaken = moves_supports(found.scene)
+    relative = "\nrelative to the supports" if shaken else ""
+    driven = "acceleration of\nthe supports" if shaken else "load"
+
     def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
         return lambda points: np.array([value(point) for point in points])
 
     panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
-        (f"{name} amplitude, mm", each(lambda p: 1e3 * float(p.amplitude[:, direction].max()))),
-        ("phase,\ndegrees", lambda points: phases(points, place, direction)),
+        (
+            f"{name} amplitude, mm{relative}",
+            each(lambda p: 1e3 * float(p.amplitude[:, direction].max())),
+        ),
+        (f"phase to the\n{driven}, degrees", lambda points: phases(points, place, direction)),
     ]
     if found.contacts:
         panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))

@@ -45,6 +45,13 @@ RESPONSE_HEAD = (
     "imbalance",
 )
 PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
+MULTIPLIER_NOTE = (
+    "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "
+    "period; the motion is stable if all are below 1 in size. A largest multiplier just below 1, "
+    "such as 0.9995, does not mean that the motion is nearly unstable: often it belongs to a fast "
+    "vibration, such as a wave along the axis, that the time step does not resolve and that the "
+    "time integration hardly damps."
+)
 RESPONSE_NOTE = (
     "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
     "of the motion. The imbalance is the largest error of the energy balance relative to the "
