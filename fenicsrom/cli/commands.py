@@ -149,11 +149,13 @@ def campbell(options: argparse.Namespace) -> int:
     comm, say, scene = start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
+    from fenicsrom.post.body_pictures import setup_pictures
 
     with opened(options, scene, comm) as folder:
         found = campbell.campbell(scene, comm, say)
+        setup = setup_pictures(found.body, scene)
         if comm.rank == 0:
-            files = campbell_report.write(found, folder)
+            files = campbell_report.write(found, folder, setup)
             print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
         return end(comm, found.unfinished)
 
@@ -247,10 +249,12 @@ def statics(options: argparse.Namespace) -> int:
         found = equilibrium_path(scene, comm, say, is_terminated)
         if found.points:
             from fenicsrom.post import equilibrium_report
+            from fenicsrom.post.body_pictures import setup_pictures
 
             shapes = equilibrium_report.write_shapes(found, folder)
+            setup = setup_pictures(found.body, scene)
             if comm.rank == 0:
-                files = [*equilibrium_report.write(found, folder), *shapes]
+                files = [*equilibrium_report.write(found, folder, setup), *shapes]
                 table = equilibrium_report.terminal(found)
                 print_results(scene, table, found.warnings, files=files)
         if found.interrupted:

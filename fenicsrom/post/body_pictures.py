@@ -97,6 +97,14 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     return _setup(solid, scene, regions, *found, name) if found is not None else None
 
 
+def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
+    """The picture of the set-up for a report, where the scene asks for pictures. Collective."""
+    if solid is None or not scene.output.pictures:
+        return []
+    picture = setup_picture(solid, scene, "setup.png")
+    return [] if picture is None else [picture]
+
+
 def _setup(
     solid: Solid,
     scene: Scene,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 MOST = 6000  # largest number of multipliers in one picture
 # thin and bright: seen on the dots that lie on it
-CIRCLE: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.1, "zorder": 4}
+CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 1.4, "zorder": 4}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
 
 
@@ -70,7 +70,7 @@ def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
     axis.plot(np.cos(angle), np.sin(angle), label="unit circle: stable inside", **CIRCLE)
     look = {"cmap": "viridis", "norm": colours, "linewidths": 0.0, "zorder": 3}
-    near = {"label": "Floquet multipliers of one motion", "s": 9, **look}
+    near = {"label": "Floquet multipliers, a colour for each motion", "s": 9, **look}
     axis.scatter(drawn[~far].real, drawn[~far].imag, c=parameters[~far], **near)
     if np.any(far):
         axis.scatter(drawn[far].real, drawn[far].imag, c=parameters[far], s=22, marker="D", **look)
