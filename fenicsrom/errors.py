@@ -35,6 +35,7 @@ class ErrorKind(Enum):
     TIME_STEP = "a motion with a time step that is too long"
     BASIS = "a basis that is too small or lost its structure"
     NOT_FINITE = "a result that is not a finite number"
+    MEMORY = "a computation that needs more memory than there is"
 
 
 def printable(text: str) -> str:

@@ -41,6 +41,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.forms import compiled_expression, compiled_form
+from fenicsrom.fem.inertia import Inertia
 from fenicsrom.fem.linalg import add_to_diagonal
 from fenicsrom.fem.materials import Materials
 from fenicsrom.fem.mesh_data import Mesh
@@ -79,6 +81,7 @@ class ElasticBody:
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
         mass_form: the form of M.
+        inertia: the matrices of inertia forces.
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
@@ -132,6 +135,9 @@ class ElasticBody:
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
         self.pressures: FollowerPressures | None = None
         self._compile_forms()
+        self.inertia = Inertia(
+            self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted
+        )
         self.rotation = self._rotating_frame(rotation)
 
     @property
@@ -165,14 +171,14 @@ class ElasticBody:
         sxy = stress(ufl.sym(gx.T * gy))
         gc = ufl.grad(self._change)
         predicted = stress(strain - 0.5 * gc.T * gc)
-        self.mass_form = fem.form(self.density * ufl.inner(trial, test) * self.dx)
-        self._force_form = fem.form(ufl.inner(f * s, dv) * self.dx)
+        self.mass_form = compiled_form(self.density * ufl.inner(trial, test) * self.dx)
+        self._force_form = compiled_form(ufl.inner(f * s, dv) * self.dx)
         self._weight = self.constant(1.0)
-        self._tangent_form = fem.form(
+        self._tangent_form = compiled_form(
             self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
         )
-        self._energy_form = fem.form(0.5 * ufl.inner(s, strain) * self.dx)
-        self._derivative_form = fem.form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
+        self._energy_form = compiled_form(0.5 * ufl.inner(s, strain) * self.dx)
+        self._derivative_form = compiled_form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
 
     def _rotating_frame(self, rotation: Rotation | None) -> RotatingFrame | None:
         """The rotating frame of the body, or None without rotation."""
@@ -182,8 +188,8 @@ class ElasticBody:
             rotation,
             self.space,
             lambda form: self.density * form * self.dx,
-            lambda form: self.matrix(fem.form(form), 0.0),
-            lambda form: self._vector(fem.form(form)),
+            self.inertia.matrix,
+            lambda form: self._vector(compiled_form(form)),
         )
 
     def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
@@ -359,7 +365,8 @@ class ElasticBody:
         """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
         domain = self.mesh.domain
         points, _ = basix.make_quadrature(domain.basix_cell(), degree)
-        place, cells = fem.Expression(ufl.SpatialCoordinate(domain), points), self.owned_cells()
+        place = compiled_expression(ufl.SpatialCoordinate(domain), points)
+        cells = self.owned_cells()
         if not cells.size:
             return np.zeros((0, self.dimension))
         return np.asarray(place.eval(domain, cells)).reshape(-1, self.dimension)
@@ -387,8 +394,8 @@ class ElasticBody:
         domain, d = self.mesh.domain, self.dimension
         degree = self.quadrature_degree if degree is None else degree
         points, weights = basix.make_quadrature(domain.basix_cell(), degree)
-        gradient = fem.Expression(ufl.grad(self._x), points)
-        volume = fem.Expression(abs(ufl.JacobianDeterminant(domain)), points)
+        gradient = compiled_expression(ufl.grad(self._x), points)
+        volume = compiled_expression(abs(ufl.JacobianDeterminant(domain)), points)
         cells = self.owned_cells() if cells is None else cells
         n = fields.shape[1]
         columns = 1 + n + n * (n + 1) // 2

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csr_array
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.reduction.protocols import Inverse
 
+SINGULAR = (-6, -10)  # errors of MUMPS; all others are about resources
 EIGEN_TOLERANCE = 1e-10
 # largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender
 # body has a condition number of 1e11
@@ -32,7 +32,7 @@ class Factorisation:
         """Factorise; `prefix` names its PETSc options, such as -prefix_mat_mumps_icntl_14.
 
         Raises:
-            ConvergenceError: the matrix is singular.
+            ConvergenceError: as `update`.
         """
         self.matrix = matrix
         self.comm = matrix.comm.tompi4py()
@@ -58,17 +58,30 @@ class Factorisation:
         self.update()
 
     def update(self) -> None:
-        """Factorise again after the values of the matrix changed."""
+        """Factorise again after the values of the matrix changed.
+
+        Raises:
+            ConvergenceError: the matrix is singular, or there is too little memory.
+        """
         self._ksp.setOperators(self.matrix)
+        pc = self._ksp.getPC()
         try:
             self._ksp.setUp()
-            failed = self._ksp.getPC().getFailedReason() != 0
+            failed = pc.getFailedReason() != 0
         except PETSc.Error:
             failed = True
-        if failed:
+        if not failed:
+            return
+        status = 0 if self._small else pc.getFactorMatrix().getMumpsInfog(1)
+        if status < 0 and status not in SINGULAR:
             raise ConvergenceError(
-                "the stiffness matrix is singular: its factorisation met a zero pivot"
+                f"MUMPS could not factorise the stiffness matrix of {self.matrix.getSize()[0]} "
+                f"unknowns (error {status}): there is too little memory, most likely",
+                kind=ErrorKind.MEMORY,
             )
+        raise ConvergenceError(
+            "the stiffness matrix is singular: its factorisation met a zero pivot"
+        )
 
     def destroy(self, matrix: bool = False) -> None:
         """Free the factors, and the matrix too if asked; PETSc frees nothing itself in parallel."""
@@ -139,20 +152,6 @@ def multiply(matrix: PETSc.Mat, block: Array) -> Array:
     x.destroy()
     y.destroy()
     return np.asarray(found)
-
-
-def without_zeros(matrix: PETSc.Mat) -> PETSc.Mat:
-    """A matrix without the zeros that are stored in it; the given matrix is destroyed.
-
-    The mass matrix has a component with itself only, so two thirds of its pattern in 3D are zeros.
-    """
-    rows, columns, values = matrix.getValuesCSR()
-    kept = csr_array((values, columns, rows), shape=(rows.size - 1, matrix.getSize()[1]))
-    kept.eliminate_zeros()
-    csr = kept.indptr, kept.indices, kept.data
-    found = PETSc.Mat().createAIJ(matrix.getSizes(), csr=csr, comm=matrix.comm)
-    matrix.destroy()
-    return found
 
 
 def _dense(matrix: PETSc.Mat, block: Array) -> PETSc.Mat:

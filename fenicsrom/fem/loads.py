@@ -5,12 +5,12 @@ from __future__ import annotations
 import dolfinx.mesh
 import numpy as np
 import ufl
-from dolfinx import fem
 from mpi4py import MPI
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.forms import compiled_form
 from fenicsrom.fem.places import Places
 from fenicsrom.scene import Load
 
@@ -48,17 +48,17 @@ def load_vector(body: ElasticBody, places: Places, load: Load, key: str) -> Arra
     test = ufl.TestFunction(body.space)
     if load.everywhere:
         direction = body.constant(load.direction)
-        spread = body.assembled(fem.form(body.density * ufl.dot(direction, test) * body.dx))
+        spread = body.assembled(compiled_form(body.density * ufl.dot(direction, test) * body.dx))
         spread += body.point_masses * np.tile(load.direction, body.local // body.dimension)
         return -spread if load.moves_supports else spread
     surface = body.mesh.surface(load.place).reconstruct(metadata={"quadrature_degree": LOAD_DEGREE})
     thickness = body.thickness
     if load.kind == "traction":
         direction = body.constant(load.direction)
-        return body.assembled(fem.form(thickness * ufl.dot(direction, test) * surface))
+        return body.assembled(compiled_form(thickness * ufl.dot(direction, test) * surface))
     check_on_boundary(body, load, key)
     normal = ufl.FacetNormal(body.mesh.domain)
-    return body.assembled(fem.form(-thickness * ufl.dot(normal, test) * surface))
+    return body.assembled(compiled_form(-thickness * ufl.dot(normal, test) * surface))
 
 
 def check_on_boundary(body: ElasticBody, load: Load, key: str) -> None:

@@ -12,6 +12,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.forms import compiled_form
 
 VOLUME_TOLERANCE = 1e-6
 """Largest relative difference of the two volumes of a mesh whose cells do not overlap.
@@ -52,7 +53,7 @@ def check_dolfinx_mesh(domain: dolfinx.mesh.Mesh, source: str) -> None:
     dx, ds = ufl.dx(domain, metadata=metadata), ufl.ds(domain, metadata=metadata)
     place, normal = ufl.SpatialCoordinate(domain), ufl.FacetNormal(domain)
     inside, around = (
-        domain.comm.allreduce(float(fem.assemble_scalar(fem.form(form))))
+        domain.comm.allreduce(float(fem.assemble_scalar(compiled_form(form))))
         for form in (fem.Constant(domain, 1.0) * dx, ufl.dot(place, normal) / d * ds)
     )
     if not abs(inside - around) <= VOLUME_TOLERANCE * inside:

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.elasticity import ElasticBody
+from fenicsrom.fem.forms import compiled_form
 from fenicsrom.fem.mesh_data import NEAR
 from fenicsrom.scene import Place, Region
 
@@ -63,7 +64,7 @@ class Places:
         rows = self._node(place, key)[0]
         return rows.any(axis=0).reshape(-1, d).any(axis=1).astype(float), 1.0
 
-    def contact_points(self, place: Place, key: str) -> list[tuple[csr_array, Array, float]]:
+    def contact_points(self, place: Place, key: str) -> tuple[csr_array, Array, Array]:
         """Give the contact points of a place.
 
         The points are sorted by the coordinate in which they extend farthest, then by the next one.
@@ -74,8 +75,8 @@ class Places:
             key: key of the scene, for messages.
 
         Returns:
-            Sparse rows (d, local), position (3,) in m and tributary area in m² (1 of a single
-            point) of each point.
+            Sparse rows (P d, local) of the displacements of P points, their positions (P, 3) in m,
+            and their tributary areas (P,) in m² (1 of a single point).
 
         Raises:
             SceneError: as `find`; every node of the region is clamped, or a component of the
@@ -87,7 +88,7 @@ class Places:
             if np.linalg.matrix_rank(products, hermitian=True) < len(products):
                 reason = "a support holds this point in a direction; choose a free node"
                 raise self._error(key, reason)
-            return [(csr_array(rows), position, 1.0)]
+            return csr_array(rows), position[None, :], np.ones(1)
         body, d = self._body, self._body.dimension
         weights, _, measure = self._weights(place, key)
         x = body.space.tabulate_dof_coordinates()[: body.local // d]
@@ -105,13 +106,14 @@ class Places:
         extent = np.ptp(np.array(chosen)[:, :3], axis=0).round(9)
         along = np.argsort(-extent, kind="stable")
         chosen.sort(key=lambda point: (*(point[k] for k in along), point))
-        found = []
-        for *position, weight, rank, node in chosen:
-            own = np.arange(d if rank == body.comm.rank else 0)
-            entries = np.ones(own.size), (own, int(node) * d + own)
-            rows = csr_array(entries, shape=(d, body.local))
-            found.append((rows, np.array(position), float(weight * measure)))
-        return found
+        *position, weight, rank, node = np.array(chosen).T
+        own = np.flatnonzero(rank == body.comm.rank)
+        rows, columns = (
+            (d * points[:, None] + np.arange(d)).ravel() for points in (own, node[own].astype(int))
+        )
+        shape = d * len(chosen), body.local
+        at = csr_array((np.ones(rows.size), (rows, columns)), shape=shape)
+        return at, np.stack(position, axis=1), weight * measure
 
     def clamped(self, key: str) -> SceneError:
         """The error of a region that cannot move."""
@@ -199,16 +201,17 @@ class Places:
             not body.materials.has_one_thickness
         ):  # by volume: the thickness changes along the region
             per, whole = body.thickness, 1.0
-        fem.assemble_vector(weights.x.array, fem.form(per * ufl.TestFunction(scalar) * ds))
+        fem.assemble_vector(weights.x.array, compiled_form(per * ufl.TestFunction(scalar) * ds))
         weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
         x = ufl.SpatialCoordinate(domain)
-        area = body.comm.allreduce(fem.assemble_scalar(fem.form(per * ds)))
+        area = body.comm.allreduce(fem.assemble_scalar(compiled_form(per * ds)))
         if not area > 0.0:
             name = region.group
             raise self._error(f"{key}.group", f"group {name!r} has no area; name a group of facets")
         position = np.zeros(3)
         for k in range(body.dimension):
-            position[k] = body.comm.allreduce(fem.assemble_scalar(fem.form(per * x[k] * ds))) / area
+            moment = fem.assemble_scalar(compiled_form(per * x[k] * ds))
+            position[k] = body.comm.allreduce(moment) / area
         local = scalar.dofmap.index_map.size_local
         return weights.x.array[:local] / area, position, float(area * whole)
 

@@ -31,6 +31,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.forms import compiled_form
 from fenicsrom.fem.linalg import multiply
 from fenicsrom.fem.loads import LOAD_DEGREE, check_on_boundary
 from fenicsrom.online.pressure import PressurePolynomial
@@ -75,11 +76,11 @@ class _Surface:
                 moved = moved + _area(ufl.grad(w), g, normal)
             return scale * ufl.dot(moved, v)
 
-        self.force = fem.form(scale * ufl.dot(_area(f, f, normal), test) * surface)
-        self.tangent = fem.form(change(f, trial, test) * surface)
+        self.force = compiled_form(scale * ufl.dot(_area(f, f, normal), test) * surface)
+        self.tangent = compiled_form(change(f, trial, test) * surface)
         both = change(f, trial, test) + change(f, test, trial)
-        self.symmetric = fem.form(0.5 * both * surface)
-        self.bend = fem.form(change(gx, trial, test) * surface) if d == 3 else None
+        self.symmetric = compiled_form(0.5 * both * surface)
+        self.bend = compiled_form(change(gx, trial, test) * surface) if d == 3 else None
 
 
 class FollowerPressures:

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from fenicsrom.arrays import Array
+from fenicsrom.fem.forms import compiled_form
 from fenicsrom.fem.solid import Solid
 from fenicsrom.fem.supports import SAME_DIRECTION, support_directions
 from fenicsrom.online.reactions import ReactionTable
@@ -148,7 +149,7 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
 
     def products(integrand: ufl.core.expr.Expr, columns: Array) -> Array:
         """∫ ρ (integrand with W) of columns (local, k), (m, k)."""
-        form = fem.form(density * integrand * solid.dx)
+        form = compiled_form(density * integrand * solid.dx)
         found = np.empty_like(tests)
         for k in range(tests.shape[1]):
             w.x.array[: solid.local] = tests[:, k]
@@ -165,7 +166,9 @@ def _rows(solid: Solid, tests: Array, vectors: Array) -> tuple[Array, Array, Arr
     springs = solid.inner(tests, solid.springs[:, None] * fields)
     frame = solid.rotation
     if frame is not None:
-        arm = solid.assembled(fem.form(density * frame.out_of_axis(frame.arm, test) * solid.dx))
+        arm = solid.assembled(
+            compiled_form(density * frame.out_of_axis(frame.arm, test) * solid.dx)
+        )
         centrifugal = products(frame.out_of_axis(w, test), fields)
         centrifugal[:, 0] += solid.inner(tests, arm[:, None])[:, 0]
         centrifugal *= frame.omega_squared

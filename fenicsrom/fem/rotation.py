@@ -45,7 +45,7 @@ class RotatingFrame:
         rotation: Rotation,
         space: fem.FunctionSpace,
         density: Any,
-        assemble_matrix: Callable[[Any], PETSc.Mat],
+        inertia_matrix: Callable[[Array], PETSc.Mat],
         assemble_vector: Callable[[Any], Array],
     ):
         """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
@@ -55,21 +55,23 @@ class RotatingFrame:
             space: displacement space.
             density: multiplies a UFL integrand by the density (and the thickness in 2D), and
                 integrates it.
-            assemble_matrix: assembles a UFL form, zero on the clamped rows.
+            inertia_matrix: `fenicsrom.fem.inertia.Inertia.matrix`.
             assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
         """
         d = space.mesh.geometry.dim
-        trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+        test = ufl.TestFunction(space)
         point = fem.Constant(space.mesh, np.array(rotation.point or (0.0,) * d, dtype=np.float64))
         self._axis = None
         if rotation.axis is not None:
             self._axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
         self.arm = ufl.SpatialCoordinate(space.mesh) - point
         self.unit_centrifugal_force = assemble_vector(density(self.out_of_axis(self.arm, test)))
-        self.mass = assemble_matrix(density(self.out_of_axis(trial, test)))
-        self._unit = (
-            assemble_matrix(density(self.coriolis(trial, test))) if rotation.coriolis else None
-        )
+        across, turning = np.eye(d), np.array([[0.0, -1.0], [1.0, 0.0]])
+        if rotation.axis is not None:
+            axis = np.array(rotation.axis)
+            across, turning = across - np.outer(axis, axis), np.cross(axis, np.eye(d)).T
+        self.mass = inertia_matrix(across)
+        self._unit = inertia_matrix(2.0 * turning) if rotation.coriolis else None
         self._comm = space.mesh.comm
         self.set_speed(rotation.omega)
 
@@ -115,7 +117,7 @@ class RotatingFrame:
         matrix.axpy(
             -weight * self.omega_squared,
             self.mass,
-            structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN,
+            structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN,
         )
 
     def gyroscopic(self) -> PETSc.Mat | None:

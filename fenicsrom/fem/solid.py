@@ -30,7 +30,6 @@ from fenicsrom.fem.linalg import (
     add_to_diagonal,
     eigenmodes,
     multiply,
-    without_zeros,
 )
 from fenicsrom.fem.loads import load_vector
 from fenicsrom.fem.mesh import build_mesh
@@ -212,7 +211,7 @@ class Solid(ElasticBody):
     @cached_property
     def mass(self) -> PETSc.Mat:
         """M."""
-        return without_zeros(self.mass_matrix(0.0))
+        return self.inertia.matrix(np.eye(self.dimension), self.point_masses)
 
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
@@ -269,19 +268,17 @@ class Solid(ElasticBody):
     def _set_contacts(self, contacts: Sequence[Contact]) -> None:
         """Find the contact points, their frames and their displacements."""
         d = self.dimension
-        rows, found = [], []
+        rows, found = [csr_array((0, self.local))], [no_points(d)]
         for k, contact in enumerate(contacts):
             key = f"contacts[{k}]"
-            for at, position, area in self._places.contact_points(contact.place, key):
-                axes = frame(surface_normal(contact, position[:d], f"{self.source}: {key}"))
-                rows.append(csr_array(axes) @ at)
-                found.append((k, area, position[:d], axes))
-        self.contact_rows = csr_array((0, self.local))
-        if rows:
-            self.contact_rows = scipy.sparse.vstack(rows, format="csr")
-        self.points = no_points(d)
-        if found:
-            self.points = ContactPoints(*map(np.array, zip(*found, strict=True)))
+            at, position, area = self._places.contact_points(contact.place, key)
+            where = f"{self.source}: {key}"
+            axes = np.array([frame(surface_normal(contact, x[:d], where)) for x in position])
+            points = np.arange(area.size + 1)
+            rows.append(scipy.sparse.bsr_array((axes, points[:-1], points)) @ at)
+            found.append(ContactPoints(np.full(area.size, k), area, position[:, :d], axes))
+        self.contact_rows = scipy.sparse.vstack(rows, format="csr")
+        self.points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
 
     def _set_loads(self) -> None:
         """Assemble the load vectors."""

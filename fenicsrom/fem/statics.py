@@ -2,9 +2,10 @@
 
 A correction solves with a factor of the tangent stiffness that is kept while each correction is
 smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
-current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. The residual is always that of the
-full equations, so the equilibrium does not depend on the tangents. Where this fails, at a limit
-load, plain Newton with the tangent of each state follows.
+current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. Anderson's acceleration joins two
+corrections with the same factor (Walker and Ni, SIAM J. Numer. Anal., 2011). The residual is always
+that of the full equations, so the equilibrium does not depend on the tangents. Where this fails, at
+a limit load, plain Newton with the tangent of each state follows.
 """
 
 from __future__ import annotations
@@ -12,13 +13,19 @@ from __future__ import annotations
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.online.newton import STATIC_TOLERANCE, Correction, in_load_steps, newton
 
 CONTRACTION = 0.3
 """Largest ratio of two corrections with one factor; a factorisation costs about ten corrections."""
+
+LAST_CORRECTIONS = 5
+"""A factor is kept if, at the rate of the last two corrections, so many more will be enough."""
+
+LARGEST_WEIGHT = 1.0
+"""Largest weight of the correction before in the next one: it halves or doubles a correction."""
 
 EQUILIBRIUM_TOLERANCE = 1e-12
 """Error of an equilibrium in the energy norm, relative to its deflection: rounding of good meshes.
@@ -171,7 +178,9 @@ class Statics:
             else:
                 self._body.tangent(u, self._factor.matrix, change, symmetric=False)
                 self._factor.update()
-        except ConvergenceError:
+        except ConvergenceError as error:
+            if error.kind is ErrorKind.MEMORY:
+                raise
             return False
         return True
 
@@ -183,16 +192,17 @@ class Statics:
             residual = self._body.residual(u, load)
             change = self._solve(residual)
             decrement = abs(self._body.dot(residual, change))
-            if self._plain or step.needs_factor(decrement):
+            if self._plain or step.needs_factor(decrement, self._tolerance):
                 if step.factorisations == STATIC_FACTORISATIONS:
                     return None
                 step.factorisations += 1
+                step.last = None
                 if not self._renew(u, None if self._plain else step.change):
                     return None
                 change = self._solve(residual)
                 decrement = abs(self._body.dot(residual, change))
-            step.change = change
-            return change, decrement
+            step.change = step.accelerated(residual, change)
+            return step.change, decrement
 
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:
             step.note(u, decrement, first)
@@ -216,6 +226,7 @@ class _Step:
     def __init__(self, body: ElasticBody, load: Array):
         self._body, self._load = body, load
         self.change: Array | None = None
+        self.last: tuple[Array, Array] | None = None
         self.decrement, self.scale, self.factorisations = np.inf, 0.0, 0
 
     def note(self, u: Array, decrement: float, first: float) -> None:
@@ -228,8 +239,28 @@ class _Step:
         self.decrement = decrement
         self.scale = max(first, abs(self._body.dot(acting, u)))
 
-    def needs_factor(self, decrement: float) -> bool:
-        """Whether a decrement is too large after the one before, and not by rounding."""
-        slow = not decrement <= CONTRACTION**2 * self.decrement
+    def needs_factor(self, decrement: float, tolerance: float) -> bool:
+        """Whether a decrement is too large after the one before, and far from small enough."""
+        rate = decrement / self.decrement if self.decrement > 0.0 else np.inf
+        enough = tolerance**2 * self.scale
+        slow = not rate <= CONTRACTION**2 and not (
+            rate < 1.0 and decrement * rate**LAST_CORRECTIONS <= enough
+        )
         far = not decrement <= NEAR**2 * self.scale and np.isfinite(self.decrement)
-        return (slow or far) and not decrement <= STATIC_TOLERANCE**2 * self.scale
+        return (slow or far) and not decrement <= max(enough, STATIC_TOLERANCE**2 * self.scale)
+
+    def accelerated(self, residual: Array, change: Array) -> Array:
+        """A correction (local,) combined with the one before, if both have the same factor.
+
+        Anderson's acceleration of depth one, in the energy norm of the factor: in the plane of both
+        corrections it finds the smallest next one, if the body were linear.
+        """
+        last, self.last = self.last, (residual, change)
+        if last is None or self.change is None:
+            return change
+        gain = change - last[1]
+        size = -self._body.dot(residual - last[0], gain)
+        weight = -self._body.dot(residual, gain) / size if size > 0.0 else np.inf
+        if not abs(weight) <= LARGEST_WEIGHT:
+            return change
+        return change - weight * (self.change + gain)

@@ -192,7 +192,7 @@ class _Statics:
             inertia = model.mass_times(shape).copy()
             y, unit, delassus = model.solve_effective(0.0, 0.0, self._tangent(q), -inertia)
             inner = np.eye(springs.shape[1]) + springs.T @ delassus @ springs
-            x = model.contact_displacement(y) - model.contact_displacement(zero)
+            x = model.contact_displacement(y).copy() - model.contact_displacement(zero)
             new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
             rate = 1.0 / model.dot(inertia, new)
             shape = new
@@ -240,5 +240,5 @@ class _Statics:
         force = model.loads @ largest(model.load_histories)
         y, unit, _ = model.solve_effective(0.0, 0.0, self._tangent(q), -force)
         if model.dot(y, model.mass_times(y)) > 0.0:
-            return np.asarray(y), force
+            return y.copy(), force
         return np.asarray(unit.sum(axis=1)), force

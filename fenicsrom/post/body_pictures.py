@@ -72,8 +72,8 @@ def body_pictures(study: Study) -> list[Picture]:
         return []
     scene, titles = study.scene, shape_titles(study, named)
     surface, values = found
-    seen = EQUILIBRIUM if solid.loaded else next(iter(named), None)
-    moved = largest_of(values[seen]) if seen is not None else None
+    seen = [EQUILIBRIUM] if solid.loaded else list(named)[:1]
+    moved = largest_of(values[seen[0]]) if seen else None
 
     def draw_shapes() -> Figure:
         shown = {label: values[label] for label in named}

@@ -11,7 +11,7 @@ counts more than the one of the scene.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,6 +23,7 @@ from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import OMEGA
 from fenicsrom.online.march import integrate
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import settled_contacts
 from fenicsrom.online.simulate import simulate
 from fenicsrom.progress import tracked
@@ -62,6 +63,24 @@ MOST_RESONANCES = 6
 """Most resonances of a response curve at which there are linear transients."""
 
 
+@dataclass(frozen=True, eq=False)
+class Deflections:
+    """Deflections U = V C of a structure, from the equilibrium, m.
+
+    Attributes:
+        vectors: (local, n) V.
+        coordinates: (n, s) C.
+    """
+
+    vectors: Array
+    coordinates: Array
+
+    @property
+    def block(self) -> Array:
+        """U (local, s), m."""
+        return np.asarray(self.vectors @ self.coordinates)
+
+
 class Snapshots:
     """The snapshots of a structure; each set is computed when it is first read."""
 
@@ -76,13 +95,13 @@ class Snapshots:
         self._structure, self._scene, self._modes = structure, scene, modes
 
     @cached_property
-    def linear(self) -> Array:
-        """U_t (local, s): snapshots of the linear transients, m."""
+    def linear(self) -> Deflections:
+        """U_t: snapshots of the linear transients."""
         largest = self._sizes(self._own).max(initial=0.0)
         found = [self._own]
         for frequency in curve_frequencies(self._structure, self._scene, self._modes):
             try:
-                more = linear_snapshots(self._structure, self._scene, self._modes, frequency)
+                more = linear_snapshots(self._structure, self._scene, self._model, frequency)
             except (AccuracyError, ConvergenceError) as error:
                 self._structure.warnings.append(
                     f"the selection of derivatives leaves out {frequency:.5g} Hz: {error}"
@@ -90,22 +109,28 @@ class Snapshots:
                 continue
             size = self._sizes(more).max(initial=0.0)
             found.append(more * min(1.0, largest / size) if size > 0.0 else more)
-        return np.concatenate(found, axis=1)
+        return Deflections(self._model.vectors, np.concatenate(found, axis=1))
 
     @cached_property
     def static(self) -> Array:
         """U_st (local, `STATIC_LEVELS`): snapshots of the nonlinear statics, m."""
-        return static_snapshots(self._structure, self._own)
+        largest = int(np.argmax(self._sizes(self._own)))
+        return static_snapshots(self._structure, self._model.vectors @ self._own[:, largest])
+
+    @cached_property
+    def _model(self) -> LinearModel:
+        """The linear model of all transients."""
+        return linear_model(self._structure, self._modes)
 
     @cached_property
     def _own(self) -> Array:
-        """Snapshots (local, s) of the linear transient of the scene, m."""
-        return linear_snapshots(self._structure, self._scene, self._modes)
+        """Coordinates (n, s) of the linear transient of the scene."""
+        return linear_snapshots(self._structure, self._scene, self._model)
 
-    def _sizes(self, block: Array) -> Array:
-        """Size (k,) of each column of a block (local, k), by its mass."""
-        inner = self._structure.mass_inner
-        return np.sqrt(np.array([inner(u[:, None], u[:, None])[0, 0] for u in block.T]))
+    def _sizes(self, coordinates: Array) -> Array:
+        """Size (s,) of each column of coordinates (n, s), by its mass."""
+        inertia = self._model.model.mass @ coordinates
+        return np.sqrt(np.maximum(np.sum(coordinates * inertia, axis=0), 0.0))
 
 
 def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes) -> list[float]:
@@ -124,23 +149,25 @@ def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes)
     return [float(value) for value in (response.first, *inner, response.last) if value > 0.0]
 
 
-def linear_snapshots(
-    structure: Structure, scene: Scene, modes: ComponentModes, frequency: float | None = None
-) -> Array:
-    """Compute a geometrically linear transient with friction in the component modes.
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """A structure reduced to its component modes, geometrically linear.
+
+    Attributes:
+        vectors: (local, n) basis.
+        model: the reduced model.
+    """
+
+    vectors: Array
+    model: ReducedModel
+
+
+def linear_model(structure: Structure, modes: ComponentModes) -> LinearModel:
+    """Reduce a structure to its component modes, without geometric nonlinearity.
 
     Args:
         structure: the structure.
-        scene: its contacts and time integration.
         modes: component modes of the structure.
-        frequency: the lowest frequency of the loads, Hz; by default that of the scene.
-
-    Returns:
-        Deflections (local, s) over the last period, from the equilibrium, m.
-
-    Raises:
-        AccuracyError: the energy balance is off.
-        ConvergenceError: a time step did not converge.
     """
     labels = [label for label in modes.labels if label.endswith("V")]
     basis = build_basis(
@@ -152,7 +179,28 @@ def linear_snapshots(
         structure.mass_inner,
         structure.comm.allreduce,
     )
-    model = project(structure, basis, nonlinear=False)
+    return LinearModel(basis.vectors, project(structure, basis, nonlinear=False))
+
+
+def linear_snapshots(
+    structure: Structure, scene: Scene, linear: LinearModel, frequency: float | None = None
+) -> Array:
+    """Compute a geometrically linear transient with friction in the component modes.
+
+    Args:
+        structure: the structure.
+        scene: its contacts and time integration.
+        linear: the linear model of the structure.
+        frequency: the lowest frequency of the loads, Hz; by default that of the scene.
+
+    Returns:
+        Coordinates (n, s) over the last period.
+
+    Raises:
+        AccuracyError: the energy balance is off.
+        ConvergenceError: a time step did not converge.
+    """
+    model = linear.model
     scene = replace(scene, time=transient_time(scene))
     if frequency is None:
         motion = simulate(model, scene, keep_coordinates=True)
@@ -172,7 +220,7 @@ def linear_snapshots(
     assert motion.coordinates is not None
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
-    return basis.vectors @ motion.coordinates[rows].T
+    return np.ascontiguousarray(motion.coordinates[rows].T)
 
 
 def transient_time(scene: Scene) -> Time:
@@ -207,7 +255,7 @@ def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray
     return np.unique(np.concatenate([(count * spread).astype(np.int64), extremes]))
 
 
-def static_snapshots(structure: Structure, linear: Array) -> Array:
+def static_snapshots(structure: Structure, deflection: Array) -> Array:
     """Compute nonlinear static deflections.
 
     The force f = K u (eq. 18) holds the linear structure in its largest deflection u of the linear
@@ -215,7 +263,7 @@ def static_snapshots(structure: Structure, linear: Array) -> Array:
 
     Args:
         structure: the structure.
-        linear: (local, s) snapshots of the linear transient, m.
+        deflection: (local,) u, m.
 
     Returns:
         Deflections (local, `STATIC_LEVELS`) from the equilibrium, m.
@@ -223,8 +271,7 @@ def static_snapshots(structure: Structure, linear: Array) -> Array:
     Raises:
         ConvergenceError: the statics did not converge.
     """
-    sizes = np.array([structure.mass_inner(u[:, None], u[:, None])[0, 0] for u in linear.T])
-    force = structure.stiffness_times(linear[:, [int(np.argmax(sizes))]])[:, 0]
+    force = structure.stiffness_times(deflection[:, None])[:, 0]
     parts = [level / STATIC_LEVELS for level in range(1, STATIC_LEVELS + 1)]
     found = structure.load_path(force, tracked(parts), STATIC_ACCURACY)
     return np.asarray(found - structure.equilibrium[:, None])

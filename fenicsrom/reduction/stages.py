@@ -69,12 +69,16 @@ def choose(
     if not isinstance(wanted, str):
         return Selection(modes.labels, wanted, {}, {})
     snapshots = snapshots or Snapshots(structure, scene, modes)
-    deflections = snapshots.linear
-    if wanted == "mmi-nls":
-        deflections = np.concatenate([snapshots.static, deflections], axis=1)
-    coordinates = modal_coordinates(
-        modes.vectors, deflections, structure.mass_inner, structure.largest(modes.vectors)
+    linear = snapshots.linear
+    static = snapshots.static if wanted == "mmi-nls" else linear.vectors[:, :0]
+    found = modal_coordinates(
+        modes.vectors,
+        np.concatenate([static, linear.vectors], axis=1),
+        structure.mass_inner,
+        structure.largest(modes.vectors),
     )
+    held, moving = np.split(found, [static.shape[1]], axis=1)
+    coordinates = np.concatenate([held, moving @ linear.coordinates], axis=1)
     return select(coordinates, modes.labels, wanted, scene.basis.threshold)
 
 

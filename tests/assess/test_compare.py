@@ -211,6 +211,26 @@ def test_identity_basis_has_no_residual(scheme, kind):
     assert residual.indicators(body, np.eye(body.local), less, scene)[0] > 1e-3
 
 
+def test_indicator_of_body_at_rest_is_root_mean_square_of_sine():
+    """The residual is the harmonic load of 2 N; the static load is balanced and does not count."""
+    pytest.importorskip("dolfinx")
+    from fenicsrom.fem.full import full_model
+
+    load = {"group": "load", "at": "centre", "direction": [0.0, 1.0]}
+    scene = beam_scene(
+        overrides=QUICK[:-1],
+        loads=[load | {"force": 2.0, "frequency": 30.0}, load | {"force": 4.0}],
+        contacts=None,
+        probe={"group": "tip"},
+    )
+    body = make_solid(scene)
+    found = simulate(full_model(body), scene, keep_coordinates=True)
+    rest = np.zeros_like(found.coordinates)
+    still = replace(found, coordinates=rest, velocity=rest, acceleration=rest)
+    for value in residual.indicators(body, np.eye(body.local), still, scene):
+        assert value == pytest.approx(np.sqrt(0.5), rel=0.05)
+
+
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_run_started_from_a_motion_continues_it(scheme):
     pytest.importorskip("dolfinx")

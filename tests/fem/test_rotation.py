@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
+import ufl
+from dolfinx import fem
 from scipy.integrate import solve_bvp
 from support import (
     STOCKY,
@@ -131,6 +133,20 @@ def test_energy_force_and_tangent_are_derivatives(spun: Any) -> None:
     np.testing.assert_allclose(
         dense(matrix, keep), expected, rtol=0, atol=1e-13 * np.abs(expected).max()
     )
+
+
+def test_matrices_of_inertia_are_those_of_their_forms(spun: Any) -> None:
+    frame, trial, test = spun.rotation, ufl.TrialFunction(spun.space), ufl.TestFunction(spun.space)
+    forms = {
+        "mass": (spun.mass, ufl.dot(trial, test)),
+        "centrifugal": (frame.mass, frame.out_of_axis(trial, test)),
+        "Coriolis": (spun.gyroscopic, frame.omega * frame.coriolis(trial, test)),
+    }
+    for name, (matrix, form) in forms.items():
+        assembled = spun.matrix(fem.form(spun.density * form * spun.dx), 0.0)
+        found, expected = (dense(each, np.arange(spun.local)) for each in (matrix, assembled))
+        error = np.abs(found - expected).max()
+        assert 0.0 < np.abs(expected).max() and error <= 1e-14 * np.abs(expected).max(), name
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse
 from numpy.typing import NDArray
 
 pytest.importorskip("dolfinx")
 
+from petsc4py import PETSc
 from support import beam_scene, dense, free_unknowns, make_solid, random_field
 
-from fenicsrom.errors import ConvergenceError
+from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.fem import statics as statics_module
 from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.fem.statics import Statics
 
@@ -90,9 +93,58 @@ def test_load_path_gives_the_equilibria_of_its_parts(
     np.testing.assert_array_equal(dense(bent2d.stiffness, free_unknowns(bent2d)), before)
 
 
+@pytest.mark.parametrize(
+    ("name", "plain", "counted"),
+    [("LARGEST_WEIGHT", 0.0, "solve"), ("LAST_CORRECTIONS", 0, "update")],
+    ids=["acceleration", "kept factor"],
+)
+def test_load_path_saves_work_with_the_same_equilibria(
+    name: str, plain: float, counted: str, bent2d: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    force = bent2d.load_vectors[:, 1] * 0.2 * bent2d.loads[1].size
+    calls, method = [0], getattr(Factorisation, counted)
+
+    def counting(*arguments: Any) -> Any:
+        calls[-1] += 1
+        return method(*arguments)
+
+    monkeypatch.setattr(Factorisation, counted, counting)
+    path = bent2d.load_path(force, np.arange(1, 11) / 10.0, 1e-7)
+    calls.append(0)
+    monkeypatch.setattr(statics_module, name, plain)
+    expected = bent2d.load_path(force, np.arange(1, 11) / 10.0, 1e-7)
+    assert calls[0] < calls[1]
+    np.testing.assert_allclose(path, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
+
+
 def test_state_that_is_no_equilibrium_is_refused(bent2d: Any) -> None:
     matrix = bent2d.stiffness.copy()
     statics = Statics(bent2d, Factorisation(matrix, "fenicsrom_test"), overwrite=True)
     statics.finish(bent2d.equilibrium, bent2d.static_load)
     with pytest.raises(ConvergenceError, match="residual"):
         statics.finish(1.001 * bent2d.equilibrium, bent2d.static_load)
+
+
+def test_too_little_memory_is_no_singular_matrix() -> None:
+    """MUMPS may take 1 MB, or the matrix has a row of zeros."""
+    side = scipy.sparse.diags_array([[2.0] * 12, [-1.0] * 11, [-1.0] * 11], offsets=[0, 1, -1])
+    one = scipy.sparse.eye_array(12)
+    plane = scipy.sparse.kron(side, one) + scipy.sparse.kron(one, side)
+    space = scipy.sparse.kron(plane, one) + scipy.sparse.kron(scipy.sparse.kron(one, one), side)
+    zero = scipy.sparse.diags_array(np.arange(space.shape[0], dtype=np.float64))
+    options = PETSc.Options()
+    for matrix, limited, kind in (
+        (space, True, ErrorKind.MEMORY),
+        (zero, False, ErrorKind.CONVERGENCE),
+    ):
+        rows = scipy.sparse.csr_array(matrix)
+        csr = (rows.indptr, rows.indices, rows.data)
+        held = PETSc.Mat().createAIJ(rows.shape, csr=csr, comm=PETSc.COMM_SELF)
+        if limited:
+            options["fenicsrom_test_mat_mumps_icntl_23"] = 1
+        try:
+            with pytest.raises(ConvergenceError) as caught:
+                Factorisation(held, "fenicsrom_test")
+        finally:
+            options.delValue("fenicsrom_test_mat_mumps_icntl_23")
+        assert caught.value.kind is kind

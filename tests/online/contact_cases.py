@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from support import one_contact
 
 from fenicsrom.online.contact_state import (
+    ContactScratch,
     ContactState,
     Interval,
     contact_scratch,
@@ -39,6 +40,15 @@ RUB3 = one_contact(
 SCHEMES = [(0.0, False), (0.4, False), (0.5, True)]
 
 
+def spoiled_scratch(points: int, d: int) -> ContactScratch:
+    """Scratch arrays in which the results of an earlier step are NaN: nothing may depend on it."""
+    found = contact_scratch(points, d)
+    for array in (found.mean_force, found.mean_friction, found.slider_motion, found.guess):
+        array.fill(np.nan)
+    found.force_derivative.fill(np.nan)
+    return found
+
+
 def rest(contacts: Contacts, x: Array, slider: Array) -> ContactState:
     """The law at a displacement (d,) with a slider (d - 1,) in the tangent plane, at rest."""
     found = zero_contact_state(1, x.size)
@@ -59,16 +69,18 @@ def step(
     a: float,
     line: bool,
     time: tuple[float, float] = (0.0, 1.0),
+    blending: float = 0.0,
 ) -> Any:
     """A step of all points to x (P, d): the state at its end, the results, the dissipation and the
     work of the surface."""
     points, d = x.shape
     end, found, interval = (
         zero_contact_state(points, d),
-        contact_scratch(points, d),
+        spoiled_scratch(points, d),
         Interval(*time, a, line),
     )
     end.x[:] = x
+    found.blending[:] = blending
     sums = np.zeros(2)
     for p in range(points):
         contact_force(contacts, interval, p, start, end, found)

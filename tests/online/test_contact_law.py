@@ -96,10 +96,14 @@ def test_friction_of_a_turned_displacement_is_turned() -> None:
         np.testing.assert_allclose(turned[2], turn[1:, 1:] @ new, rtol=1e-12, atol=1e-16)
 
 
-@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize(
+    ("a", "line", "blending"), [*((*scheme, 0.0) for scheme in SCHEMES), (0.5, True, 0.3)]
+)
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("surface", SURFACES)
-def test_force_derivative_matches_differences(surface: Any, d: int, a: float, line: bool) -> None:
+def test_force_derivative_matches_differences(
+    surface: Any, d: int, a: float, line: bool, blending: float
+) -> None:
     contacts, rng = surface(d), np.random.default_rng(7)
     seen = set()
     for _ in range(40):
@@ -116,10 +120,10 @@ def test_force_derivative_matches_differences(surface: Any, d: int, a: float, li
         x = rng.uniform(-way, way)
 
         def found(x: Array, start: ContactState = start) -> Any:
-            return step(contacts, start, x[None], a, line, (0.1, 0.5))[1]
+            return step(contacts, start, x[None], a, line, (0.1, 0.5), blending)[1]
 
         near = [
-            step(contacts, start, (x + s * e)[None], a, line, (0.1, 0.5))[:2]
+            step(contacts, start, (x + s * e)[None], a, line, (0.1, 0.5), blending)[:2]
             for e in np.eye(d)
             for s in (-1e-6, 1e-6)
         ]
@@ -138,6 +142,27 @@ def test_force_derivative_matches_differences(surface: Any, d: int, a: float, li
             tolerance=5e-8,
         )
     assert seen == {OPEN, SLIP, STICK}
+
+
+@pytest.mark.parametrize(("a", "line"), SCHEMES)
+@pytest.mark.parametrize("surface", SURFACES[:2])
+def test_forces_scale_with_the_stiffnesses(surface: Any, a: float, line: bool) -> None:
+    """Also forces of nanonewtons."""
+    heavy, rng, unit = surface(3), np.random.default_rng(12), 1e-9
+    names = ("preload", "normal_stiffness", "tangential_stiffness")
+    light = heavy._replace(**{name: unit * getattr(heavy, name) for name in names})
+    way, modes = np.array([6e-3, 1e-3, 1e-3]), set()
+    for _ in range(40):
+        x, w, end = rng.uniform(-way, way, (3, 1, 3))
+        forces = []
+        for contacts in (heavy, light):
+            start = zero_contact_state(1, 3)
+            at_rest(contacts, x, w, 0.1, start, contact_scratch(1, 3))
+            found = step(contacts, start, end, a, line, (0.1, 0.5))[1]
+            forces.append(found.mean_force)
+        modes.add(int(found.mode[0]))
+        np.testing.assert_allclose(forces[1] / unit, forces[0], rtol=1e-8, atol=1e-8)
+    assert modes == {OPEN, SLIP, STICK}
 
 
 @pytest.mark.parametrize("blending", [0.0, 0.3, 1.0])

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_cases import SCHEMES, step
+from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
 from support import fixed_steps, linear_model, one_contact, slope
 
@@ -71,7 +71,7 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
     """Whether it was solved, the end of the step and the results."""
     points, d = problem["free"].shape
     start = problem["start"]
-    end, found = zero_contact_state(points, d), contact_scratch(points, d)
+    end, found = zero_contact_state(points, d), spoiled_scratch(points, d)
     end.x[:] = start.x
     copies = {"delassus": problem["delassus"].copy(), "free": problem["free"].copy()} | {
         name: array.copy() for name, array in start._asdict().items()

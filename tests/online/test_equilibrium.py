@@ -17,6 +17,7 @@ from fenicsrom.assess import stability
 from fenicsrom.online import equilibrium as statics
 from fenicsrom.online import simulate as online
 from fenicsrom.online.contact_points import contacts_of
+from fenicsrom.online.load_histories import harmonic
 from fenicsrom.scene import Scene
 
 Array = NDArray[np.float64]
@@ -77,6 +78,33 @@ def test_unstable_directions_are_those_of_the_stiffness_with_the_springs(seed: i
     whole = np.linalg.eigvalsh(stiffness + normals.T @ np.diag(springs) @ normals)
     problem = statics._Statics(model, contacts, 2)
     assert problem.unstable(np.zeros(6)) == np.sum(whole < 0.0)
+
+
+@pytest.mark.parametrize("lowest", [-0.1, 0.1])
+def test_softest_direction_is_lowest_mode_with_the_springs(lowest: float) -> None:
+    rng = np.random.default_rng(4)
+    modes, rows = rng.standard_normal((2, 6, 6))
+    rows, springs = rows[:4], np.array([0.5, 2.0])
+    mass = np.linalg.inv(modes @ modes.T)  # so that the modes are M-orthonormal
+    whole = mass @ modes @ np.diag([lowest, 2.0, 3.0, 4.0, 5.0, 6.0]) @ modes.T @ mass
+    stiffness = whole - rows[::2].T @ np.diag(springs) @ rows[::2]
+    model = linear_model(mass, stiffness, masters=4)._replace(contact_rows=rows)
+    contacts = one_contact(preload=[1.0, 1.0], normal_stiffness=springs)
+    shape, rate = statics._Statics(model, contacts, 2)._soften(np.zeros(6), np.ones(6))
+    assert rate == pytest.approx(lowest, rel=1e-6)
+    assert abs(shape @ mass @ modes[:, 0]) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_response_to_loads_is_not_overwritten_by_next_solve() -> None:
+    load = harmonic(np.array([2.0]), np.ones(1), np.zeros(1))
+    model = linear_model(
+        np.eye(2), np.diag([4.0, 5.0]), loads=[[1.0], [0.0]], load_histories=load, masters=2
+    )
+    problem = statics._Statics(model, one_contact(preload=1.0, normal_stiffness=1.0), 2)
+    response, force = problem._seed(np.zeros(2))
+    problem._soften(np.zeros(2), np.ones(2))
+    np.testing.assert_allclose(response, [0.5, 0.0])
+    np.testing.assert_allclose(force, [2.0, 0.0])
 
 
 def test_unstable_structure_held_by_contact_springs_is_stable() -> None:

@@ -10,6 +10,7 @@ from support import beam_scene
 
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.state import PeriodicSearch
 from fenicsrom.post.directions import millimetres
 from fenicsrom.post.sentences import error_sentence
 
@@ -26,6 +27,16 @@ def test_amplitude_is_half_of_peak_to_peak_of_last_period():
     )
     assert got["normal"] == pytest.approx(0.002, rel=1e-4)
     assert got["tangential"] == pytest.approx([0.03, 0.01], rel=1e-4)
+
+
+@pytest.mark.parametrize("period", [None, PERIOD])
+def test_rms_is_that_of_a_sine_about_its_mean(period):
+    """Also of motions that are shorter than a second."""
+    time = 2 * PERIOD * np.linspace(0, 1, 2001) ** 1.2
+    u = np.zeros((time.size, 1, 2))
+    u[:, 0, 0], u[:, 0, 1] = 0.3, 0.5 + 0.02 * np.sin(2 * np.pi * time / PERIOD)
+    found = measures.rms(motion(time, u, period=period))
+    np.testing.assert_allclose(found, [0.0, 0.02 / np.sqrt(2)], rtol=2e-3, atol=1e-12)
 
 
 def test_contact_fractions_with_uneven_steps_weigh_by_time():
@@ -182,6 +193,27 @@ def test_errors_are_percent_of_reference():
     free = motion(exact.time, exact.displacement)
     assert measures.errors_percent(exact, free)["peak_normal_force"] is None
     assert measures.errors_percent(exact, free)["dissipated_per_period"] is None
+
+
+def test_errors_of_small_and_large_forces_are_equal():
+    exact, close = jenkins(normal=1e-3), jenkins(normal=1.1e-3)
+    whole = measures.errors_percent(close, exact)["peak_normal_force"]
+    small = (replace(case, force=1e-6 * case.force) for case in (close, exact))
+    assert measures.errors_percent(*small)["peak_normal_force"] == pytest.approx(whole)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "tends", "told"),
+    [
+        ("not found", False, "not found"),
+        ("stable", True, "stable"),
+        ("stable", False, "not reached"),
+        ("torus", True, "unstable: torus"),
+    ],
+)
+def test_search_verdict_tells_stability_and_whether_the_run_tends_to_it(verdict, tends, told):
+    search = PeriodicSearch(verdict, tends, None, 1, 5, 4, 1e-12, np.zeros(0, complex), 0)
+    assert measures.search_verdict(search) == told
 
 
 def test_tangential_error_in_3d_compares_vectors():

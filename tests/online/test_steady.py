@@ -25,7 +25,7 @@ from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Interrupted, Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.simulate import simulate
-from fenicsrom.online.steady import _Problem, fractions_of
+from fenicsrom.online.steady import _horizon, _Problem, fractions_of
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.post.figures import plot_energy
 from fenicsrom.post.record import Rerun
@@ -170,6 +170,26 @@ def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     marched = run(model, period, start=at(1.0, 0.0), steady_tolerance=0.0, periods=900)
     marched = replace(marched, period=motion.period)
     np.testing.assert_allclose(amplitude(motion), amplitude(marched), rtol=1e-4)
+
+
+@pytest.mark.parametrize(("force", "multiple"), [(0.28, 2), (0.37, 5)])
+def test_state_of_subharmonic_motion_repeats_after_its_periods(force: float, multiple: int) -> None:
+    model, period = duffing(0.3, -1.0, 1.0, force, 1.2)
+    marched = run(model, period, start=at(1.0, 0.0), steady="march", periods=300)
+    settings = Time.of(periods=301, steps_per_period=100)
+    problem = _Problem(model, no_contacts(), settings, period, marched.end, None)
+    assert problem.recurrences() == [multiple]
+
+
+def test_horizon_is_that_of_two_turns_or_of_the_decay_to_a_tenth() -> None:
+    def horizon(size: float, angle: float) -> int:
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return _horizon(size * turn, np.array([1.0, 0.0]))
+
+    assert horizon(1.0, 0.1) == horizon(1.0 + 1e-9, 0.1) == 126  # 4 pi / 0.1 = 125.7
+    assert horizon(0.9, 0.1) == horizon(0.9, 0.0) == 22  # 0.9^21.9 = 0.1
+    assert horizon(0.9, 1.0) == 13
+    assert horizon(0.01, 1.0) == horizon(1.0, 0.0) == 1
 
 
 def test_motion_of_one_period_is_no_subharmonic_motion() -> None:

@@ -10,49 +10,93 @@ import pytest
 from support import beam_scene
 
 from fenicsrom.arrays import Array
+from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.candidates import candidate_basis, missing_derivatives
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
-from fenicsrom.scene import Basis
+from fenicsrom.scene import Basis, Scene
 
 SECTION = {"length": 1.0, "height": 0.05, "width": 0.0254, "elements": 10, "load_at": 0.5}
 SLENDER = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 20, "load_at": 0.7}
+
+
+def extended(scene: Scene) -> tuple[BeamStructure, Reduction, ReducedBasis]:
+    """The beam of a scene, its reduction, and the basis with its candidates."""
+    beam = beam_structure(scene)
+    found = Reduction(beam, scene, lambda stage: nullcontext())
+    basis = candidate_basis(
+        beam, scene.basis, found.modes, found.selection, found.derivatives, found.basis
+    )
+    return beam, found, basis
 
 
 def reduced(method: str, derivatives: object = "none") -> tuple[BeamStructure, Reduction, Array]:
     """A beam, its reduction with one mode, and the basis with its candidates."""
     scene = beam_scene(2, reference={"beam": True, "beam_section": SECTION})
     basis = replace(scene.basis, method=method, modes=1, derivatives=derivatives)
-    scene = replace(scene, basis=basis)
-    beam = beam_structure(scene)
-    found = Reduction(beam, scene, lambda stage: nullcontext())
-    extended = candidate_basis(
-        beam, basis, found.modes, found.selection, found.derivatives, found.basis
-    )
-    return beam, found, extended.vectors
+    beam, found, more = extended(replace(scene, basis=basis))
+    return beam, found, more.vectors
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_candidates_extend_the_basis_and_rest_at_the_contact(method: str) -> None:
-    beam, found, extended = reduced(method)
+    beam, found, vectors = reduced(method)
     n, m = found.basis.size, found.basis.masters
-    np.testing.assert_allclose(extended[:, :n], found.basis.vectors, atol=1e-9)
-    assert np.abs(beam.contact_rows @ extended[:, n:]).max() < 1e-9 * np.abs(extended).max()
-    gram = beam.mass_inner(extended[:, m:], extended[:, m:])
+    np.testing.assert_allclose(vectors[:, :n], found.basis.vectors, atol=1e-9)
+    assert np.abs(beam.contact_rows @ vectors[:, n:]).max() < 1e-9 * np.abs(vectors).max()
+    gram = beam.mass_inner(vectors[:, m:], vectors[:, m:])
     np.testing.assert_allclose(gram, np.eye(gram.shape[0]), atol=1e-8)
 
 
 @pytest.mark.parametrize("method", ["rubin", "craig-bampton"])
 def test_candidates_hold_next_modes_load_and_missing_derivatives(method: str) -> None:
-    beam, found, extended = reduced(method)
+    beam, found, basis = reduced(method)
     more = component_modes(beam, Basis(method=method, modes=4))
     held = [more.normal[:, 1:], beam.factor.solve(beam.load_vectors)]
     for vectors in held:
-        rest = vectors - extended @ np.linalg.lstsq(extended, vectors, rcond=None)[0]
+        rest = vectors - basis @ np.linalg.lstsq(basis, vectors, rcond=None)[0]
         assert np.linalg.norm(rest) < 1e-7 * np.linalg.norm(vectors)
     labels = missing_derivatives(found.modes, more, found.selection, found.derivatives)
     assert {"1V1V", "1V1S", "1V2V", "2V2V"} <= set(labels) and len(set(labels)) == len(labels)
+
+
+@pytest.mark.parametrize("elements", [5, 7])
+def test_combinations_of_derivatives_are_independent(elements: int) -> None:
+    """The derivatives of bending modes are axial: as many as elements are independent."""
+    scene = beam_scene(
+        2,
+        contacts=None,
+        probe={"group": "tip"},
+        reference={
+            "beam": True,
+            "beam_section": SLENDER | {"elements": elements, "load_at": 1.0},
+        },
+    )
+    basis = replace(scene.basis, modes=1, derivatives="none")
+    _, _, more = extended(replace(scene, basis=basis))
+    assert sum(label.endswith("D") for label in more.labels) == elements
+
+
+@pytest.mark.parametrize("nonlinear", [True, False])
+def test_candidates_hold_derivatives_only_of_nonlinear_structure(nonlinear: bool) -> None:
+    scene = beam_scene(
+        2,
+        (f"geometrically_nonlinear={str(nonlinear).lower()}",),
+        reference={"beam": True, "beam_section": SECTION},
+    )
+    basis = replace(scene.basis, modes=1, derivatives="none")
+    _, _, more = extended(replace(scene, basis=basis))
+    assert any(label.endswith("D") for label in more.labels) is nonlinear
+
+
+def test_candidates_hold_all_modes_of_coarse_mesh() -> None:
+    """Two elements have six free unknowns; with the contact held, four are left."""
+    scene = beam_scene(2, reference={"beam": True, "beam_section": SECTION | {"elements": 2}})
+    basis = replace(scene.basis, method="craig-bampton", modes=2, derivatives="none")
+    beam, _, more = extended(replace(scene, basis=basis))
+    assert beam.free == 6 and more.masters == 2
+    assert {"1V", "2V", "3V", "4V"} <= set(more.labels)
 
 
 def test_kept_derivatives_are_not_missing() -> None:
@@ -62,30 +106,28 @@ def test_kept_derivatives_are_not_missing() -> None:
 
 
 @pytest.mark.parametrize("direction", [[1, 0], [0.3, 1]])
-@pytest.mark.parametrize("part", [0.2, 0.4])
-def test_candidates_judge_an_axial_motion(part: float, direction: list[float]) -> None:
-    """Below the first axial frequency; the next modes bend."""
+@pytest.mark.parametrize(("part", "before"), [(0.2, 0), (0.4, 0), (0.4, 9)])
+def test_candidates_judge_an_axial_motion(part: float, before: int, direction: list[float]) -> None:
+    """Below the first axial frequency; the next modes bend, and so do the loads before the last."""
+    load = {"group": "load", "at": "centre", "force": 1.0, "frequency": 3.2}
     scene = beam_scene(
         2,
-        ("geometrically_nonlinear=false", f"loads.0.direction={direction}"),
+        ("geometrically_nonlinear=false",),
+        loads=[load | {"direction": [0, 1]}] * before + [load | {"direction": direction}],
         contacts=None,
         probe={"group": "tip"},
         reference={"beam": True, "beam_section": SLENDER},
     )
-    basis = replace(scene.basis, modes=2)
-    beam = beam_structure(scene)
-    found = Reduction(beam, replace(scene, basis=basis), lambda stage: nullcontext())
-    extended = candidate_basis(
-        beam, basis, found.modes, found.selection, found.derivatives, found.basis
-    )
-    load, axial = beam.load_vectors[:, 0], beam.probe_rows[0]
+    scene = replace(scene, basis=replace(scene.basis, modes=2))
+    beam, found, more = extended(scene)
+    pushed, axial = beam.load_vectors[:, before], beam.probe_rows[0]
     # the first axial frequency is pi c / 2 L
     square = (part * 0.5 * np.pi / 2.54) ** 2 * 207e9 / 7801.0
 
     def response(r: Array) -> float:
         stiffness = r.T @ (beam.stiffness - square * beam.mass) @ r
-        return float(axial @ r @ np.linalg.solve(stiffness, r.T @ load))
+        return float(axial @ r @ np.linalg.solve(stiffness, r.T @ pushed))
 
     exact = response(np.eye(beam.local))
-    error, left = (abs(response(r) / exact - 1.0) for r in (found.basis.vectors, extended.vectors))
+    error, left = (abs(response(r) / exact - 1.0) for r in (found.basis.vectors, more.vectors))
     assert error > 0.003 and left < 0.1 * error

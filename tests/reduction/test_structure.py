@@ -15,7 +15,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import close_frequency_groups, component_modes
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.snapshots import linear_snapshots
+from fenicsrom.reduction.snapshots import Deflections, linear_model, linear_snapshots
 from fenicsrom.reduction.stages import Reduction, choose
 from fenicsrom.scene import Basis, Scene
 
@@ -82,7 +82,8 @@ def test_snapshots_do_not_depend_on_the_end_of_the_run() -> None:
         scene = scene_with(modes=2, elastic_force="projection")
         scene = replace(scene, time=scene.time.changed(steps_per_period=40, **end))
         beam = beam_structure(scene)
-        found.append(linear_snapshots(beam, scene, component_modes(beam, scene.basis)))
+        model = linear_model(beam, component_modes(beam, scene.basis))
+        found.append(linear_snapshots(beam, scene, model))
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
 
@@ -93,7 +94,7 @@ def test_nonlinear_statics_select_derivatives_in_mmi_nls_only() -> None:
     beam = beam_structure(scene)
     modes = component_modes(beam, scene.basis)
     first, second = modes.normal[:, [0]], modes.normal[:, [1]]
-    snapshots: Any = SimpleNamespace(linear=first, static=0.5 * second)
+    snapshots: Any = SimpleNamespace(linear=Deflections(first, np.eye(1)), static=0.5 * second)
     chosen = {}
     for method in ("mmi", "mmi-nls"):
         options = replace(scene.basis, derivatives=method, threshold=0.01)

@@ -70,12 +70,24 @@ SECOND = "{group='load', direction=[0, 1], force=100.0, frequency=%s}"
         (("loads.0.frequency=5.0", HILL), 125),
         (("loads.0.frequency=5.0", SURFACE % (2.0 * math.pi * 5.0)), 40),
         (("loads.0.frequency=5.0", SURFACE % (-2.0 * math.pi * 10.0)), 80),
+        (
+            (
+                "loads.0.frequency=5.0",
+                SURFACE.replace("spin=%s, ", ""),
+                "rotation.speed_rpm=300.0",
+                "reference.beam=false",
+            ),
+            40,
+        ),
     ],
 )
 def test_fixed_steps_resolve_the_fastest_excitation(
     overrides: tuple[str, ...], needed: int
 ) -> None:
-    """Loads beside a slower one, harmonics, a surface that comes and leaves, waves that turn."""
+    """Loads beside a slower one, harmonics, a surface that comes and leaves, waves that turn.
+
+    The waves of the last case are at rest, and the body turns.
+    """
     steps = "time.steps_per_period="
     assert parse(*overrides, f"{steps}{needed}").time.steps_per_period == needed
     found = refused(*overrides, f"{steps}{needed - 1}")
