@@ -129,8 +129,8 @@ def _words(found: Backbone, point: ModePoint) -> str:
     amplitude = 1e3 * float(point.amplitude[found.direction])
     axis, linear = "xyz"[found.direction], 1e3 * point.linear_amplitude
     return (
-        f"{point.frequency:.6g} Hz (amplitude of the probe along {axis} {amplitude:.4g} mm, linear "
-        f"amplitude {linear:.4g} mm)"
+        f"{point.frequency:.6g} Hz (probe {amplitude:.4g} mm along {axis}, linear amplitude "
+        f"{linear:.4g} mm)"
     )
 
 

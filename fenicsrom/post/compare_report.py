@@ -45,7 +45,7 @@ SHORT_HEADS = {
 }
 REPORT_ONLY = ("±", "break-even", "wrong state %")
 TERMINAL_NOTE = (
-    "CB is Craig–Bampton. The errors are those of the amplitude, the time history, the peak "
+    "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
     "normal force and the energy per period; report.html and comparison.csv have more."
 )
 
@@ -180,7 +180,7 @@ def terminal_table(comparison: Comparison) -> list[list[Any]]:
     long, *lines = table(comparison)
     names = error_heads(comparison)
     first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
-    short = {**SHORT_HEADS, others: others.replace(" amplitude", "")}
+    short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
     wanted = [name for name in long if name not in (*REPORT_ONLY, first)]
     head = [short.get(name, name) for name in wanted]
     rows = [dict(zip(long, line, strict=True)) for line in lines]
@@ -330,4 +330,5 @@ def terminal(comparison: Comparison) -> str:
     """Compose the table and the sentences for the terminal."""
     rows = terminal_table(comparison)
     keys = rows[0].index("size")
-    return "\n".join([text_table(rows, keys), "", TERMINAL_NOTE, *sentences(comparison)])
+    note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
+    return "\n".join([text_table(rows, keys), "", note, *sentences(comparison)])
