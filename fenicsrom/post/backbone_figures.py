@@ -34,11 +34,11 @@ def figure(found: Backbone) -> Figure:
             markerfacecolor="white",
             markersize=5,
             linewidth=1.0,
-            label="peak of the forced response",
+            label="peak of the forced response (× load factor)",
         )
         for peak, place in zip(found.peaks, peaks, strict=True):
             upper.annotate(
-                f"{peak.factor:g} × loads",
+                f"× {peak.factor:g}",
                 place,
                 xytext=(6, 6),
                 textcoords="offset points",
