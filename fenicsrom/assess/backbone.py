@@ -244,8 +244,9 @@ def _follow(
         if clock.perf_counter() - last > REPORT_INTERVAL:
             last, here = clock.perf_counter(), found.points[-1]
             say(
-                f"{len(found.points)} points, amplitude {1e3 * here.linear_amplitude:.4g} mm, "
-                f"{here.frequency:.6g} Hz, damping ratio {here.damping_ratio:.4g}"
+                f"{len(found.points)} points, linear amplitude "
+                f"{1e3 * here.linear_amplitude:.4g} mm, {here.frequency:.6g} Hz, "
+                f"damping ratio {100.0 * here.damping_ratio:.4g} %"
             )
 
     keep(_first_point(path))

@@ -35,6 +35,7 @@ from fenicsrom.scene import Scene
 if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
 
+DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
 
 
@@ -58,6 +59,7 @@ class Campbell:
         seconds: run time.
         warnings: sentences for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
+        body: the solid.
     """
 
     scene: Scene
@@ -73,6 +75,7 @@ class Campbell:
     seconds: float
     warnings: list[str] = field(default_factory=list)
     unfinished: Exception | None = None
+    body: Solid | None = None
 
     @property
     def frequencies_hz(self) -> Array:
@@ -161,6 +164,7 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         0.0,
         list(solid.warnings),
         unfinished,
+        solid,
     )
     found.warnings += _warnings(found)
     _find_critical_speeds(found, _Between(solid, reached, tracked), say)
@@ -310,7 +314,7 @@ def speeds_rpm(scene: Scene) -> Array:
 
 
 def _warnings(found: Campbell) -> list[str]:
-    """One sentence for each mode that was lost, and one for each unstable mode."""
+    """One sentence for each mode that was lost or may be another one, or that is unstable."""
     warnings = []
     for mode in range(found.squares.shape[1]):
         lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)
@@ -320,6 +324,15 @@ def _warnings(found: Campbell) -> list[str]:
                 f"mode {mode + 1} was lost between {found.speeds_rpm[k - 1]:g} and "
                 f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
                 "use speeds that are closer together"
+            )
+        doubtful = np.flatnonzero(
+            (found.mac[:, mode] >= LEAST_MAC) & (found.mac[:, mode] < DOUBTFUL_MAC)
+        )
+        for k in map(int, doubtful):
+            warnings.append(
+                f"mode {mode + 1} may have been swapped with another mode between "
+                f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "
+                f"{found.mac[k, mode]:.2f}): speeds that are closer together tell"
             )
         unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
         if unstable.size:

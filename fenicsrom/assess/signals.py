@@ -122,11 +122,11 @@ def energy_per_period(motion: Motion) -> dict[str, Array]:
     """Energies of each whole period of the loads, J.
 
     Returns:
-        "work of the loads", "damping" and "friction" -> (periods,).
+        "work", "damping" and "friction" -> (periods,).
     """
     assert motion.load_period is not None
     count = int(motion.time[-1] / motion.load_period + 1e-6)
     instants: Array = motion.load_period * np.arange(count + 1, dtype=np.float64)
     sums = np.column_stack([motion.work, motion.damping_dissipation, motion.friction_dissipation])
     each = np.diff(interpolated(motion, sums, instants), axis=0)
-    return dict(zip(("work of the loads", "damping", "friction"), each.T, strict=True))
+    return dict(zip(("work", "damping", "friction"), each.T, strict=True))

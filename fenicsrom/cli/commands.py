@@ -31,6 +31,7 @@ def run(options: argparse.Namespace) -> int:
     require_scene(options)
     comm, say, scene = start(options)
     from fenicsrom.post import motion_table, sentences
+    from fenicsrom.post.directions import direction_names
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
@@ -44,7 +45,8 @@ def run(options: argparse.Namespace) -> int:
             fresh=options.fresh,
         )
         if comm.rank == 0:
-            table = motion_table.response_table(found.motions, found.sizes, scene)
+            names = direction_names(scene, found.solid.points)
+            table = motion_table.response_table(found.motions, found.sizes, names, scene)
             lines = sentences.study_sentences(found)
             print_results(scene, table, found.warnings, lines, found.files)
         return end(comm, found.unfinished[1] if found.unfinished else None)
@@ -56,6 +58,7 @@ def _rerun(options: argparse.Namespace) -> int:
 
     from fenicsrom.online import archive, checkpoints
     from fenicsrom.post import motion_table, sentences
+    from fenicsrom.post.directions import direction_names
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -72,7 +75,8 @@ def _rerun(options: argparse.Namespace) -> int:
             given=given_keys(options),
         )
         sizes = {"reduced": stored.size}
-        table = motion_table.response_table({"reduced": found.motion}, sizes, current.scene)
+        names = direction_names(current.scene, current.model.points)
+        table = motion_table.response_table({"reduced": found.motion}, sizes, names, current.scene)
         lines = sentences.rerun_sentences(found)
         print_results(current.scene, table, found.warnings, lines, found.files)
         return end(None, found.unfinished)
@@ -145,11 +149,13 @@ def campbell(options: argparse.Namespace) -> int:
     comm, say, scene = start(options, unloaded=True)
     from fenicsrom.assess import campbell
     from fenicsrom.post import campbell_report
+    from fenicsrom.post.body_pictures import setup_pictures
 
     with opened(options, scene, comm) as folder:
         found = campbell.campbell(scene, comm, say)
+        setup = setup_pictures(found.body, scene)
         if comm.rank == 0:
-            files = campbell_report.write(found, folder)
+            files = campbell_report.write(found, folder, setup)
             print_results(scene, campbell_report.terminal(found), found.warnings, files=files)
         return end(comm, found.unfinished)
 
@@ -243,10 +249,12 @@ def statics(options: argparse.Namespace) -> int:
         found = equilibrium_path(scene, comm, say, is_terminated)
         if found.points:
             from fenicsrom.post import equilibrium_report
+            from fenicsrom.post.body_pictures import setup_pictures
 
             shapes = equilibrium_report.write_shapes(found, folder)
+            setup = setup_pictures(found.body, scene)
             if comm.rank == 0:
-                files = [*equilibrium_report.write(found, folder), *shapes]
+                files = [*equilibrium_report.write(found, folder, setup), *shapes]
                 table = equilibrium_report.terminal(found)
                 print_results(scene, table, found.warnings, files=files)
         if found.interrupted:

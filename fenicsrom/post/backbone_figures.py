@@ -34,8 +34,17 @@ def figure(found: Backbone) -> Figure:
             markerfacecolor="white",
             markersize=5,
             linewidth=1.0,
-            label="peak of the forced response",
+            label="peak of the forced response (× load factor)",
         )
+        for peak, place in zip(found.peaks, peaks, strict=True):
+            upper.annotate(
+                f"× {peak.factor:g}",
+                place,
+                xytext=(6, 6),
+                textcoords="offset points",
+                fontsize=8,
+                color=COLOURS[1],
+            )
         upper.legend(loc="best")
     upper.set_ylabel("frequency, Hz")
     shown = damping if np.max(np.abs(damping)) > NO_DAMPING else np.zeros_like(damping)

@@ -15,6 +15,12 @@ from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results
 from fenicsrom.post.tables import text_table
 
+AMPLITUDES_NOTE = (
+    "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
+    "coordinate; backbone.first and backbone.last are linear amplitudes. The amplitude of the "
+    "probe is half of peak-to-peak of the nonlinear motion, in which other modes take part."
+)
+
 
 def rows(found: Backbone) -> list[dict[str, Any]]:
     """The rows of `backbone.csv`: the points of the mode."""
@@ -121,7 +127,11 @@ def sentences(found: Backbone) -> list[str]:
 def _words(found: Backbone, point: ModePoint) -> str:
     """Frequency and amplitude of a point."""
     amplitude = 1e3 * float(point.amplitude[found.direction])
-    return f"{point.frequency:.6g} Hz ({amplitude:.4g} mm)"
+    axis, linear = "xyz"[found.direction], 1e3 * point.linear_amplitude
+    return (
+        f"{point.frequency:.6g} Hz (probe {amplitude:.4g} mm along {axis}, linear amplitude "
+        f"{linear:.4g} mm)"
+    )
 
 
 def peak_table(found: Backbone) -> list[list[Any]]:
@@ -155,7 +165,7 @@ def write(found: Backbone, folder: Path) -> list[Path]:
         title=f"nonlinear mode {found.table.mode}",
         rows=rows(found),
         summary=lambda: summary(found),
-        sentences=sentences(found),
+        sentences=[*sentences(found), AMPLITUDES_NOTE],
         warnings=found.warnings,
         tables={"Peaks of the forced response": peak_table(found)},
     )

@@ -19,7 +19,7 @@ from fenicsrom.post.body_drawing import (
     triangle_colours,
 )
 from fenicsrom.post.body_surface import Surface, normals
-from fenicsrom.post.body_view import View, frame_of, view_of
+from fenicsrom.post.body_view import View, frame_of, largest_of, view_of
 from fenicsrom.post.style import magnification, new_figure, scale_text, styled
 
 if TYPE_CHECKING:
@@ -41,7 +41,10 @@ def _grid(count: int, aspect: float) -> tuple[int, int]:
 
 @styled
 def shape_figure(
-    surface: Surface, fields: Mapping[str, Array], titles: Mapping[str, str]
+    surface: Surface,
+    fields: Mapping[str, Array],
+    titles: Mapping[str, str],
+    moved: Array | None = None,
 ) -> Figure:
     """Draw shapes as deformed bodies, coloured by their displacement, one panel each.
 
@@ -52,13 +55,14 @@ def shape_figure(
         surface: the surface.
         fields: label -> displacement (n, 3).
         titles: label -> title of the panel.
+        moved: as in `view_of`.
     """
-    view, labels = view_of(surface.points, surface.triangles), list(fields)[:MOST_SHAPES]
-    moved = {}
+    view, labels = view_of(surface.points, surface.triangles, moved=moved), list(fields)
+    labels, places = labels[:MOST_SHAPES], {}
     for label in labels:
         largest = float(np.linalg.norm(fields[label], axis=1).max()) or 1.0
-        moved[label] = surface.points + SHAPE * view.length / largest * fields[label]
-    low, high = shown_part(view, [surface.points, *moved.values()])
+        places[label] = surface.points + SHAPE * view.length / largest * fields[label]
+    low, high = shown_part(view, [surface.points, *places.values()])
     aspect = (high[1] - low[1]) / (high[0] - low[0])
     rows, columns = _grid(len(labels), aspect)
     wide = 9.6 / max(columns, 2)
@@ -70,7 +74,7 @@ def shape_figure(
         sizes = np.linalg.norm(fields[label], axis=1)
         draw_outline(axis, surface, view)
         colours = triangle_colours(surface, sizes / (float(sizes.max()) or 1.0))
-        draw_body(axis, surface, view, moved[label], colours)
+        draw_body(axis, surface, view, places[label], colours)
         draw_triad(axis, view, low)
         show_part(axis, low, high)
         axis.set_title(titles[label])
@@ -89,7 +93,7 @@ def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
 @styled
 def deflection_figure(surface: Surface, displacement: Array, title: str) -> Figure:
     """Draw a displacement (n, 3) in m, magnified by a stated factor if it is small."""
-    view = view_of(surface.points, surface.triangles)
+    view = view_of(surface.points, surface.triangles, moved=largest_of(displacement))
     sizes = np.linalg.norm(displacement, axis=1)
     largest = float(sizes.max())
     colours = triangle_colours(surface, sizes / (largest or 1.0))
@@ -115,7 +119,7 @@ def stress_figure(surface: Surface, displacement: Array, stress: Array, title: s
     peak = float(stress[worst]) or 1.0
     around = np.any(surface.triangles == worst, axis=1)
     facing = normals(surface.points, surface.triangles[around]).sum(axis=0)
-    view = view_of(surface.points, surface.triangles, facing)
+    view = view_of(surface.points, surface.triangles, facing, moved=largest_of(displacement))
     colours = triangle_colours(surface, stress / peak, "turbo")
     figure, axis, scale = _deflected(surface, view, displacement, colours, worst)
     axis.set_title(title)

@@ -14,6 +14,7 @@ from fenicsrom.online.stress import StressTable, von_mises
 from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.body_figures import deflection_figure, shape_figure, stress_figure
 from fenicsrom.post.body_surface import Surface, gathered_surface, surface_of
+from fenicsrom.post.body_view import largest_of
 from fenicsrom.post.fields import (
     about_equilibrium,
     contact_points,
@@ -71,18 +72,20 @@ def body_pictures(study: Study) -> list[Picture]:
         return []
     scene, titles = study.scene, shape_titles(study, named)
     surface, values = found
+    seen = [EQUILIBRIUM] if solid.loaded else list(named)[:1]
+    moved = largest_of(values[seen[0]]) if seen else None
 
     def draw_shapes() -> Figure:
         shown = {label: values[label] for label in named}
-        return shape_figure(*for_picture(surface, shown, LEAST_OF_MANY), titles)
+        return shape_figure(*for_picture(surface, shown, LEAST_OF_MANY), titles, moved)
 
     def draw_equilibrium() -> Figure:
-        shown, moved = for_picture(surface, {EQUILIBRIUM: values[EQUILIBRIUM]})
+        shown, found = for_picture(surface, {EQUILIBRIUM: values[EQUILIBRIUM]})
         largest = 1e3 * float(np.linalg.norm(values[EQUILIBRIUM], axis=1).max())
         title = f"equilibrium: largest displacement {largest:.4g} mm"
-        return deflection_figure(shown, moved[EQUILIBRIUM], title)
+        return deflection_figure(shown, found[EQUILIBRIUM], title)
 
-    pictures = [_setup(solid, scene, regions, surface, values)]
+    pictures = [_setup(solid, scene, regions, surface, values, moved=moved)]
     if named:
         pictures.append(Picture("Shapes", "shapes.png", draw_shapes))
     if solid.loaded:
@@ -97,6 +100,14 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     return _setup(solid, scene, regions, *found, name) if found is not None else None
 
 
+def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
+    """The picture of the set-up for a report, where the scene asks for pictures. Collective."""
+    if solid is None or not scene.output.pictures:
+        return []
+    picture = setup_picture(solid, scene, "setup.png")
+    return [] if picture is None else [picture]
+
+
 def _setup(
     solid: Solid,
     scene: Scene,
@@ -104,13 +115,14 @@ def _setup(
     surface: Surface,
     values: dict[str, Array],
     name: str = "setup.png",
+    moved: Array | None = None,
 ) -> Picture:
     """The picture of the set-up from the fields of the regions on the whole surface."""
 
     def draw() -> Figure:
         marks = marks_of(solid, scene, regions, surface.points, values)
         shown, kept = simplified(surface)
-        return setup_figure(shown, marks.at(kept), _title(scene))
+        return setup_figure(shown, marks.at(kept), _title(scene), moved)
 
     return Picture("Set-up", name, draw)
 
@@ -136,14 +148,16 @@ def film_of(study: Study) -> Film | None:
     if found is None:
         return None
     surface, values = for_picture(*found, LEAST_SMOOTH)
-    rest = replace(surface, points=surface.points + values.pop(EQUILIBRIUM))
+    equilibrium = values.pop(EQUILIBRIUM)
+    rest = replace(surface, points=surface.points + equilibrium)
     some = slice(None, None, ROWS_PER_FRAME)
     coordinates, times = frame_coordinates(motion)[some], motion.time[frame_rows(motion)][some]
     moved = np.tensordot(coordinates, np.array(list(values.values())), 1)
     dots = None
     if marks is not None:
         dots = Dots(marks[0], marks[1]["displacement"][some], marks[1]["state"][some])
-    return Film(rest, times, moved, solid.loaded, dots)
+    most = largest_of(equilibrium if solid.loaded else moved.reshape(-1, 3))
+    return Film(rest, times, moved, solid.loaded, dots, most)
 
 
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:

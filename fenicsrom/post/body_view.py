@@ -17,6 +17,9 @@ BROAD = 1.5
 OBLIQUE = (0.72, 0.15, 0.66)
 """Direction to the viewer: parts along the broad side's normal, the long axis, and across both."""
 
+SIDEWAYS = ((0.45, 0.15, 0.88), (0.88, 0.15, 0.45))
+"""Other directions: they look across a displacement along the normal, or across the narrow side."""
+
 END_ON = (0.65, 0.45, 0.60)
 """The same, so that an end of the body is seen as well."""
 
@@ -45,6 +48,7 @@ def view_of(
     triangles: Ints,
     facing: Array | None = None,
     oblique: tuple[float, float, float] = OBLIQUE,
+    moved: Array | None = None,
 ) -> View:
     """Look at the broad side of a body; its longest axis lies across the picture.
 
@@ -57,6 +61,8 @@ def view_of(
         facing: (3,) normal of a place that must be seen: the viewer moves to the other side, or
             below the body, if the place is not seen otherwise.
         oblique: direction to the viewer, `OBLIQUE` or `END_ON`.
+        moved: (3,) the largest displacement that is shown: of `oblique` and `SIDEWAYS`, that
+            direction is taken that looks across it.
     """
     extent = np.ptp(points, axis=0)
     thin, middle, along = np.eye(3)[np.argsort(extent, kind="stable")]
@@ -71,6 +77,8 @@ def view_of(
     broad = broad * (-1.0 if np.cross(broad, along) @ [0.0, 0.6, 1.0] < 0.0 else 1.0)
     third = np.cross(broad, along)
     axes = np.array([broad, along, third])
+    if moved is not None:
+        oblique = min((oblique, *SIDEWAYS), key=lambda way: abs(float(way @ axes @ moved)))
     towards = oblique @ axes
     if facing is not None and facing @ towards < 0.0:
         sides = [(a, 1.0, b) for a, b in itertools.product((1.0, -1.0), repeat=2)]
@@ -83,6 +91,11 @@ def view_of(
     up = up - (up @ towards) * towards
     up = up / np.linalg.norm(up)
     return View(np.asarray(np.cross(up, towards)), up, towards, float(extent.max()))
+
+
+def largest_of(displacement: Array) -> Array:
+    """The largest of displacements (n, 3), (3,) m."""
+    return np.asarray(displacement[int(np.argmax(np.linalg.norm(displacement, axis=1)))])
 
 
 def frame_of(places: Sequence[Array], spare: float) -> tuple[Array, Array]:

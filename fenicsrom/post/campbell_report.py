@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,11 +48,16 @@ def summary(found: Campbell) -> dict[str, Any]:
     }
 
 
+def five_digits(value: float) -> str:
+    """A number with five significant digits; zeros at its end are kept."""
+    return f"{value:#.5g}".rstrip(".")
+
+
 def frequency_table(found: Campbell) -> list[list[Any]]:
     """Frequencies against speed; the first row is the header."""
     head = ["rpm", *(f"mode {label} Hz" for label in found.labels)]
     rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
-    return [head, *([f"{speed:.6g}", *(f"{value:.5g}" for value in line)] for speed, line in rows)]
+    return [head, *([f"{speed:.6g}", *(map(five_digits, line))] for speed, line in rows)]
 
 
 def critical_table(found: Campbell) -> list[list[Any]]:
@@ -60,10 +66,10 @@ def critical_table(found: Campbell) -> list[list[Any]]:
         [
             item.order,
             found.labels[item.mode - 1],
-            f"{item.speed_rpm:.5g}",
-            f"{item.frequency_hz:.5g}",
-            None if item.computed_hz is None else f"{item.computed_hz:.5g}",
-            None if item.difference is None else f"{round(100 * item.difference, 4) + 0.0:.4f}",
+            five_digits(item.speed_rpm),
+            five_digits(item.frequency_hz),
+            None if item.computed_hz is None else five_digits(item.computed_hz),
+            None if item.difference is None else f"{100 * item.difference:.1e}",
         ]
         for item in found.critical
     ]
@@ -78,7 +84,7 @@ def margin_table(found: Campbell) -> list[list[Any]]:
     orders = found.scene.campbell.engine_orders
     hertz = np.sqrt(np.maximum(found.operating_squares, 0.0)) / (2.0 * np.pi)
     rows = [
-        [label, f"{value:.5g}", *(f"{100 * margin:+.1f}" for margin in line)]
+        [label, five_digits(value), *(f"{100 * margin:+.1f}" for margin in line)]
         for label, value, line in zip(found.labels, hertz, found.margins, strict=True)
     ]
     return [["mode", "Hz", *(f"EO {order} %" for order in orders)], *rows]
@@ -179,8 +185,13 @@ def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
         )
 
 
-def write(found: Campbell, folder: Path) -> list[Path]:
+def write(found: Campbell, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
     """Write `campbell.csv`, `campbell.json`, `report.html` and `campbell.png`.
+
+    Args:
+        found: the diagram.
+        folder: folder of the files.
+        more: other pictures of the report.
 
     Returns:
         The files; the first one is the file to open.
@@ -206,6 +217,7 @@ def write(found: Campbell, folder: Path) -> list[Path]:
             "Margins at the speed of operation": margin_table(found),
             "Frequencies": frequency_table(found),
         },
+        more=more,
     )
 
 

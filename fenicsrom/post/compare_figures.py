@@ -8,6 +8,7 @@ import numpy as np
 
 from fenicsrom.assess.agreement import pareto_front
 from fenicsrom.assess.compare import Comparison, Outcome
+from fenicsrom.post.directions import error_names
 from fenicsrom.post.style import COLOURS, new_figure, styled
 
 if TYPE_CHECKING:
@@ -30,11 +31,16 @@ SHORT = {"rubin": "R", "craig-bampton": "CB"}
 LEAST = 1e-6  # percent; smaller errors are drawn at this value
 
 
-def tip_error(outcome: Outcome) -> float:
-    """Error of the tip amplitude of an outcome with a full model, percent."""
+def amplitude_error(outcome: Outcome) -> float:
+    """Error of the tangential amplitude of an outcome with a full model, percent."""
     error = outcome.errors["amplitude_tangential"]
     assert error is not None
     return error
+
+
+def _error_label(comparison: Comparison) -> str:
+    """The label of an axis with the errors of the amplitude."""
+    return f"error of the {error_names(comparison.scene)[1]} amplitude, %"
 
 
 def _colours(outcomes: list[Outcome]) -> dict[str, str]:
@@ -50,12 +56,12 @@ def _point(outcome: Outcome) -> str:
 
 @styled
 def pareto_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the tip amplitude against online and total time, with the Pareto front."""
+    """Draw the error of the amplitude against online and total time, with the Pareto front."""
     outcomes = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
     figure = new_figure(10.5, 5.8)
     axes = figure.subplots(1, 2, sharey=True)
     colours = _colours(outcomes)
-    errors = [max(tip_error(o), LEAST) for o in outcomes]
+    errors = [max(amplitude_error(o), LEAST) for o in outcomes]
     assert comparison.full is not None
     for axis, title, offline in zip(
         axes, ("online time", "offline and online time"), (False, True), strict=True
@@ -101,7 +107,7 @@ def pareto_figure(comparison: Comparison) -> Figure:
             va="top",
             fontsize=8.5,
         )
-    axes[0].set_ylabel("error of the tip amplitude, %")
+    axes[0].set_ylabel(_error_label(comparison))
     _key(figure, outcomes, colours)
     return figure
 
@@ -199,7 +205,7 @@ def _key(figure: Figure, outcomes: list[Outcome], colours: dict[str, str]) -> No
 
 @styled
 def size_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the tip amplitude against the number of normal modes and the size.
+    """Draw the error of the amplitude against the number of normal modes and the size.
 
     Figures 8, 9 and 14 of the paper have the same axes.
     """
@@ -223,12 +229,14 @@ def size_figure(comparison: Comparison) -> Figure:
         ):
             ordered = sorted(members, key=lambda o: (values(o), o.combination.modes))
             axis.plot(
-                [values(o) for o in ordered], [max(tip_error(o), LEAST) for o in ordered], **style
+                [values(o) for o in ordered],
+                [max(amplitude_error(o), LEAST) for o in ordered],
+                **style,
             )
     for axis, name in zip(axes, ("normal modes", "coordinates"), strict=True):
         axis.set(yscale="log", xlabel=f"number of {name}")
         axis.xaxis.get_major_locator().set_params(integer=True)
-    axes[0].set_ylabel("error of the tip amplitude, %")
+    axes[0].set_ylabel(_error_label(comparison))
     _key_of_lines(figure, lines, colours)
     return figure
 
@@ -247,7 +255,7 @@ def _key_of_lines(
 
 @styled
 def indicator_figure(comparison: Comparison) -> Figure:
-    """Draw the error of the tip amplitude against its indicator, one point for each basis."""
+    """Draw the error of the amplitude against its indicator, one point for each basis."""
     outcomes = [
         o
         for o in comparison.outcomes
@@ -258,7 +266,7 @@ def indicator_figure(comparison: Comparison) -> Figure:
     colours = _colours(outcomes)
     xs, ys = (
         [float(o.indicator or 0.0) for o in outcomes],
-        [max(tip_error(o), LEAST) for o in outcomes],
+        [max(amplitude_error(o), LEAST) for o in outcomes],
     )
     for o, x, y in zip(outcomes, xs, ys, strict=True):
         axis.scatter(
@@ -270,7 +278,7 @@ def indicator_figure(comparison: Comparison) -> Figure:
         xscale="log",
         yscale="log",
         xlabel="indicator (no full run)",
-        ylabel="error of the tip amplitude, %",
+        ylabel=_error_label(comparison),
         title=title,
     )
     _annotate(

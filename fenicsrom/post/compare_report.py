@@ -12,11 +12,12 @@ from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import response_summary
 from fenicsrom.post.compare_figures import (
     METHODS,
+    amplitude_error,
     indicator_figure,
     pareto_figure,
     size_figure,
-    tip_error,
 )
+from fenicsrom.post.directions import error_names
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.pictures import draw_pictures
@@ -26,8 +27,8 @@ from fenicsrom.scene import scene_heading
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
-    "amplitude_tangential": "tip amplitude",
-    "amplitude_normal": "axial amplitude",
+    "amplitude_normal": "normal amplitude",
+    "amplitude_tangential": "tangential amplitude",
     "history": "time history",
     "peak_normal_force": "peak normal force",
     "dissipated_per_period": "energy per period",
@@ -37,15 +38,14 @@ SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
 SHORT_HEADS = {
     "derivatives": "deriv.",
     "speed-up": "times faster",
-    "tip amplitude %": "tip %",
     "time history %": "history %",
     "peak normal force %": "force %",
     "energy per period %": "energy %",
     "indicator": "indicator",
 }
-REPORT_ONLY = ("±", "break-even", "axial amplitude %", "wrong state %")
+REPORT_ONLY = ("±", "break-even", "wrong state %")
 TERMINAL_NOTE = (
-    "CB is Craig–Bampton. The errors are those of the tip amplitude, the time history, the peak "
+    "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
     "normal force and the energy per period; report.html and comparison.csv have more."
 )
 
@@ -121,6 +121,15 @@ def summary(comparison: Comparison) -> dict[str, Any]:
     }
 
 
+def error_heads(comparison: Comparison) -> dict[str, str]:
+    """The names of the errors; those of the amplitudes name the directions as `run` does."""
+    first, others = error_names(comparison.scene)
+    return ERRORS | {
+        "amplitude_normal": f"{first} amplitude",
+        "amplitude_tangential": f"{others} amplitude",
+    }
+
+
 def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
     """Compose the table of the report; the first row is the header.
 
@@ -133,6 +142,7 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
     }
     full = comparison.full is not None
+    names = error_heads(comparison)
     head = [
         "method",
         "modes",
@@ -143,7 +153,7 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
         "online ms",
         "±",
     ]
-    head += ["speed-up", "break-even", *(f"{name} %" for name in ERRORS.values())] if full else []
+    head += ["speed-up", "break-even", *(f"{name} %" for name in names.values())] if full else []
     found: list[list[Any]] = [[*head, "indicator"]]
     for outcome in comparison.outcomes:
         c = outcome.combination
@@ -173,8 +183,11 @@ def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
 def terminal_table(comparison: Comparison) -> list[list[Any]]:
     """Compose the table of the terminal: the columns that decide, and errors with two digits."""
     long, *lines = table(comparison, digits=2)
-    wanted = [name for name in long if name not in REPORT_ONLY]
-    head = [SHORT_HEADS.get(name, name) for name in wanted]
+    names = error_heads(comparison)
+    first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
+    short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
+    wanted = [name for name in long if name not in (*REPORT_ONLY, first)]
+    head = [short.get(name, name) for name in wanted]
     rows = [dict(zip(long, line, strict=True)) for line in lines]
     for row in rows:
         row["method"] = SHORT_METHODS[row["method"]]
@@ -192,21 +205,22 @@ def _rounded(value: float | None, digits: int = 3) -> float | int | None:
 def sentences(comparison: Comparison) -> list[str]:
     """State the results of the comparison."""
     found = []
+    amplitude = error_heads(comparison)["amplitude_tangential"]
     rated = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
     small = [o for o in rated if len(o.labels) <= SMALL]
     if small:
-        best = min(small, key=tip_error)
+        best = min(small, key=amplitude_error)
         found.append(
             f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
-            f"{len(best.labels)} coordinates: its error of the tip amplitude is "
-            f"{tip_error(best):.2g} %, it is {comparison.speed_up(best):.0f} times as fast as the "
-            f"full model, and its offline time pays off after "
+            f"{len(best.labels)} coordinates: its error of the {amplitude} is "
+            f"{amplitude_error(best):.2g} %, it is {comparison.speed_up(best):.0f} times as fast "
+            "as the full model, and its offline time pays off after "
             f"{_runs(comparison.break_even(best))}."
         )
     ours, plain = comparison.rank_correlation("indicator"), comparison.rank_correlation("residual")
     if ours is not None and plain is not None:
         found.append(
-            f"Rank correlation (Spearman) with the error of the tip amplitude over {len(rated)} "
+            f"Rank correlation (Spearman) with the error of the {amplitude} over {len(rated)} "
             f"bases: {ours:.2f} for the residual in the energy norm (the indicator), {plain:.2f} "
             "for the residual in the plain norm. The indicator needs no run of the full model."
         )
@@ -318,4 +332,5 @@ def terminal(comparison: Comparison) -> str:
     """Compose the table and the sentences for the terminal."""
     rows = terminal_table(comparison)
     keys = rows[0].index("size")
-    return "\n".join([text_table(rows, keys), "", TERMINAL_NOTE, *sentences(comparison)])
+    note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
+    return "\n".join([text_table(rows, keys), "", note, *sentences(comparison)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +105,13 @@ def sentences(found: EquilibriumPath) -> list[str]:
     return lines
 
 
-def write(found: EquilibriumPath, folder: Path) -> list[Path]:
+def write(found: EquilibriumPath, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
     """Write `equilibria.csv`, `equilibria.json`, `equilibria.png` and `report.html`.
+
+    Args:
+        found: the path.
+        folder: folder of the files.
+        more: other pictures of the report.
 
     Returns:
         The files, the one to open first at the head.
@@ -123,6 +129,7 @@ def write(found: EquilibriumPath, folder: Path) -> list[Path]:
         sentences=sentences(found),
         warnings=found.warnings,
         tables={"Limit points and bifurcations": special_table(found)},
+        more=more,
     )
 
 
@@ -134,13 +141,16 @@ def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
     """
     if found.body is None or not found.scene.output.paraview:
         return []
-    from fenicsrom.post.vtk import write_fields
+    from fenicsrom.post.vtk import Attached, write_fields
 
     fields = {
         f"{label.replace(' ', '_')}_m": found.body.field(shape)
         for label, shape in found.shapes.items()
     }
-    return [write_fields(folder, "equilibria", found.body.space, fields)]
+    factors = [point.load_factor for point in (*found.special, found.points[-1])]
+    notes = {f"load_factor_of_{name}": f"{f:.7g}" for name, f in zip(fields, factors, strict=False)}
+    space = found.body.space
+    return [write_fields(folder, "equilibria", space, fields, Attached(notes=notes))]
 
 
 def terminal(found: EquilibriumPath) -> str:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.online.measures import NEGLIGIBLE, has_contact
+from fenicsrom.post.directions import plain_names
 from fenicsrom.post.style import STATES, line_styles, new_figure, styled
 
 if TYPE_CHECKING:
@@ -19,12 +20,14 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
 
 
+LOADS = "the loads"
+LOADS_AND_SURFACES = "the loads and of moving surfaces"
 NARROW = 4  # largest number of intervals between the ticks of a narrow panel
 LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
 
 
 @styled
-def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()) -> Figure:
     """Draw displacements over the last two periods, one panel per direction.
 
     Each panel shows all models, as figure 5 of the paper does. A direction in which they move by
@@ -33,10 +36,12 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     Args:
         motions: model name -> motion.
         point: number of the contact point.
+        names: of the directions.
     """
     styles = line_styles(motions)
     directions = max(motion.displacement.shape[2] for motion in motions.values())
-    touching = any(has_contact(motion) for motion in motions.values())
+    touching = any(map(has_contact, motions.values()))
+    names = names or plain_names(directions, touching)
     figure = new_figure(8.6, 0.7 + 2.2 * directions)
     axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
     parts = {name: _phase(motion, 2) for name, motion in motions.items()}
@@ -52,7 +57,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
             there = []
         for name in there:
             axis.plot(parts[name][0], moved[name][:, k], label=name, **styles[name])
-        axis.set_ylabel(f"{direction_name(k, directions, touching)}\ndisplacement, mm")
+        axis.set_ylabel(f"{names[k]}\ndisplacement, mm")
         axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
@@ -85,7 +90,9 @@ _LOOPS = {
 
 
 @styled
-def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
+def plot_contact(
+    motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()
+) -> Figure:
     """Draw contact states over the last period, and contact forces against displacements.
 
     The loops show the tangential force against the tangential displacement, one panel per tangent
@@ -96,6 +103,7 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     Args:
         motions: model name -> motion; motions without contact are left out.
         point: number of the contact point.
+        names: of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
@@ -107,14 +115,16 @@ def plot_contact(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
     _plot_states(figure.add_subplot(grid[0, :]), motions, point)
     panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
-    _plot_loops(panels, motions, point)
+    _plot_loops(panels, motions, point, names)
     _legend(figure, panels[0])
     return figure
 
 
 @styled
 def plot_points(
-    motions: Mapping[str, Motion], points: Mapping[str, Sequence[Mapping[str, Any]]]
+    motions: Mapping[str, Motion],
+    points: Mapping[str, Sequence[Mapping[str, Any]]],
+    names: Sequence[str] = (),
 ) -> Figure:
     """Draw the peak force, the time in contact and the dissipation of all contact points.
 
@@ -123,6 +133,7 @@ def plot_points(
     Args:
         motions: model name -> motion; motions without contact are left out.
         points: model name -> the result of `point_summaries`.
+        names: of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     styles = line_styles(motions)
@@ -156,6 +167,7 @@ def plot_points(
         panels,
         {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest},
         hardest,
+        names,
     )
     below.suptitle(
         f"contact point {hardest + 1}: largest normal force",
@@ -167,10 +179,13 @@ def plot_points(
     return figure
 
 
-def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: int) -> None:
+def _plot_loops(
+    panels: Sequence[Axes], motions: Mapping[str, Motion], point: int, names: Sequence[str]
+) -> None:
     """Draw the loops of a contact point over the last period, one panel for each of `_LOOPS`."""
     styles = line_styles(motions)
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    names = names or plain_names(directions, touching=True)
     for axis, pair in zip(panels, _LOOPS[directions], strict=True):
         for name, motion in motions.items():
             part = motion.last_period()
@@ -182,21 +197,21 @@ def _plot_loops(panels: Sequence[Axes], motions: Mapping[str, Motion], point: in
                     for kind, k in pair
                 ]
                 axis.plot(*curve, label=name, **styles[name])
-        axis.set(xlabel=_quantity(pair[0], directions), ylabel=_quantity(pair[1], directions))
+        axis.set(xlabel=_quantity(pair[0], names), ylabel=_quantity(pair[1], names))
         axis.locator_params(axis="x", nbins=NARROW)
     panels[-1].set_title("orbit")
 
 
-def _quantity(name: str, directions: int) -> str:
+def _quantity(name: str, names: Sequence[str]) -> str:
     """Compose the axis label of a quantity of `_LOOPS`."""
     kind, k = name
-    way = "normal" if k == "0" else "tangential"
-    number = f" {k}" if directions == 3 and k != "0" else ""
-    return f"{way} displacement{number}, mm" if kind == "u" else f"{way} force{number}, N"
+    return f"{names[int(k)]} {'displacement, mm' if kind == 'u' else 'force, N'}"
 
 
 @styled
-def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray) -> Figure:
+def plot_modes(
+    labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray, names: Sequence[str]
+) -> Figure:
     """Draw the displacement of shapes along the axis of a slender body.
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
@@ -207,6 +222,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
         labels: one per shape, such as 1V, 2S, 1V1S.
         positions: (k,) positions along the axis, m.
         shapes: (n_labels, k, d) components, the axial one first.
+        names: (d,) of the components.
     """
     from matplotlib.lines import Line2D
 
@@ -228,7 +244,6 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
     figure = new_figure(4.6 if columns == 2 else 3.6, 1.0)
     figure.set_size_inches(1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds))
     axes = figure.subplots(len(kinds), columns, sharex=True, sharey=True, squeeze=False)
-    names = ["axial", "transverse"] if columns == 2 else ["axial", "transverse 1", "transverse 2"]
     for row, (kind, members) in zip(axes, kinds.items(), strict=True):
         styles = line_styles(labels[i] for i in members)
         for k, axis in enumerate(row):
@@ -252,11 +267,15 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
 
 
 @styled
-def plot_energy(motion: Motion) -> Figure:
+def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
 
     The elastic energy is relative to the equilibrium, where static loads stress the body: it may
     be negative.
+
+    Args:
+        motion: the motion.
+        work: what does work.
     """
     touching = has_contact(motion)
     figure = new_figure(8.6, 4.8)
@@ -265,7 +284,7 @@ def plot_energy(motion: Motion) -> Figure:
     time = motion.time / motion.load_period if motion.load_period is not None else motion.time
     energy = motion.kinetic + motion.elastic + motion.contact_energy
     # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
-    above.plot(time, motion.work, color="#000000", linewidth=3.6, label="work of the loads")
+    above.plot(time, motion.work, color="#000000", linewidth=3.6, label=f"work of {work}")
     damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
     above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
     if touching:
@@ -330,13 +349,6 @@ def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
     start = max(last - periods, 0)
     part = cycles >= start - 1e-9
     return cycles[part] - start, part
-
-
-def direction_name(k: int, directions: int, touching: bool) -> str:
-    """Name a component of a displacement."""
-    if not touching:
-        return "xyz"[k]
-    return "normal" if k == 0 else "tangential" if directions == 2 else f"tangential {k}"
 
 
 def _legend(figure: Figure, axis: Axes, columns: int | None = None) -> None:

@@ -17,7 +17,8 @@ from fenicsrom.assess.signals import (
     strongest_oscillation,
 )
 from fenicsrom.online.measures import NEGLIGIBLE, has_contact
-from fenicsrom.post.figures import direction_name, note_noise
+from fenicsrom.post.directions import plain_names
+from fenicsrom.post.figures import LOADS, note_noise
 from fenicsrom.post.style import STATES, new_figure, styled
 
 if TYPE_CHECKING:
@@ -33,7 +34,9 @@ MOST_COORDINATES = 6
 
 
 @styled
-def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
+def plot_transient(
+    motion: Motion, natural_hz: Array, point: int = 0, names: Sequence[str] = ()
+) -> Figure:
     """Draw a motion that does not repeat: envelope, spectrum and spectrogram.
 
     The direction is that with the largest motion.
@@ -42,6 +45,7 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
         motion: the motion.
         natural_hz: (n,) natural frequencies, Hz, to mark in the spectrum.
         point: number of the contact point.
+        names: of the directions.
     """
     moved = motion.displacement[:, point]
     k = int(np.argmax(np.ptp(moved, axis=0)))
@@ -51,7 +55,7 @@ def plot_transient(motion: Motion, natural_hz: Array, point: int = 0) -> Figure:
     above = figure.add_subplot(grid[0, :])
     below = figure.add_subplot(grid[1, 0])
     side = figure.add_subplot(grid[1, 1], sharey=below)
-    name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
+    name = (names or plain_names(moved.shape[1], has_contact(motion)))[k]
     above.plot(time, x, color="#0072B2", linewidth=0.6, label=f"{name} displacement")
     hertz, size = spectrum(time, x)
     strongest = max(strongest_oscillation(hertz, size), 1e-300)
@@ -92,8 +96,9 @@ def _highest(hertz: Array, size: Array) -> float:
 
 
 @styled
-def plot_section(motion: Motion, point: int = 0) -> Figure:
+def plot_section(motion: Motion, point: int = 0, names: Sequence[str] = ()) -> Figure:
     """Draw the states once per period of the loads: velocity over displacement."""
+    names = names or plain_names(motion.displacement.shape[2], has_contact(motion))
     displacement, velocity = stroboscopic_states(motion, point)
     directions = displacement.shape[1]
     figure = new_figure(3.9 * directions + 1.0, 3.9)
@@ -106,8 +111,7 @@ def plot_section(motion: Motion, point: int = 0) -> Figure:
             s=14,
             cmap="viridis",
         )
-        name = direction_name(k, motion.displacement.shape[2], has_contact(motion))
-        axis.set(xlabel=f"{name} displacement, mm", ylabel=f"{name} velocity, mm/s")
+        axis.set(xlabel=f"{names[k]} displacement, mm", ylabel=f"{names[k]} velocity, mm/s")
     bar: Any = figure.colorbar(dots, ax=axes, label="period of the loads")
     bar.ax.yaxis.get_major_locator().set_params(integer=True)
     return figure
@@ -154,12 +158,17 @@ def plot_rub_map(motion: Motion) -> Figure:
 
 
 @styled
-def plot_energy_per_period(motion: Motion) -> Figure:
-    """Draw the work of the loads and the dissipated energies of each period of the loads."""
+def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
+    """Draw the work and the dissipated energies of each period of the loads.
+
+    Args:
+        motion: the motion.
+        source: what does work.
+    """
     found = energy_per_period(motion)
     figure = new_figure(8.6, 3.6)
     axis = figure.subplots()
-    work = found["work of the loads"]
+    work = found["work"]
     edges = 0.5 + np.arange(work.size + 1)
     base: Array = np.zeros(work.size)
     for name, colour in (("damping", "#56B4E9"), ("friction", "#E69F00")):
@@ -169,7 +178,7 @@ def plot_energy_per_period(motion: Motion) -> Figure:
             label = f"{name} (last period: {part:.3g} %)"
             axis.stairs(top, edges, baseline=base, fill=True, color=colour, label=label)
             base = top
-    axis.stairs(work, edges, color="#000000", label="work of the loads", linewidth=1.4)
+    axis.stairs(work, edges, color="#000000", label=f"work of {source}", linewidth=1.4)
     axis.set(xlabel="period of the loads", ylabel="energy per period, J")
     axis.set_xlim(edges[0], edges[-1])
     axis.locator_params(axis="x", integer=True)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.arrays import Array
-from fenicsrom.online.measures import NEGLIGIBLE, has_contact, point_summaries, response_summary
+from fenicsrom.online.measures import has_contact, point_summaries, response_summary
 from fenicsrom.online.motion import Motion
-from fenicsrom.post.directions import direction_names
+from fenicsrom.post.directions import in_order, millimetres
 from fenicsrom.post.tables import text_table
 
 if TYPE_CHECKING:
@@ -34,28 +33,25 @@ RESPONSE_NOTE = (
 )
 
 
-def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
-    """Displacements given in m as texts in mm; 0 for one that is rounding beside the largest."""
-    largest = float(np.max(np.abs(values), initial=0.0))
-    return [f"{1e3 * v:.{digits}g}" if abs(v) > NEGLIGIBLE * largest else "0" for v in values]
-
-
 def response_rows(
-    motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str]
 ) -> list[list[Any]]:
     """Compose the table of responses; the first row is the header.
 
     Without contact there are no fractions, no force and no dissipation by friction. The beam has no
     third direction.
+
+    Args:
+        motions: model name -> motion.
+        sizes: model name -> number of unknowns.
+        names: of the directions.
     """
-    names = direction_names(scene)
-    directions = [f"{name} mm" for name in [*names[1:], names[0]]]
+    directions = [f"{name} mm" for name in names]
     rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
     for name, motion in motions.items():
         r = response_summary(motion)
-        size = r["amplitude_m"]
-        *amplitude, normal = millimetres([*size["tangential"], size["normal"]])
-        missing = [None] * (len(names) - 1 - len(amplitude))
+        amplitude = millimetres(in_order(r["amplitude_m"]))
+        missing = [None] * (len(names) - len(amplitude))
         contact: list[str | None] = [
             *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
             f"{r['peak_normal_force_N']:.5g}",
@@ -67,7 +63,6 @@ def response_rows(
                 sizes.get(name),
                 *amplitude,
                 *missing,
-                normal,
                 *(contact if motion.force.shape[1] else [None] * len(contact)),
                 r["periods"],
                 "yes" if r["steady"] else "no",
@@ -77,12 +72,14 @@ def response_rows(
     return rows
 
 
-def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
+def response_table(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str], scene: Scene
+) -> str:
     """Compose the table of responses with its notes for the terminal; empty without a motion."""
     if not motions:
         return ""
     notes = filter(None, [points_note(motions, scene), PERIODS_NOTE])
-    return "\n".join([text_table(response_rows(motions, sizes, scene)), *notes])
+    return "\n".join([text_table(response_rows(motions, sizes, names)), *notes])
 
 
 def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:

@@ -14,8 +14,11 @@ from fenicsrom.assess.signals import LEAST_SAMPLES
 from fenicsrom.online.measures import is_unsteady, point_summaries
 from fenicsrom.post.body_pictures import body_pictures, film_of, is_slender, stress_picture
 from fenicsrom.post.centreline import centreline
+from fenicsrom.post.directions import direction_names
 from fenicsrom.post.fields import shapes
 from fenicsrom.post.figures import (
+    LOADS,
+    LOADS_AND_SURFACES,
     plot_contact,
     plot_energy,
     plot_modes,
@@ -35,6 +38,8 @@ from fenicsrom.post.optional import missing_module
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.writers import write_figure
 from fenicsrom.progress import tracked
+from fenicsrom.scene import Scene
+from fenicsrom.scene.excitation import surface_spin
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +56,10 @@ LEAST_SECTION = 20  # fewer periods make no section
 
 
 def motion_pictures(
-    motions: Mapping[str, Motion], natural_hz: Array = NO_FREQUENCIES
+    motions: Mapping[str, Motion],
+    natural_hz: Array = NO_FREQUENCIES,
+    names: Sequence[str] = (),
+    work: str = LOADS,
 ) -> list[Picture]:
     """List the pictures of the motion, of the contact and of the energy.
 
@@ -62,32 +70,52 @@ def motion_pictures(
     Args:
         motions: model name -> motion.
         natural_hz: (n,) natural frequencies, Hz.
+        names: of the directions.
+        work: what does work.
     """
     first = next(iter(motions.values()))
-    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions))]
+    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))]
     if first.period is None and first.time.size >= LEAST_SAMPLES:
         pictures.append(
-            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz))
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names))
         )
     if is_unsteady(first) and first.periods >= LEAST_SECTION:
-        pictures.append(Picture("Poincaré section", "section.png", lambda: plot_section(first)))
-    pictures += _contact_pictures(motions, first.force.shape[1])
-    if first.state.shape[1] > FEW_POINTS:
+        pictures.append(
+            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names))
+        )
+    pictures += _contact_pictures(motions, first.force.shape[1], names)
+    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
         pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
-    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first)))
+    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
     if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
         pictures.append(
             Picture(
                 "Energy per period",
                 "energy_per_period.png",
-                lambda: plot_energy_per_period(first),
+                lambda: plot_energy_per_period(first, work),
             )
         )
     return pictures
 
 
-def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture]:
+def working(scene: Scene) -> str:
+    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    turning = [
+        surface_spin(contact.surface, scene.rotation)
+        for contact in scene.contacts
+        if contact.surface is not None
+    ]
+    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    return LOADS_AND_SURFACES if moving else LOADS
+
+
+def _contact_pictures(
+    motions: Mapping[str, Motion], count: int, names: Sequence[str]
+) -> list[Picture]:
     """List the pictures of contact points: one for each of a few, or one for all of many."""
+    touching = touching_points(motions)
+    if not touching:
+        return []
     if count > FEW_POINTS:
 
         def draw_all() -> Figure:
@@ -96,22 +124,41 @@ def _contact_pictures(motions: Mapping[str, Motion], count: int) -> list[Picture
                 for name, motion in motions.items()
                 if motion.state.shape[1]
             }
-            return plot_points(motions, found)
+            return plot_points(motions, found, names)
 
         return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
 
     def draw(point: int) -> Callable[[], Figure]:
-        touching = {
-            name: motion for name, motion in motions.items() if motion.force.shape[1] > point
-        }
-        return lambda: plot_contact(touching, point)
+        mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
+        return lambda: plot_contact(mine, point, names)
 
     if count == 1:
         return [Picture("Contact", "contact.png", draw(0))]
     return [
         Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
-        for point in range(count)
+        for point in touching
     ]
+
+
+def touching_points(motions: Mapping[str, Motion]) -> list[int]:
+    """The numbers of the contact points that some motion presses in its last period."""
+    pressed = [np.any(m.force[m.last_period(), :, 0] > 0.0, axis=0) for m in motions.values()]
+    return sorted({int(point) for points in pressed for point in np.flatnonzero(points)})
+
+
+def open_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """Name the contact points that have no picture because they do not touch; None without any."""
+    count = max((motion.force.shape[1] for motion in motions.values()), default=0)
+    touching = touching_points(motions)
+    if len(touching) == count or (touching and count > FEW_POINTS):
+        return None
+    listed = ", ".join(str(point + 1) for point in range(count) if point not in touching)
+    which = (
+        f"Contact points {listed} do"
+        if count - len(touching) > 1
+        else f"Contact point {listed} does"
+    )
+    return f"{which} not touch in the last period: there is no picture of the contact."
 
 
 def not_drawn(names: Sequence[str]) -> str | None:
@@ -176,7 +223,9 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     if study.solid.comm.rank != 0:
         return []
     natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
-    motions = motion_pictures(study.motions, natural) if study.motions else []
+    names = direction_names(study.scene, study.solid.points)
+    work = working(study.scene)
+    motions = motion_pictures(study.motions, natural, names, work) if study.motions else []
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
     return draw_pictures(listed, folder, study.warnings)
 
@@ -223,10 +272,14 @@ def _along_the_axis(study: Study) -> list[Picture]:
     if not fields or not is_slender(np.concatenate(boxes)):
         return []
     positions, values = centreline(study.solid.space, fields)
-    labels = list(fields)
-    return [
-        Picture("Shapes along the axis", "modes.png", lambda: plot_modes(labels, positions, values))
-    ]
+    labels, lengths = list(fields), np.ptp(np.concatenate(boxes), axis=0)
+    axis, *across = sorted(range(len(lengths)), key=lambda k: (k != np.argmax(lengths), k))
+    names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in across)]
+
+    def draw() -> Figure:
+        return plot_modes(labels, positions, values, names)
+
+    return [Picture("Shapes along the axis", "modes.png", draw)]
 
 
 def _box(study: Study) -> Array | None:

@@ -7,16 +7,20 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.mode_agreement import ModeAgreement
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
+from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.motion_table import RESPONSE_NOTE, points_note, response_rows
+from fenicsrom.post.pictures import open_sentence
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
+    MULTIPLIER_NOTE,
     equilibrium_sentence,
     error_sentence,
-    estimate_sentence,
+    estimate_rows,
     periodic_sentence,
     support_sentence,
     unreliable_sentence,
@@ -47,6 +51,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
     sections = [
         ("Results", _results(study)),
         *((heading, [path]) for heading, path in study.pictures),
+        *_open_points(study.motions),
         *_stresses(study.stresses),
         ("Modes of the reduced and of the full model", _agreement(study.agreement)),
         ("Basis", _basis(study)),
@@ -64,24 +69,33 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         OSError: the file cannot be written.
     """
     scene, motion = found.stored.scene, found.motion
+    points = found.stored.model.points
+    names = direction_names(scene, points)
     results: list[Any] = [
-        response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
-        *_notes({"reduced": motion}, scene),
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, names),
+        *_notes({"reduced": motion}, scene, points),
         *_periodic(motion),
     ]
-    if sentence := support_sentence(scene, found.stored.model.points, {"reduced": motion}):
+    if sentence := support_sentence(scene, points, {"reduced": motion}):
         results.append(sentence)
     if found.errors:
-        results.append(estimate_sentence(found.errors, motion))
+        results.append(estimate_rows(found.errors, motion, names))
     if found.unfinished:
         results.append(unreliable_sentence("reduced", found.unfinished))
     sections: list[Section] = [
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
+        *_open_points({"reduced": motion}),
         *_stresses(found.stresses),
         ("Left out", [_left_out(found.left_out)]),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
+
+
+def _open_points(motions: Mapping[str, Motion]) -> list[Section]:
+    """Compose the section on contact points without a picture, if there are any."""
+    sentence = open_sentence(motions)
+    return [("Contact points that do not touch", [sentence])] if sentence else []
 
 
 def _stresses(stresses: Stresses | None) -> list[Section]:
@@ -109,9 +123,10 @@ def _agreement(found: ModeAgreement | None) -> list[Any]:
 def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
+    names = direction_names(study.scene, study.solid.points)
     if study.motions:
-        found.append(response_rows(study.motions, study.sizes, study.scene))
-        found += _notes(study.motions, study.scene)
+        found.append(response_rows(study.motions, study.sizes, names))
+        found += _notes(study.motions, study.scene, study.solid.points)
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.motions and (
@@ -123,21 +138,22 @@ def _results(study: Study) -> list[Any]:
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors, study.scene))
     if study.errors:
-        found.append(estimate_sentence(study.errors, study.motions["reduced"]))
+        found.append(estimate_rows(study.errors, study.motions["reduced"], names))
     if study.unfinished:
         found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
 
 
-def _notes(motions: Mapping[str, Motion], scene: Scene) -> list[str]:
+def _notes(motions: Mapping[str, Motion], scene: Scene, points: ContactPoints) -> list[str]:
     """Compose the notes below the table of responses."""
-    return [RESPONSE_NOTE, *filter(None, [points_note(motions, scene)])]
+    notes = points_note(motions, scene), direction_note(scene, points)
+    return [RESPONSE_NOTE, *filter(None, notes)]
 
 
 def _periodic(motion: Motion) -> list[str]:
     """Compose the paragraph on what Newton's method found, if it was tried."""
     sentence = periodic_sentence(motion)
-    return [sentence] if sentence else []
+    return [sentence, MULTIPLIER_NOTE] if sentence else []
 
 
 def _warnings(warnings: Sequence[str]) -> list[str]:

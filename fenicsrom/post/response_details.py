@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.post.directions import direction_names
 from fenicsrom.post.response_figures import (
     INK,
     curve_name,
-    directions,
     draw_curves,
     largest_component,
     parameter_label,
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 MOST = 6000  # largest number of multipliers in one picture
+# thin and bright: seen on the dots that lie on it
+CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 1.4, "zorder": 4}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
 
 
@@ -39,7 +41,8 @@ def multiplier_figure(found: Response) -> Figure:
 
     curves = shown_curves(found)
     colours = Normalize(found.table.first, found.table.last)
-    drawn = new_figure(3.4 * len(curves) + 1.6, 4.0)
+    columns = min(len(curves), 2)  # of the legend
+    drawn = new_figure(3.4 * len(curves) + 1.6, 4.9 - 0.3 * columns)
     axes = drawn.subplots(1, len(curves), squeeze=False, sharey=True, sharex=True)[0]
     reach = 1.0
     for axis, curve in zip(axes, curves, strict=True):
@@ -54,6 +57,7 @@ def multiplier_figure(found: Response) -> Figure:
     bar: Any = drawn.colorbar(ScalarMappable(colours, "viridis"), ax=axes, aspect=30)
     bar.set_label(parameter_label(found))
     bar.outline.set_visible(False)
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=columns)
     return drawn
 
 
@@ -64,9 +68,10 @@ def _draw_multipliers(axis: Axes, curve: ResponseCurve, colours: Any) -> float:
     far = size > FARTHEST
     drawn = np.where(far, values / np.maximum(size, 1e-300) * FARTHEST, values)
     angle = np.linspace(0.0, 2.0 * np.pi, 361)
-    axis.plot(np.cos(angle), np.sin(angle), color=INK, linewidth=0.9, zorder=4)
+    axis.plot(np.cos(angle), np.sin(angle), label="unit circle: stable inside", **CIRCLE)
     look = {"cmap": "viridis", "norm": colours, "linewidths": 0.0, "zorder": 3}
-    axis.scatter(drawn[~far].real, drawn[~far].imag, c=parameters[~far], s=9, **look)
+    near = {"label": "Floquet multipliers, a colour for each motion", "s": 9, **look}
+    axis.scatter(drawn[~far].real, drawn[~far].imag, c=parameters[~far], **near)
     if np.any(far):
         axis.scatter(drawn[far].real, drawn[far].imag, c=parameters[far], s=22, marker="D", **look)
         text = f"diamonds: farther out, up to {size.max():.3g}"
@@ -112,7 +117,7 @@ def harmonics_figure(found: Response) -> Figure:
         axis.set_title(curve_name(found, curve))
         axis.set_xlabel(parameter_label(found))
     axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
-    axes[0].set_ylabel(f"{directions(found)[direction]} harmonics, mm")
+    axes[0].set_ylabel(f"{direction_names(found.scene)[direction]} harmonics, mm")
     handles: list[Any] = [
         Line2D([], [], color=COLOURS[k], label=f"harmonic {k + 1}") for k in drawable
     ]

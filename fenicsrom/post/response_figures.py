@@ -12,6 +12,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.support_motion import moves_supports
+from fenicsrom.post.directions import direction_names, plain_names
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
 
@@ -54,12 +56,8 @@ STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
 
 
 def directions(found: Response) -> list[str]:
-    """The names of the directions in which amplitudes are given."""
-    if not found.contacts:
-        return list("xyz"[: found.dimension])
-    if found.dimension == 2:
-        return ["normal", "tangential"]
-    return ["normal", "tangential 1", "tangential 2"]
+    """The names of the directions in the files of numbers."""
+    return plain_names(found.dimension, bool(found.contacts))
 
 
 def largest_direction(found: Response) -> int:
@@ -135,14 +133,21 @@ def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
 def figure(found: Response) -> Figure:
     """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
     place, direction = largest_component(found)
-    name = directions(found)[direction]
+    name = direction_names(found.scene)[direction]
+
+    shaken = moves_supports(found.scene)
+    relative = "\nrelative to the supports" if shaken else ""
+    driven = "acceleration of\nthe supports" if shaken else "load"
 
     def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
         return lambda points: np.array([value(point) for point in points])
 
     panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
-        (f"{name} amplitude, mm", each(lambda p: 1e3 * float(p.amplitude[:, direction].max()))),
-        ("phase,\ndegrees", lambda points: phases(points, place, direction)),
+        (
+            f"{name} amplitude, mm{relative}",
+            each(lambda p: 1e3 * float(p.amplitude[:, direction].max())),
+        ),
+        (f"phase to the\n{driven}, degrees", lambda points: phases(points, place, direction)),
     ]
     if found.contacts:
         panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))

@@ -26,11 +26,14 @@ from fenicsrom.post.response_tables import (
     sentences,
     trust_table,
 )
+from fenicsrom.post.sentences import MULTIPLIER_NOTE
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
     from fenicsrom.post.record import Study
+
+MULTIPLIERS = "multipliers.png"
 
 
 def write_numbers(found: Response, folder: Path) -> list[Path]:
@@ -56,7 +59,7 @@ def _pictures(found: Response) -> list[Picture]:
     return [
         Picture("Response curves", "response.png", lambda: figure(found)),
         *([contact] if found.contacts else []),
-        Picture("Floquet multipliers", "multipliers.png", lambda: multiplier_figure(found)),
+        Picture("Floquet multipliers", MULTIPLIERS, lambda: multiplier_figure(found)),
         Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
     ]
 
@@ -80,7 +83,10 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
     table, full = bifurcation_table(found), full_table(found)
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
-        *((heading, [path]) for heading, path in pictures),
+        *(
+            (heading, [path, *([MULTIPLIER_NOTE] if path.name == MULTIPLIERS else [])])
+            for heading, path in pictures
+        ),
         *([("Special points", [table])] if table else []),
         *([("Full model", [full])] if full else []),
         ("Estimated errors", [trust_table(found)]),

@@ -24,6 +24,7 @@ def write_results(
     sentences: Sequence[str],
     warnings: list[str],
     tables: Mapping[str, list[Any]],
+    more: Sequence[Picture] = (),
 ) -> list[Path]:
     """Write `NAME.csv`, `NAME.json`, `NAME.png` and `report.html`; NAME is that of the picture.
 
@@ -38,6 +39,7 @@ def write_results(
         warnings: a picture that cannot be drawn adds one.
         tables: tables of the report by their headings, each with its header as the first row;
             empty ones are left out.
+        more: other pictures, drawn below the first one.
 
     Returns:
         The files, the one to open first at the head.
@@ -51,7 +53,7 @@ def write_results(
     write_summary(numbers, summary())
     pictures = []
     if scene.output.pictures:
-        pictures = draw_pictures([picture], folder, warnings)
+        pictures = draw_pictures([picture, *more], folder, warnings)
         write_summary(numbers, summary())
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences, *map("Warning: {}".format, warnings)]),

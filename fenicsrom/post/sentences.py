@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,16 @@ from fenicsrom.online.measures import (
     search_summary,
 )
 from fenicsrom.online.motion import Motion
-from fenicsrom.post.directions import direction_names
+from fenicsrom.post.directions import (
+    direction_names,
+    error_names,
+    in_order,
+    named_millimetres,
+)
 from fenicsrom.post.mode_agreement import agreement_sentence
-from fenicsrom.post.motion_table import millimetres
 from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
+from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
@@ -29,9 +34,14 @@ if TYPE_CHECKING:
     from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
+MULTIPLIER_NOTE = (
+    "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "
+    "period; the motion is stable if all are below 1 in size. A largest multiplier just below 1, "
+    "such as 0.9995, does not mean that the motion is nearly unstable: often it belongs to a fast "
+    "vibration, such as a wave along the axis, that the time step does not resolve and that the "
+    "time integration hardly damps."
+)
 ERROR_NAMES = {
-    "amplitude_tangential": "tangential amplitude",
-    "amplitude_normal": "normal amplitude",
     "peak_normal_force": "peak normal force",
     "dissipated_per_period": "dissipation",
 }
@@ -47,14 +57,13 @@ UNJUDGED_MATRICES = (
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
     """State the errors against the full model; those of the contact only if there is one."""
-    names = dict(ERROR_NAMES)
-    if not scene.contacts:
-        first, *others = direction_names(scene)
-        names = {
-            "amplitude_tangential": f"amplitude along {' and '.join(others)}",
-            "amplitude_normal": f"amplitude along {first}",
-        }
-    stated = [(names[name], value) for name, value in errors.items() if name in names]
+    first, others = error_names(scene)
+    names = {
+        "amplitude_normal": f"{first} amplitude",
+        "amplitude_tangential": f"{others} amplitude",
+        **(ERROR_NAMES if scene.contacts else {}),
+    }
+    stated = [(words, errors[name]) for name, words in names.items() if name in errors]
     parts = [f"{name} {value:.3g} %" for name, value in stated if value is not None]
     listed = ", ".join(parts) or "the full model has no motion to compare with"
     left = [name for name, value in stated if value is None]
@@ -64,8 +73,8 @@ def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
 
 def equilibrium_sentence(deflection: Array) -> str:
     """State the displacement of the probe under the static loads."""
-    components = ", ".join(millimetres(deflection, 6))
-    return f"Displacement of the probe in the static equilibrium: {components} mm along the axes."
+    components = named_millimetres("xyz", deflection, 6)
+    return f"Displacement of the probe in the static equilibrium: {components}."
 
 
 def support_sentence(
@@ -73,55 +82,45 @@ def support_sentence(
 ) -> str | None:
     """State the absolute amplitudes if the supports move; None otherwise."""
     found = support_summary(scene, points, motions).get("support_motion", {})
-    parts = []
-    for name, numbers in found.items():
-        absolute = numbers["absolute_amplitude_m"]
-        values = millimetres([*absolute["tangential"], absolute["normal"]])
-        parts.append(f"{', '.join(values)} mm ({name})")
-    if not parts:
+    if not found:
         return None
+    names = direction_names(scene, points)
+    absolute = [
+        f"{named_millimetres(names, in_order(numbers['absolute_amplitude_m']))} ({name})"
+        for name, numbers in found.items()
+    ]
     moved = next(iter(found.values()))["support_amplitude_m"]
-    along = ", ".join(f"{1e3 * value:.5g}" for value in moved)
     return (
-        f"Amplitudes in the table are relative to the supports. Amplitudes of the supports along "
-        f"the axes: {along} mm; absolute amplitudes, in the order of the table: {'; '.join(parts)}."
+        "Amplitudes in the table are relative to the supports. Amplitudes of the supports: "
+        f"{named_millimetres('xyz', moved)}; absolute amplitudes: {'; '.join(absolute)}."
     )
 
 
-def estimate_sentence(errors: Mapping[str, MotionErrors], motion: Motion) -> str:
-    """State the estimated errors of the reduced model.
+def estimate_rows(
+    errors: Mapping[str, MotionErrors], motion: Motion, names: Sequence[str]
+) -> list[list[Any]]:
+    """Compose the table of the estimated errors of the reduced model; the first row is the header.
 
     Args:
         errors: as `Study.errors`.
         motion: the motion of the reduced model.
+        names: of the directions.
     """
-    contact = has_contact(motion)
     what = "amplitude" if has_settled(motion) else "root mean square displacement"
-    together = [f"{_percent(e.amplitude)} due to the {name}" for name, e in errors.items()]
-    names = (
-        ["normal", *(f"tangential {k}" for k in range(1, motion.displacement.shape[2]))]
-        if contact
-        else list("xyz"[: motion.displacement.shape[2]])
-    )
-    if contact and len(names) == 2:
-        names[1] = "tangential"
-    by_direction = [
-        f"{direction} {' and '.join(_percent(e.directions[k]) for e in errors.values())}"
-        for k, direction in enumerate(names)
+    found: list[list[Any]] = [
+        ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
+        [f"{what}, all directions together", *(_percent(e.amplitude) for e in errors.values())],
     ]
-    sentence = (
-        f"Estimated error of the reduced model's {what}: {' and '.join(together)}, all directions "
-        f"together; by direction {', '.join(by_direction)}"
-    )
-    if contact:
-        peak = " and ".join(_percent(e.peak_force) for e in errors.values())
-        sentence += f"; of the peak force {peak}"
-    return f"{sentence}."
+    for k, name in enumerate(names):
+        found.append([f"{what}, {name}", *(_percent(e.directions[k]) for e in errors.values())])
+    if has_contact(motion):
+        found.append(["peak normal force", *(_percent(e.peak_force) for e in errors.values())])
+    return found
 
 
 def _percent(value: float) -> str:
     """A relative error in percent, or "unknown"."""
-    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "unknown"
+    return f"{100.0 * value:.2g}" if np.isfinite(value) else "unknown"
 
 
 def unreliable_sentence(name: str, error: Exception) -> str:
@@ -136,10 +135,11 @@ def rerun_sentences(found: Rerun) -> list[str]:
     told.append(
         support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
     )
-    if found.errors:
-        told.append(estimate_sentence(found.errors, motion))
     told += out_of_reach(motion, found.stored.model.points)
     told += [] if found.stresses is None else stress_sentences(found.stresses)
+    if found.errors:
+        names = direction_names(found.stored.scene, found.stored.model.points)
+        told += text_table(estimate_rows(found.errors, motion, names)).splitlines()
     return [sentence for sentence in told if sentence]
 
 
@@ -230,8 +230,6 @@ def study_sentences(study: Study) -> list[str]:
     found += basis_sentences(study)
     if reduced is not None:
         found += out_of_reach(reduced, study.solid.points)
-        if study.errors:
-            found.append(estimate_sentence(study.errors, reduced))
     if errors := errors_of(study.motions):
         found.append(error_sentence(errors, study.scene))
     if study.agreement is not None:
@@ -239,6 +237,9 @@ def study_sentences(study: Study) -> list[str]:
     found.append(speed_sentence(study.motions))
     if study.stresses is not None:
         found += stress_sentences(study.stresses)
+    if reduced is not None and study.errors:
+        names = direction_names(study.scene, study.solid.points)
+        found += text_table(estimate_rows(study.errors, reduced, names)).splitlines()
     return [sentence for sentence in found if sentence]
 
 

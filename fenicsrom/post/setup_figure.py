@@ -44,12 +44,13 @@ MOST_COLUMNS = 4
 
 
 @styled
-def setup_figure(surface: Surface, marks: Marks, title: str) -> Figure:
+def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None = None) -> Figure:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
-    The viewer sees the side on which the loads act. Several loads have numbers.
+    The viewer sees the side on which the loads act, and looks across the displacement `moved`
+    (3,) if it is given. Several loads have numbers.
     """
-    view = view_of(surface.points, surface.triangles, _loaded_side(surface, marks))
+    view = view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
     reach = REACH * view.length
     arrows = load_arrows(marks.loads, view, reach)
     held = [bars(mark, surface, view, 0.3 * reach) for mark in marks.supports]

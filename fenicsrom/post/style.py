@@ -27,7 +27,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 STATES = {
     state: (name, colour)
     for (state, name), colour in zip(
-        STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#0072B2"), strict=True
+        STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
     )
 }
 _LINES: dict[str, dict[str, Any]] = {

@@ -22,8 +22,8 @@ class Column(NamedTuple):
 
 
 COLUMNS = (
-    Column("amplitude_tangential_m", 1e3, "tangential mm", "tangential amplitude, mm"),
     Column("amplitude_normal_m", 1e3, "normal mm", "normal amplitude, mm"),
+    Column("amplitude_tangential_m", 1e3, "tangential mm", "tangential amplitude, mm"),
     Column("amplitude_x_m", 1e3, "x mm", "amplitude in x, mm"),
     Column("amplitude_y_m", 1e3, "y mm", "amplitude in y, mm"),
     Column("amplitude_z_m", 1e3, "z mm", "amplitude in z, mm"),

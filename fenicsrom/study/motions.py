@@ -36,7 +36,7 @@ def integrate(run: Run, name: str) -> None:
             return
         motion = error.partial
     study.motions[name] = motion
-    if "checkpoint" in options:  # what follows may be interrupted
+    if run.folder is not None and "checkpoint" in options:  # what follows may be interrupted
         write_checkpoint(run.folder, study.model, scene, motion)
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)

@@ -176,9 +176,18 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
 def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     """Draw the motion and the stresses; give the titles and the files."""
-    from fenicsrom.post.pictures import draw_pictures, motion_pictures, write_stress_picture
+    from fenicsrom.post.directions import direction_names
+    from fenicsrom.post.pictures import (
+        draw_pictures,
+        motion_pictures,
+        working,
+        write_stress_picture,
+    )
 
-    written = draw_pictures(motion_pictures({"reduced": found.motion}), folder, found.warnings)
+    stored = found.stored
+    names = direction_names(stored.scene, stored.model.points)
+    pictures = motion_pictures({"reduced": found.motion}, names=names, work=working(stored.scene))
+    written = draw_pictures(pictures, folder, found.warnings)
     if found.stresses is not None:
         assert found.stored.recovery is not None
         written += write_stress_picture(

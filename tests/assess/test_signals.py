@@ -71,5 +71,5 @@ def test_energies_of_periods_add_up_to_those_of_the_motion():
     assert {values.size for values in each.values()} == {5}
     assert each["friction"].sum() == pytest.approx(found.friction_dissipation[-1])
     np.testing.assert_allclose(each["damping"], PERIOD * (1.0 - 1e-3 / found.time[-1]), rtol=1e-9)
-    np.testing.assert_allclose(each["work of the loads"] - each["friction"], PERIOD, rtol=1e-9)
+    np.testing.assert_allclose(each["work"] - each["friction"], PERIOD, rtol=1e-9)
     assert each["friction"][1:] == pytest.approx(each["friction"][1], rel=1e-6)

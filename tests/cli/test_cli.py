@@ -386,7 +386,7 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
 def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
     from fenicsrom.post import pictures
 
-    def broken(*_):
+    def broken(*_, **__):
         raise ValueError("no axes")
 
     monkeypatch.setattr(pictures, "plot_motion", broken)

@@ -11,7 +11,7 @@ from support import beam_scene
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.state import PeriodicSearch
-from fenicsrom.post.motion_table import millimetres
+from fenicsrom.post.directions import millimetres
 from fenicsrom.post.sentences import error_sentence
 
 
@@ -262,7 +262,7 @@ def test_negligible_dissipation_is_not_compared():
     errors = {"amplitude_tangential": 1.0, "dissipated_per_period": None}
     assert "zero or negligible: dissipation" in error_sentence(errors, beam_scene(2))
     free = error_sentence(errors, beam_scene(2, contacts=None, probe={"group": "tip"}))
-    assert "amplitude along y 1 %" in free and "dissipation" not in free
+    assert "y amplitude 1 %" in free and "dissipation" not in free
 
 
 def test_rounding_is_shown_as_zero() -> None:

@@ -230,6 +230,19 @@ def test_view_turns_to_a_place_that_must_be_seen(plate):
         assert np.cross(view.right, view.up) @ view.towards == pytest.approx(1.0)
 
 
+def test_view_looks_across_the_largest_displacement(plate):
+    surface, normal = plate
+    across = np.cross(normal, [1.0, 0.0, 0.0])
+    for moved in (normal, -normal, across):
+        view = view_of(surface.points, surface.triangles, moved=0.01 * moved)
+        assert abs(view.towards @ moved) < 0.5 < np.linalg.norm(view.project(moved))
+    usual, along = (
+        view_of(surface.points, surface.triangles, moved=moved)
+        for moved in (None, 0.01 * np.array([1.0, 0.0, 0.0]))
+    )
+    np.testing.assert_allclose(along.towards, usual.towards)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path, side):
     surface, normal = plate

@@ -82,9 +82,11 @@ def test_statics_command_writes_path_and_summary(tmp_path: Path) -> None:
     assert float(listed[0]["load_factor"]) == 0.0 and float(listed[-1]["load_factor"]) == 1.0
     kinds = [point["kind"] for point in written["special_points"]]
     assert kinds[0] == kinds[-1] == "limit point"
-    assert {path.name for path in folder.iterdir()} >= {"equilibria.png", "report.html"}
+    drawn = {"equilibria.png", "setup.png", "report.html"}
+    assert {path.name for path in folder.iterdir()} >= drawn
     fields = set(re.findall(r'Name="(\w+)"', (folder / "equilibria.vtu").read_text("latin-1")))
     assert fields >= {"limit_point_1_m", "end_m"}
+    assert fields >= {"load_factor_of_limit_point_1_m", "load_factor_of_end_m"}
 
 
 def test_statics_of_a_scene_without_static_loads_is_refused(

@@ -174,7 +174,7 @@ def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
     shapes = np.array([[k * s**2, -3 * (1 + k) * s**k] for k in range(len(labels))]).transpose(
         0, 2, 1
     )
-    figure = figures.plot_modes(labels, x, shapes)
+    figure = figures.plot_modes(labels, x, shapes, ["axial x", "transverse y"])
     axial, transverse = np.array(figure.axes).reshape(3, 2).T
     names = [[t.get_text() for t in axis.get_legend().get_texts()] for axis in transverse]
     assert names == [labels[:2], labels[2:3], labels[3:]]
@@ -188,7 +188,7 @@ def test_modes_figure_has_row_per_kind_and_line_per_label(tmp_path):
             assert np.abs(line.get_ydata()).max() == pytest.approx(1)
     assert axial[2].lines[0].get_ydata()[-1] == pytest.approx(3 / 12)
     drawn(figure, tmp_path)
-    solid = figures.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]]))
+    solid = figures.plot_modes(labels, x, np.dstack([shapes, shapes[:, :, :1]]), list("xyz"))
     assert len(solid.axes) == 9
     drawn(solid, tmp_path)
 
@@ -197,11 +197,11 @@ def test_modes_figure_leaves_out_flat_lines_that_would_hide_each_other(tmp_path)
     x = np.linspace(0, 1, 5)
     shapes = np.zeros((3, 5, 2))
     shapes[0, :, 1], shapes[1, :, 1], shapes[1, :, 0] = x, x**2, 0.02 * x
-    figure = figures.plot_modes(["1V", "2V", "3V"], x, shapes)
+    figure = figures.plot_modes(["1V", "2V", "3V"], x, shapes, list("xy"))
     axial, transverse = figure.axes
     assert (len(axial.lines), len(transverse.lines)) == (1, 2)
     assert len(transverse.get_legend().get_texts()) == 3
-    flat = figures.plot_modes(["1V"], x, 0.0 * shapes[:1])
+    flat = figures.plot_modes(["1V"], x, 0.0 * shapes[:1], list("xy"))
     assert ["below" in axis.texts[0].get_text() for axis in flat.axes] == [True, True]
     drawn(figure, tmp_path)
 

@@ -1,6 +1,7 @@
 """Pictures of transients, sections, maps, energies and coordinates of motions in closed form."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,10 @@ from motions import PERIOD, jenkins, motion, side_by_side
 from test_figures import drawn, texts
 
 from fenicsrom.post import motion_figures
-from fenicsrom.post.pictures import motion_pictures
+from fenicsrom.post.pictures import motion_pictures, open_sentence, working
+from fenicsrom.scene import read_scene
+
+DEMOS = Path(__file__).parents[2] / "demos"
 
 
 def decay():
@@ -64,6 +68,8 @@ def test_energy_per_period_names_what_dissipates(tmp_path):
     parts = [float(name.split(": ")[1].split()[0]) for name in names[:2]]
     assert sum(parts) == pytest.approx(100.0, abs=0.5)
     assert figure.axes[0].get_xlim() == (0.5, 6.5)
+    for name, words in (("blade_rub", "moving surfaces"), ("slip_liftoff_3d", "loads")):
+        assert working(read_scene(DEMOS / f"{name}.toml")).endswith(words)
     drawn(figure, tmp_path)
 
 
@@ -96,6 +102,15 @@ def test_each_picture_is_drawn_only_where_it_answers_a_question():
     assert "spectra.png" in names(decay())
     many = side_by_side(*[jenkins(periods=3)] * 6)
     assert names(many) == ["motion.png", "contact.png", "rub_map.png", "energy.png"]
+    never = replace(jenkins(periods=3), force=0.0 * jenkins(periods=3).force)
+    assert names(never) == ["motion.png", "energy.png"] and "do" in str(
+        open_sentence({"reduced": never})
+    )
+    pair = side_by_side(jenkins(periods=3), jenkins(periods=3))
+    pair.force[:, 1] = 0.0
+    assert names(pair) == ["motion.png", "contact_1.png", "energy.png"]
+    assert "point 2 does" in str(open_sentence({"reduced": pair}))
+    assert open_sentence({"reduced": many}) is None
     wild = jenkins(periods=30, steps=40, uneven=False)
     growing = wild.displacement * (1.0 + wild.time[:, None, None])
     wild = replace(wild, displacement=growing, steady=False)

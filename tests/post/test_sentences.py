@@ -5,12 +5,20 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
+import pytest
 from motions import jenkins, side_by_side
 from support import beam_scene
 
-from fenicsrom.post.motion_table import PERIODS_NOTE, RESPONSE_NOTE, points_note, response_table
+from fenicsrom.post.motion_table import (
+    PERIODS_NOTE,
+    RESPONSE_NOTE,
+    points_note,
+    response_rows,
+    response_table,
+)
 from fenicsrom.post.record import Study
-from fenicsrom.post.sentences import basis_sentences
+from fenicsrom.post.sentences import basis_sentences, estimate_rows
 from fenicsrom.reduction.selection import Selection
 
 
@@ -33,7 +41,7 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
 
 def test_notes_of_the_table_say_what_its_periods_are() -> None:
     assert PERIODS_NOTE in RESPONSE_NOTE
-    assert response_table({}, {}, beam_scene(2)) == ""
+    assert response_table({}, {}, ["x", "y"], beam_scene(2)) == ""
 
 
 def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
@@ -44,7 +52,30 @@ def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
     assert alone is not None and "not of the probe" in alone
     several = {"reduced": side_by_side(one, pushed, one), "beam": one}
     note = points_note(several, scene)
-    assert note is not None and note in response_table(several, {}, scene)
+    assert note is not None
+    assert note in response_table(several, {}, ["normal x", "tangential y"], scene)
     assert "contact point 1;" in note and "3 points" in note and note.endswith("of point 2.")
     note = points_note(several | {"full": side_by_side(one, one, pushed)}, probe)
     assert note is not None and "2 (reduced), 3 (full)" in note and "not of the probe" in note
+
+
+def test_table_of_estimates_has_a_row_for_each_direction_and_the_force() -> None:
+    errors: Any = {
+        name: SimpleNamespace(amplitude=size, directions=[2 * size, np.nan], peak_force=3 * size)
+        for name, size in (("time step", 0.01), ("basis", 0.1))
+    }
+    rows = estimate_rows(errors, jenkins(), ["normal x", "tangential y"])
+    assert rows[0][1:] == ["time step %", "basis %"]
+    assert [row[0].split(", ")[-1] for row in rows[2:]] == ["normal x", "tangential y", rows[-1][0]]
+    assert [row[1:] for row in rows[1:]] == [
+        ["1", "10"],
+        ["2", "20"],
+        ["unknown", "unknown"],
+        ["3", "30"],
+    ]
+
+
+def test_row_of_responses_has_the_order_of_the_directions() -> None:
+    head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"])
+    assert head[2:4] == ["normal x mm", "tangential y mm"]
+    assert float(row[3]) == pytest.approx(8.0, rel=1e-3) and float(row[2]) < 2.0

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from fenicsrom.post.directions import direction_names
+from fenicsrom.online.contact_points import no_points
+from fenicsrom.online.surfaces import frame
+from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import html_report
 from fenicsrom.post.tables import TERMINAL_WIDTH, filled_columns, text_table
 from fenicsrom.scene import read_scene
@@ -82,3 +85,32 @@ def test_numbers_of_a_report_are_right_aligned_as_texts_too() -> None:
 def test_directions_along_axes_are_named(demo: str, override: str, names: list[str]) -> None:
     scene = read_scene(DEMOS / f"{demo}.toml", [override] if override else [])
     assert direction_names(scene) == names
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "names", "told"),
+    [
+        ([1.0, 0.0, 0.0], [-1.0, 0.0, 1e-7], ["normal x", "tangential y", "tangential z"], None),
+        (
+            [0.0, 1.0, 0.0],
+            [0.0, 0.6, 0.8],
+            ["normal", "tangential 1", "tangential 2"],
+            "normal (0, 1, 0), tangential 1 (0, 0, 1), tangential 2 (1, 0, 0)",
+        ),
+        (
+            [0.0, 0.6, 0.8],
+            [0.0, 0.8, -0.6],
+            ["normal", "tangential x", "tangential 2"],
+            "normal (0, 0.6, 0.8), tangential 2 (0, 0.8, -0.6)",
+        ),
+    ],
+)
+def test_directions_of_points_are_named_where_all_have_one_axis(
+    first: list[float], second: list[float], names: list[str], told: str | None
+) -> None:
+    scene = read_scene(DEMOS / "blade_rub.toml")
+    frames = np.array([frame(np.array(normal)) for normal in (first, second)])
+    points = no_points(3)._replace(frame=frames)
+    assert direction_names(scene, points) == names
+    note = direction_note(scene, points)
+    assert note is None if told is None else note is not None and told in note

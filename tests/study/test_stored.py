@@ -125,7 +125,7 @@ def test_summary_and_report_of_good_run_give_the_estimate(tmp_path: Path) -> Non
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert "unfinished" not in summary
     assert summary["estimated_error_percent"]["time step"] > 0.0
-    assert "due to the time step" in (tmp_path / "report.html").read_text()
+    assert "time step %" in (tmp_path / "report.html").read_text()
 
 
 def test_run_of_stored_model_estimates_the_error_by_the_basis(tmp_path: Path) -> None:
