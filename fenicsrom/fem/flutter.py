@@ -56,6 +56,7 @@ def check_coupling(body: Solid, negative: int) -> int:
     flutters = np.abs(coupled.imag) > IMAGINARY * np.abs(coupled)
     frequencies = np.sqrt(np.abs(coupled)) / (2.0 * np.pi)
     if np.any(flutters):
+        body.flutters = True
         body.warnings.append(
             "the follower pressure makes the body flutter without damping, at "
             f"{frequencies[flutters].min():.4g} Hz: it is not conservative, because the loaded "

@@ -12,10 +12,15 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.load_histories import static_factors
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.pressure import PressurePolynomial
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.protocols import Structure
+
+SKEW = 1e-9
+"""A smaller skew part of the tangent of a pressure, relative to the tangent, is rounding."""
 
 
 def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:
@@ -24,8 +29,8 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
     Args:
         structure: the structure.
         basis: the basis.
-        nonlinear: False gives the linear model of the tangent at the equilibrium, in which the
-            follower pressures that vary in time have constant directions.
+        nonlinear: False gives the linear model of the tangent at the equilibrium, also of its skew
+            part by static follower pressures; those that vary in time have constant directions.
 
     Returns:
         The reduced model; its elastic force needs no mesh.
@@ -46,7 +51,23 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
             np.zeros((0, 0)),
             np.zeros((0, 0)),
         )
+        pressure = None if structure.symmetric else _skew_pressure(structure, r)
     return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
+
+
+def _skew_pressure(structure: Structure, r: Array) -> PressurePolynomial | None:
+    """The skew parts of the tangents of the static follower pressures on vectors R (local, n).
+
+    Returns:
+        Linear forces; None if they are rounding, because the pressures have a potential.
+    """
+    found = structure.pressure_polynomial(r)
+    sizes = static_factors(structure.load_histories)[found.numbers]
+    skew = 0.5 * (found.linear - found.linear.transpose(0, 2, 1))
+    skew[sizes == 0.0] = 0.0
+    if np.abs(skew).max(initial=0.0) <= SKEW * np.abs(found.linear).max(initial=0.0):
+        return None
+    return PressurePolynomial(found.numbers, skew, np.zeros((len(skew), 0, *skew.shape[1:])))
 
 
 def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel:
