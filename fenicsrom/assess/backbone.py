@@ -20,7 +20,7 @@ from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.crest import half_range
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve import LOST, CurvePoint
 from fenicsrom.online.families import Problem
 from fenicsrom.online.forced_peak import ForcedPeak, forced_peaks
 from fenicsrom.online.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
@@ -261,7 +261,7 @@ def _follow(
         keep(curve.points[-1])
     found.reason = curve.reason
     say(f"{len(found.points)} points, {curve.reason}")
-    if curve.reason == "no convergence":
+    if curve.reason == LOST:
         end = found.points[-1].linear_amplitude
         raise ConvergenceError(
             f"backbone: the nonlinear mode was lost at an amplitude of {end:g} m"

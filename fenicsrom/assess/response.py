@@ -23,7 +23,7 @@ from fenicsrom.assess.trust import Check, RicherModel, contradiction
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curve import LOST, CurvePoint
 from fenicsrom.online.periodic import FALLBACK_STEPS
 from fenicsrom.scene import Response as ResponseTable
 
@@ -118,9 +118,10 @@ def response(
                 outcome = _Outcome(ResponseCurve(values[number]), outcome)
             found.curves.append(outcome.curve)
             progress.finished(number)
-            if outcome.error is not None:
-                found.warnings.append(f"{_name(table, values[number])}{outcome.error}")
-                found.unfinished = found.unfinished or outcome.error
+            error = outcome.error or _lost(table, outcome.curve)
+            if error is not None:
+                found.warnings.append(f"{_name(table, values[number])}{error}")
+                found.unfinished = found.unfinished or error
             if outcome.interrupted:
                 found.interrupted = True
                 if workers <= 1:
@@ -148,6 +149,21 @@ def _leave_out_unresolved(found: Response) -> None:
                 "changes of contact were left out, because the time steps do not resolve them; "
                 "increase time.steps_per_period."
             )
+
+
+def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None:
+    """The error of a curve that ends within the range because no next point was found."""
+    ends = [
+        piece.points[-1].parameter
+        for piece in curve.pieces
+        if piece.points and piece.reason == LOST
+    ]
+    if not ends:
+        return None
+    return ConvergenceError(
+        f"the curve was lost at {table.parameter} = {', '.join(f'{end:.6g}' for end in ends)}: "
+        "no next point was found"
+    )
 
 
 def _name(table: ResponseTable, value: float | None) -> str:

@@ -30,7 +30,7 @@ def run(options: argparse.Namespace) -> int:
         return _rerun(options)
     require_scene(options)
     comm, say, scene = start(options)
-    from fenicsrom.post import sentences
+    from fenicsrom.post import motion_table, sentences
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> int:
             fresh=options.fresh,
         )
         if comm.rank == 0:
-            table = sentences.response_table(found.motions, found.sizes, scene)
+            table = motion_table.response_table(found.motions, found.sizes, scene)
             lines = sentences.study_sentences(found)
             print_results(scene, table, found.warnings, lines, found.files)
         return end(comm, found.unfinished[1] if found.unfinished else None)
@@ -55,7 +55,7 @@ def _rerun(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from fenicsrom.online import archive, checkpoints
-    from fenicsrom.post import sentences
+    from fenicsrom.post import motion_table, sentences
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -72,7 +72,7 @@ def _rerun(options: argparse.Namespace) -> int:
             given=given_keys(options),
         )
         sizes = {"reduced": stored.size}
-        table = sentences.response_table({"reduced": found.motion}, sizes, current.scene)
+        table = motion_table.response_table({"reduced": found.motion}, sizes, current.scene)
         lines = sentences.rerun_sentences(found)
         print_results(current.scene, table, found.warnings, lines, found.files)
         return end(None, found.unfinished)

@@ -46,11 +46,16 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
 def output_path(options: argparse.Namespace) -> Path:
     """The folder of --output, or out/ and the name of the scene or of the stored model.
 
+    A `scene.toml`, such as an earlier run wrote, has the name of its folder.
+
     Raises:
         SceneError: a file has this name, or that of a folder that should hold it.
     """
-    source = options.scene or options.stored
-    name = "stability" if options.name == "stability" else Path(source).stem
+    from fenicsrom.post.origin import SCENE_FILE
+
+    source = Path(options.scene or options.stored)
+    own = source.resolve().parent.name if source.name == SCENE_FILE else ""
+    name = "stability" if options.name == "stability" else own or source.stem
     folder = Path(options.output) if options.output else Path("out") / name
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
@@ -84,8 +89,6 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
         for word in (option, value)
     ]
     repeat = ["fenicsrom", options.name, SCENE_FILE, *varied]
-    repeat += ["--from", Path(model).name] if model else []
-    repeat += ["--resume", resume.name] if resume and options.name != "sweep" else []
     return Origin(
         ("fenicsrom", *options.arguments),
         repeat,
@@ -98,8 +101,17 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
     """Say how to go on after an interrupt."""
+    from fenicsrom.post.origin import MODEL
+
     state = STATES.get(options.name)
     if state is None or not (folder / state).exists():
+        if options.name == "run" and not options.stored and _is_of(options, folder / MODEL):
+            words = ["fenicsrom", "run", "--from", str(folder / MODEL)]
+            words += ["--output", f"{folder}_reduced"]
+            return (
+                f"the reduced model was kept, but no motion; to run this model: {shlex.join(words)}"
+                "; to compute all, run the command again"
+            )
         return "nothing to continue from was kept; run the command again"
     flag = options.name == "sweep"
     words = list(options.arguments)
@@ -113,6 +125,15 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
     else:
         words += ["--resume", str(folder / state)]
     return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
+
+
+def _is_of(options: argparse.Namespace, result: Path) -> bool:
+    """Whether a result exists and the record beside it is one of this command."""
+    from fenicsrom.post.origin import read_record
+
+    record = read_record(result.parent) or {}
+    own = record.get("command") == shlex.join(("fenicsrom", *options.arguments))
+    return own and result.exists()
 
 
 def require_other(path: Path, read: Iterable[Path], option: str = "--output") -> None:

@@ -46,6 +46,12 @@ LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.02, 0.1, 1e-6
 """Steps along the curve, with the lengths (2)."""
 
+SHORTER = 0.1
+"""Factor of the lengths where a special point lies within the first step of a path."""
+
+SHORTEST = 1e-6
+"""Least load factor that sets the lengths, in parts of the last one."""
+
 FARTHEST = 3.0
 """Largest linear displacement of a node, in parts of the extent of the mesh, that sets the lengths.
 
@@ -156,6 +162,8 @@ class PathFollower:
             self._measure(here)
             guess = self._guess(before, here, step)
             found = self._next(here, guess, step)
+            if before is None and found is not None and self._is_shortened(here, found):
+                continue
             ends = found is not None and not self._lowest <= found.load_factor <= self._last
             if found is not None and ends:
                 found = self._end(here, found)
@@ -189,6 +197,17 @@ class PathFollower:
         self._scale = max(self._first_scale, abs(here.load_factor))
         u = here.displacement - self._body.equilibrium
         self._size = max(self._linear, float(np.sqrt(self._body.dot(u, u))))
+
+    def _is_shortened(self, here: PathPoint, found: PathPoint) -> bool:
+        """Make the lengths of the first step shorter if a special point lies within it.
+
+        The lengths are the unit in which special points are located.
+        """
+        if found.negative == here.negative or self._first_scale < SHORTEST * self._last:
+            return False
+        self._first_scale *= SHORTER
+        self._linear *= SHORTER
+        return True
 
     def _unit(self, a: Array) -> Array:
         return np.asarray(a / self._length(a))

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.linalg import Factorisation, add_to_diagonal, multiply, negative_eigenvalues
 from fenicsrom.fem.solid import Solid
+from fenicsrom.online.compliance import Compliance, given_compliance
 from fenicsrom.online.contact_state import contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 from fenicsrom.online.load_histories import factors
@@ -249,7 +251,8 @@ class FullModel:
         velocity_coefficient: float,
         tangent: Slope,
         residual: Array,
-    ) -> tuple[Array, Array, Array]:
+        directions: NDArray[np.int64],
+    ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B] with S of `fenicsrom.online.operations.Model`.
 
         In a time step, S of an earlier state serves as long as the iteration contracts with it.
@@ -265,12 +268,15 @@ class FullModel:
             exact = self.linear or first or mass_coefficient <= 0.0 or self._progress.renewals > 0
             if not self._factorise(wanted, exact):  # the step is refused, as for the compiled model
                 bad = np.full((residual.size, 1 + self._rows.shape[0]), np.nan)
-                return bad[:, 0], bad[:, 1:], np.full((self._rows.shape[0],) * 2, np.nan)
+                nothing = np.full((self._rows.shape[0],) * 2, np.nan)
+                return bad[:, 0], bad[:, 1:], given_compliance(nothing)
             self._progress.renewals += 1
         assert self._factor is not None
         self._wanted = wanted
         y = self._solve(-residual[:, None])[:, 0]
-        return y, self._unit, self._delassus
+        every = directions.size == self._delassus.shape[0]
+        chosen = slice(None) if every else directions
+        return y, self._unit[:, chosen], given_compliance(self._delassus[chosen][:, chosen])
 
     def _needs_flexibility(self) -> bool:
         """Whether the step may weight a contact force by its own flexibility.

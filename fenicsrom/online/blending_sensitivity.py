@@ -9,13 +9,13 @@ the guess.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
-from fenicsrom.online.model import ReducedModel, Tangent, write_effective_solution
-from fenicsrom.online.polynomial import elastic_force_with, elastic_mean
-from fenicsrom.online.pressure import subtract_pressure
+from fenicsrom.online.model import ReducedModel, Tangent
+from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
 from fenicsrom.online.step import step_coefficients
@@ -23,66 +23,43 @@ from fenicsrom.online.surfaces import Contacts, gap_discrete_gradient
 
 
 @kernel
-def solve_at_guess(model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float) -> None:
+def solve_at_guess(
+    model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float, directions: NDArray[np.int64]
+) -> None:
     """Write S^-1 B and G of the first guess of a step of size h to the workspace of the model."""
-    coefficients = step_coefficients(scheme, h)
-    q0, work = s.before[0], model.work
-    moved = elastic_mean(
-        model.elastic,
-        work,
-        q0,
-        q0,
-        s.before[5],
-        scheme.start_weight,
-        scheme.points,
-        scheme.weights,
+    coefficients, q0, guess = step_coefficients(scheme, h), s.before[0], s.before[5]
+    _, tangent = model.elastic_over_step(
+        q0, q0, guess, scheme.start_weight, scheme.points, scheme.weights
     )
-    if model.pressure.numbers.shape[0] > 0:
-        subtract_pressure(model.pressure, work, q0, s.before[5], scheme.points, scheme.weights)
-    write_effective_solution(
-        model.mass,
-        model.velocity_matrix,
-        model.contact_rows,
-        scheme.linear,
-        work,
-        coefficients.mass,
-        coefficients.velocity_dq,
-        Tangent(work.tangent, moved),
-        q0,
-    )
+    model.solve_effective(coefficients.mass, coefficients.velocity_dq, tangent, q0, directions)
 
 
 @kernel
-def solve_at_end(model: ReducedModel, linear: bool, s: Sensitivity, mass: float) -> None:
+def solve_at_end(
+    model: ReducedModel, s: Sensitivity, mass: float, directions: NDArray[np.int64]
+) -> None:
     """Write S^-1 B and G of the converged step to the workspace; s.by_step holds S.
 
     `mass` is the coefficient of M in S, by which a linear model keeps its factor.
     """
-    tangent = Tangent(s.by_step, mass)
-    write_effective_solution(
-        model.mass,
-        model.velocity_matrix,
-        model.contact_rows,
-        linear,
-        model.work,
-        0.0,
-        0.0,
-        tangent,
-        s.before[0],
-    )
+    model.solve_effective(0.0, 0.0, Tangent(s.by_step, mass), s.before[0], directions)
 
 
 @kernel
 def write_weights(
-    model: ReducedModel, contacts: Contacts, drift: Drift, s: Sensitivity, behind: complex
+    model: ReducedModel,
+    contacts: Contacts,
+    drift: Drift,
+    s: Sensitivity,
+    behind: complex,
+    points: NDArray[np.int64],
 ) -> bool:
-    """Write the weights of the points that touch to s.weight; True if one is resolved."""
+    """Write the weights of the points (c,) that touch to s.weight; True if one is resolved."""
     d, law, resolved = s.x0.shape[1], s.law, False
-    point, delassus = law.scratch.point, model.work.delassus
+    point, delassus = law.scratch.point, model.work.compliance.delassus
     n, bend = point.gradient, point.gradient_derivative
-    for p in range(s.is_open.size):
-        if s.is_open[p]:
-            continue
+    for place in range(points.size):
+        p, row = points[place], place * d
         perturb(law.contacts, p, contacts, drift.contacts, 0.0)
         for i in range(d):
             law.start.x[p, i] = s.x0[p, i]
@@ -91,7 +68,7 @@ def write_weights(
         flexibility = 0.0
         for i in range(d):
             for j in range(d):
-                flexibility += n[i].real * delassus[p * d + i, p * d + j] * n[j].real
+                flexibility += n[i].real * delassus[row + i, row + j] * n[j].real
         ratio = contacts.normal_stiffness[p] * flexibility
         s.weight[p] = ratio**2 / (1.0 + ratio**2)
         resolved = resolved or s.weight[p] > BLENDING_RESOLVED
@@ -106,12 +83,15 @@ def differentiate_blending(
     drift: Drift,
     s: Sensitivity,
     p: int,
+    place: int,
     behind: complex,
     h: float,
     last_step: float,
     by_mass: complex,
 ) -> None:
     """Write the derivatives of the weight of point p to s.blending.
+
+    The workspace of the model holds S^-1 B of the points that touch, and p is the one at `place`.
 
     With u = S^-1 B n the flexibility changes by
 
@@ -142,7 +122,7 @@ def differentiate_blending(
     for a in range(n):
         u[a] = 0.0
         for i in range(d):
-            u[a] += point.gradient[i].real * model.work.block[a, 1 + row + i]
+            u[a] += point.gradient[i].real * model.work.compliance.unit[a, place * d + i]
     for i in range(d):
         along = 0.0
         for a in range(n):

@@ -7,38 +7,40 @@ G (contact displacement by contact force),
     x + G F(x) = x_free.                                                                        (1)
 
 Equation (1) is one Newton iteration of the step, condensed to the contact displacements. In it,
-everything except the contact is linear, so the contact is solved in full.
+everything except the contact is linear, so the contact is solved in full. It is solved for the c
+candidates only, the points that touch or may touch (`fenicsrom.online.contact_candidates`).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel, part
+from fenicsrom.online.compliance import Compliance, form_delassus, is_formed
 from fenicsrom.online.contact_state import ContactScratch, ContactState, Interval
 from fenicsrom.online.contact_step import contact_force, trial_normal_force
-from fenicsrom.online.dense import lu_factor, lu_solve
 from fenicsrom.online.friction import (
     blended_normal_force,
     friction_limits,
     kept_part,
     positive,
 )
+from fenicsrom.online.semismooth_newton import semismooth_newton
 from fenicsrom.online.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
 
-CONTACT_ITERATIONS = 25  # Newton iterations; a longer iteration counts as a cycle between states
 CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton before the step is rejected
 SWEEPS = 10  # Gauss-Seidel sweeps of a round
 BISECTIONS = 100
-ROUNDING = 4e-15  # relative to the displacements: a smaller residual is rounding
 
 
 @part
 def solve_contact(
     contacts: Contacts,
     interval: Interval,
-    delassus: Array,
+    candidates: NDArray[np.int64],
+    compliance: Compliance,
     free: Array,
     start: ContactState,
     end: ContactState,
@@ -49,7 +51,8 @@ def solve_contact(
     Args:
         contacts: the parameters of P points.
         interval: the step.
-        delassus: (m, m) G, m = P d, m/N.
+        candidates: (c,) the points to solve for; entries of other points are not used.
+        compliance: gives G of these points, m/N.
         free: (P, d) x_free, m.
         start: the state at the start of the step.
         end: `end.x` holds a first guess on entry, and the displacement at the end of the step on
@@ -59,153 +62,27 @@ def solve_contact(
     Returns:
         True if the residual or the update fell to rounding; False if no round found a solution.
     """
-    points, d = free.shape[0], len(scratch.space)
-    for p in range(points):
+    d = len(scratch.space)
+    for p in candidates:
         for k in range(d):
             scratch.guess[p, k] = end.x[p, k]
     for attempt in range(1 + CONTACT_ROUNDS):
+        if attempt == 1 and not is_formed(compliance, candidates.size * d):
+            form_delassus(compliance, candidates, d)
         if attempt > 0:
             nonlinear_gauss_seidel(
-                contacts, interval, delassus, free, start, end, scratch, attempt == 1
+                contacts,
+                interval,
+                candidates,
+                compliance.delassus,
+                free,
+                start,
+                end,
+                scratch,
+                attempt == 1,
             )
-        if semismooth_newton(contacts, interval, delassus, free, start, end, scratch):
+        if semismooth_newton(contacts, interval, candidates, compliance, free, start, end, scratch):
             return True
-    return False
-
-
-@part
-def _contact_residual(
-    delassus: Array,
-    free: Array,
-    start: ContactState,
-    end: ContactState,
-    count: int,
-    scratch: ContactScratch,
-) -> tuple[float, float]:
-    """Write the residual of (1), with `count` touching points.
-
-    Returns:
-        Its largest entry, and the largest displacement, m.
-    """
-    points, d = free.shape[0], len(scratch.space)
-    touching, mean = scratch.touching, scratch.mean_force
-    scale, worst, row = 0.0, 0.0, 0
-    for p in range(points):
-        for k in range(d):
-            value = end.x[p, k] - free[p, k]
-            for t in range(count):
-                column = touching[t] * d
-                for j in range(d):
-                    value += delassus[row, column + j] * mean[touching[t], j]
-            scratch.residual[p, k] = value
-            worst = max(worst, abs(value))
-            scale = max(scale, abs(end.x[p, k]), abs(free[p, k]), abs(start.x[p, k]))
-            row += 1
-    return worst, scale
-
-
-@part
-def _solve_touching(delassus: Array, count: int, scratch: ContactScratch) -> bool:
-    """Write Newton's update of the touching points to `update`; False if it has none."""
-    d, touching, jacobian = len(scratch.space), scratch.touching, scratch.jacobian
-    for t in range(count):
-        p = touching[t]
-        for k in range(d):
-            scratch.update[t * d + k, 0] = -scratch.residual[p, k]
-            for s in range(count):
-                column = touching[s] * d
-                for j in range(d):
-                    value = 1.0 if s == t and j == k else 0.0
-                    for i in range(d):
-                        value += (
-                            delassus[p * d + k, column + i]
-                            * scratch.force_derivative[touching[s], i, j]
-                        )
-                    jacobian[t * d + k, s * d + j] = value
-    m = count * d
-    if not lu_factor(jacobian, scratch.pivots, m):
-        return False
-    lu_solve(jacobian, scratch.pivots, scratch.update, m)
-    return True
-
-
-@part
-def _update_all(delassus: Array, points: int, count: int, scratch: ContactScratch) -> float:
-    """Turn the residual of all points into Newton's update, given that of the touching points.
-
-    Returns:
-        The largest entry of the update, m.
-    """
-    d, touching, update = len(scratch.space), scratch.touching, scratch.update
-    residual, force_change = scratch.residual, scratch.force_change
-    for p in range(points):
-        for k in range(d):
-            residual[p, k] = -residual[p, k]
-    for t in range(count):
-        p = touching[t]
-        for k in range(d):
-            force_change[p, k] = 0.0
-            for j in range(d):
-                force_change[p, k] += scratch.force_derivative[p, k, j] * update[t * d + j, 0]
-    if count < points:
-        row = 0
-        for p in range(points):
-            for k in range(d):
-                for t in range(count):
-                    for j in range(d):
-                        residual[p, k] -= (
-                            delassus[row, touching[t] * d + j] * force_change[touching[t], j]
-                        )
-                row += 1
-    for t in range(count):
-        for k in range(d):
-            residual[touching[t], k] = update[t * d + k, 0]
-    size = 0.0
-    for p in range(points):
-        for k in range(d):
-            size = max(size, abs(residual[p, k]))
-    return size
-
-
-@part
-def semismooth_newton(
-    contacts: Contacts,
-    interval: Interval,
-    delassus: Array,
-    free: Array,
-    start: ContactState,
-    end: ContactState,
-    scratch: ContactScratch,
-) -> bool:
-    """Semismooth Newton for (1) from the given x; True if it converged.
-
-    Only the points that touch are unknowns: the others follow from their forces.
-    """
-    points, d = free.shape[0], len(scratch.space)
-    size, remained = np.inf, np.inf
-    for _ in range(CONTACT_ITERATIONS):
-        count = 0
-        for p in range(points):
-            if contact_force(contacts, interval, p, start, end, scratch):
-                scratch.touching[count] = p
-                count += 1
-        worst, scale = _contact_residual(delassus, free, start, end, count, scratch)
-        if worst <= ROUNDING * scale:
-            return True
-        if not _solve_touching(delassus, count, scratch):
-            return False
-        last = size
-        size = _update_all(delassus, points, count, scratch)
-        # rounding: neither the update nor the residual decreases (for a stiff contact that only
-        # opens, the residual still decreases slowly)
-        if size <= 1e-15 * scale or (
-            size <= 1e-11 * scale and size >= 0.5 * last and worst >= 0.9 * remained
-        ):
-            return True  # the forces belong to the x at which they were evaluated
-        remained = worst
-        for p in range(points):
-            for k in range(d):
-                end.x[p, k] += scratch.residual[p, k]
     return False
 
 
@@ -213,6 +90,7 @@ def semismooth_newton(
 def nonlinear_gauss_seidel(
     contacts: Contacts,
     interval: Interval,
+    candidates: NDArray[np.int64],
     delassus: Array,
     free: Array,
     start: ContactState,
@@ -220,12 +98,12 @@ def nonlinear_gauss_seidel(
     scratch: ContactScratch,
     first: bool,
 ) -> None:
-    """Ten sweeps over all points, from `scratch.guess`.
+    """Ten sweeps over all candidates, from `scratch.guess`.
 
     The first round takes the forces at the guess; later rounds continue from the last forces.
     """
-    points, d = free.shape[0], len(scratch.space)
-    for p in range(points):
+    d = len(scratch.space)
+    for p in candidates:
         for k in range(d):
             end.x[p, k] = scratch.guess[p, k]
         if first:
@@ -234,9 +112,9 @@ def nonlinear_gauss_seidel(
                 scratch.held_force[p, k] = scratch.mean_force[p, k]
                 scratch.held_friction[p, k] = scratch.mean_friction[p, k]
     for _ in range(SWEEPS):
-        for p in range(points):
-            solve_point(contacts, interval, delassus, free, p, start, end, scratch)
-    for p in range(points):
+        for place in range(candidates.size):
+            solve_point(contacts, interval, candidates, delassus, free, place, start, end, scratch)
+    for p in candidates:
         for k in range(d):
             scratch.guess[p, k] = end.x[p, k]
 
@@ -247,20 +125,21 @@ def _bisect_normal_force(
     interval: Interval,
     delassus: Array,
     p: int,
+    row: int,
     start: ContactState,
     end: ContactState,
     scratch: ContactScratch,
 ) -> float:
     """Normal force of point p, N, with its friction and the forces of the others held.
 
-    The displacement is x = rest - G (N n + T + start_weight N0 n0), with the rest in `point.place`
-    and n in `point.mean_normal`. The solution N lies between zero and the normal force that the law
-    gives at N = 0.
+    The displacement is x = rest - G (N n + T + start_weight N0 n0), with the rest in `point.place`,
+    n in `point.mean_normal` and the block of `delassus` at `row`. The solution N lies between zero
+    and the normal force that the law gives at N = 0.
     """
     x, friction, d = end.x[p], scratch.held_friction[p], len(scratch.space)
     n, rest = scratch.point.mean_normal, scratch.point.place
     a = 0.0 if interval.discrete_gradient else interval.start_weight
-    theta, row = 1.0 - interval.start_weight, p * d
+    theta = 1.0 - interval.start_weight
     low, high, force = 0.0, 0.0, 0.0
     for step in range(1 + BISECTIONS):
         force = 0.0 if step == 0 else 0.5 * (low + high)
@@ -289,6 +168,7 @@ def _project_friction(
     interval: Interval,
     delassus: Array,
     p: int,
+    row: int,
     start: ContactState,
     end: ContactState,
     force: float,
@@ -319,7 +199,7 @@ def _project_friction(
     )
     softness, size, across, across0 = 0.0, 0.0, 0.0, 0.0
     for k in range(d):
-        softness += delassus[p * d + k, p * d + k]  # an upper bound for every direction
+        softness += delassus[row + k, row + k]  # an upper bound for every direction
         stretch[k] = a * x0[k] + theta * x[k] - stretch[k]
         size += n[k] ** 2
     for k in range(d):
@@ -352,35 +232,37 @@ def _project_friction(
 def solve_point(
     contacts: Contacts,
     interval: Interval,
+    candidates: NDArray[np.int64],
     delassus: Array,
     free: Array,
-    p: int,
+    place: int,
     start: ContactState,
     end: ContactState,
     scratch: ContactScratch,
 ) -> None:
-    """Solve point p with the forces of the others held: first its normal force, then its friction.
+    """Solve one candidate with the forces of the others held: its normal force, then its friction.
 
     This iteration is slow, but it does not cycle between states. The reason is that it projects the
     tangential force itself on the friction disc. A tangential force computed from the displacement
     could be far too large while the normal force is still wrong.
     """
-    points, d = free.shape[0], len(scratch.space)
-    x, held, point, row = end.x[p], scratch.held_force[p], scratch.point, p * d
+    d, p = len(scratch.space), candidates[place]
+    x, held, point, row = end.x[p], scratch.held_force[p], scratch.point, place * d
     n, rest = point.mean_normal, point.place
     for k in range(d):
         rest[k] = free[p, k]
-        for q in range(points):
-            if q != p:
+        for other in range(candidates.size):
+            if other != place:
                 for j in range(d):
-                    rest[k] -= delassus[row + k, q * d + j] * scratch.held_force[q, j]
+                    force = scratch.held_force[candidates[other], j]
+                    rest[k] -= delassus[row + k, other * d + j] * force
     if interval.discrete_gradient:
         first, time, a = start.x[p], 0.5 * (interval.begin + interval.end), 0.0
     else:
         first, time, a = x, interval.end, interval.start_weight
     gap_discrete_gradient(contacts, p, first, x, time, n, point.mean_normal_derivative, point.work)
-    force = _bisect_normal_force(contacts, interval, delassus, p, start, end, scratch)
-    _project_friction(contacts, interval, delassus, p, start, end, force, scratch)
+    force = _bisect_normal_force(contacts, interval, delassus, p, row, start, end, scratch)
+    _project_friction(contacts, interval, delassus, p, row, start, end, force, scratch)
     for k in range(d):
         held[k] = force * n[k] + scratch.held_friction[p, k] + a * start.normal[p, k]
     for k in range(d):

@@ -94,8 +94,11 @@ class ContactScratch(NamedTuple):
         held_friction: (P, d) the friction part of the held forces, N.
         residual: (P, d) residual of the contact problem; then the update, m.
         force_change: (P, d) change of the mean force by the update, N.
-        touching: (P,) the points that touch come first.
-        jacobian: (m, m) of the touching points, m = P d.
+        is_candidate: (P,) whether the step solves for a point.
+        candidates: (P,) the points that the step solves for come first; by default all.
+        directions: (m,) the rows of the candidates among the contact displacements, m = P d.
+        touching: (P,) the places among the candidates of the points that touch come first.
+        jacobian: (m, m) of the touching points.
         update: (m, 1) of the touching points, m.
         pivots: (m,) of the factorised Jacobian.
         point: scratch arrays of one point.
@@ -114,6 +117,9 @@ class ContactScratch(NamedTuple):
     held_friction: Array
     residual: Array
     force_change: Array
+    is_candidate: NDArray[np.bool_]
+    candidates: NDArray[np.int64]
+    directions: NDArray[np.int64]
     touching: NDArray[np.int64]
     jacobian: Array
     update: Array
@@ -167,6 +173,9 @@ def contact_scratch(points: int, d: int) -> ContactScratch:
         held_friction=np.zeros((points, d)),
         residual=np.zeros((points, d)),
         force_change=np.zeros((points, d)),
+        is_candidate=np.ones(points, dtype=np.bool_),
+        candidates=np.arange(points),
+        directions=np.arange(m),
         touching=np.zeros(points, dtype=np.int64),
         jacobian=np.zeros((m, m)),
         update=np.zeros((m, 1)),

@@ -36,6 +36,7 @@ no trace.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import compiled, part
@@ -74,6 +75,7 @@ def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> flo
 def implicit_blending(
     contacts: Contacts,
     interval: Interval,
+    candidates: NDArray[np.int64],
     delassus: Array,
     start: ContactState,
     scratch: ContactScratch,
@@ -88,17 +90,20 @@ def implicit_blending(
     Args:
         contacts: the parameters.
         interval: the step.
-        delassus: (m, m) G, contact displacement at the end of the step by mean contact force, m/N.
+        candidates: (c,) the points.
+        delassus: (c d, c d) G, their displacement at the end of the step by their mean contact
+            force, m/N; of it, the blocks (d, d) on the diagonal.
         start: the state at the start of the step.
         scratch: out: `blending`.
     """
     d = start.x.shape[1]
     point = scratch.point
-    for p in range(start.x.shape[0]):
+    for t in range(candidates.size):
+        p, row = candidates[t], t * d
         scratch.blending[p] = 0.0
         if not interval.discrete_gradient:
             continue
-        flexibility = delassus[p * d, p * d]
+        flexibility = delassus[row, row]
         if contacts.kind[p] != PLANE:
             x = start.x[p]
             gap_discrete_gradient(
@@ -115,7 +120,7 @@ def implicit_blending(
             for k in range(d):
                 for j in range(d):
                     flexibility += (
-                        point.gradient[k] * delassus[p * d + k, p * d + j] * point.gradient[j]
+                        point.gradient[k] * delassus[row + k, row + j] * point.gradient[j]
                     )
         ratio = contacts.normal_stiffness[p] * flexibility
         scratch.blending[p] = ratio**2 / (1.0 + ratio**2)

@@ -16,7 +16,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
-from fenicsrom.online.curve import Curve, CurvePoint, hermite, replaced
+from fenicsrom.online.curve import LOST, Curve, CurvePoint, hermite, replaced
 from fenicsrom.online.curve_correction import CURVE_TOLERANCE, Corrector
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
@@ -98,7 +98,7 @@ class Continuation(Corrector):
             if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
-                    curve.reason = "no convergence"
+                    curve.reason = LOST
                     return curve
                 continue
             if reason := self._arrival(curve, behind, found):
@@ -250,6 +250,6 @@ def follow(
     )
     first = path.at_parameter(s, value)
     if first is None:
-        curve = Curve(reason="no convergence")
+        curve = Curve(reason=LOST)
         return curve
     return path.run(first, direction, **options)

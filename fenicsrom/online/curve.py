@@ -17,6 +17,8 @@ BIFURCATIONS = ("fold", "branch point", "period doubling", "torus", "non-smooth"
 CONTACT_CHANGES = ("touch", "lift-off", "slip")
 CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("first", "last"))
 """Kinds of special points where a contact state first or last occurs along a curve."""
+LOST = "no convergence"
+"""Reason for which a curve ends where no next point was found."""
 COMPLETE = ("end of the range", "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 

@@ -9,6 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.compliance import Compliance, given_compliance
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.dense import negative_eigenvalues
 from fenicsrom.online.load_histories import LoadHistories, factors
@@ -111,7 +112,8 @@ class DenseModel:
         velocity_coefficient: float,
         tangent: Tangent,
         residual: Array,
-    ) -> tuple[Array, Array, Array]:
+        directions: NDArray[np.int64],
+    ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
         key = mass_coefficient, velocity_coefficient, tangent.coefficient
         if not (self.linear and key == self._key):
@@ -124,12 +126,13 @@ class DenseModel:
                 else None
             )
             self._key = key
-        block = np.concatenate([-residual[:, None], self._rows.T], axis=1)
+        rows = self._rows[directions]
+        block = np.concatenate([-residual[:, None], rows.T], axis=1)
         if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
             block[:] = np.nan
         else:
             block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
-        return block[:, 0].copy(), block[:, 1:].copy(), self._rows @ block[:, 1:]
+        return block[:, 0].copy(), block[:, 1:].copy(), given_compliance(rows @ block[:, 1:])
 
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.online.compliance import delassus_of
 from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
@@ -123,13 +124,22 @@ class _Statics:
         def correct(dq: Array) -> Correction | None:
             elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
             residual = elastic - self.static_force + mass_coefficient * model.mass_times(dq)
-            y, unit, delassus = model.solve_effective(mass_coefficient, 0.0, tangent, residual)
+            y, unit, compliance = model.solve_effective(
+                mass_coefficient, 0.0, tangent, residual, scratch.directions
+            )
             before = self.end.x.copy()
             free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
             if not np.all(np.isfinite(free)):
                 return None
             if before.size and not solve_contact(
-                contacts, interval, delassus, free, self.start, self.end, scratch
+                contacts,
+                interval,
+                scratch.candidates,
+                compliance,
+                free,
+                self.start,
+                self.end,
+                scratch,
             ):
                 return None
             change = y - unit @ scratch.mean_force.reshape(-1)
@@ -164,8 +174,12 @@ class _Statics:
         found: int = self.model.negative_directions(tangent)
         springs = self._springs(q)
         if springs.shape[1]:
-            _, _, delassus = self.model.solve_effective(0.0, 0.0, tangent, np.zeros_like(q))
-            found -= negative_eigenvalues(np.eye(springs.shape[1]) + springs.T @ delassus @ springs)
+            _, _, compliance = self.model.solve_effective(
+                0.0, 0.0, tangent, np.zeros_like(q), self.scratch.directions
+            )
+            found -= negative_eigenvalues(
+                np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
+            )
         return found
 
     def _springs(self, q: Array) -> Array:
@@ -190,8 +204,10 @@ class _Statics:
         for _ in range(INVERSE_ITERATIONS):
             shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
             inertia = model.mass_times(shape).copy()
-            y, unit, delassus = model.solve_effective(0.0, 0.0, self._tangent(q), -inertia)
-            inner = np.eye(springs.shape[1]) + springs.T @ delassus @ springs
+            y, unit, compliance = model.solve_effective(
+                0.0, 0.0, self._tangent(q), -inertia, self.scratch.directions
+            )
+            inner = np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
             x = model.contact_displacement(y).copy() - model.contact_displacement(zero)
             new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
             rate = 1.0 / model.dot(inertia, new)
@@ -238,7 +254,9 @@ class _Statics:
         """
         model = self.model
         force = model.loads @ largest(model.load_histories)
-        y, unit, _ = model.solve_effective(0.0, 0.0, self._tangent(q), -force)
+        y, unit, _ = model.solve_effective(
+            0.0, 0.0, self._tangent(q), -force, self.scratch.directions
+        )
         if model.dot(y, model.mass_times(y)) > 0.0:
             return y.copy(), force
         return np.asarray(unit.sum(axis=1)), force

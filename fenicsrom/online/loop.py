@@ -76,7 +76,8 @@ def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-de
         scheme.points,
         scheme.weights,
     )
-    error, _, _ = model.solve_effective(mass, 0.0, tangent, model.mass_times(surprise))
+    none = state.trial.scratch.directions[:0]
+    error, _, _ = model.solve_effective(mass, 0.0, tangent, model.mass_times(surprise), none)
     size = max(state.scalars[SIZE], control.size)
     local = np.sqrt(model.dot(error, model.mass_times(error))) / 12.0
     return local / (STEP_SHARE * control.tolerance * size) if size > 0.0 else 0.0

@@ -16,9 +16,10 @@ then balance exactly, whatever the step. The friction law is that of
 `fenicsrom.online.contact_step`: it dissipates in every step. The forces D v, gyroscopic
 and viscous, join those of the mass-proportional damping.
 
-Each Newton iteration solves the structure for the residual and for unit contact forces, and then
-the contact problem in full in the few contact coordinates
-(`fenicsrom.online.contact_problem.solve_contact`): the iteration over the structure meets no kink.
+Each Newton iteration solves the structure for the residual and for unit contact forces at the
+points that may touch (`fenicsrom.online.contact_candidates`), and then the contact problem in full
+in the few contact coordinates (`fenicsrom.online.contact_problem.solve_contact`): the iteration
+over the structure meets no kink.
 This iteration stops when the predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE`
 squared times the energy in the system, a test that does not depend on units. A step that does not
 converge is halved.
@@ -220,7 +221,7 @@ def _run_span(
     # of the span before the last period, only the coordinates at its end are needed
     k = max(len(run.history) - run.multiple, 0)
     run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
-    run.history.append(joined_rows(pieces, counts))
+    run.history.append(pieces[0] if len(pieces) == 1 else joined_rows(pieces, counts))
     return status, stopped
 
 

@@ -66,7 +66,8 @@ def initial_state(
         residual = state.elastic_force + scheme.damping * model.mass_times(v) - force
         if scheme.velocity_forces:
             residual += model.velocity_times(v)
-        y, unit, _ = model.solve_effective(1.0, 0.0, nothing, residual)
+        directions = state.trial.scratch.directions
+        y, unit, _ = model.solve_effective(1.0, 0.0, nothing, residual, directions)
         state.a[:] = y - unit @ (state.contact.normal + state.contact.friction).reshape(-1)
         state.mean_acceleration[:] = state.a
     return state
@@ -81,8 +82,8 @@ def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> flo
         np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
     )
     force = np.abs(model.loads) @ largest(model.load_histories)
-    y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force)
     preload = np.zeros((contacts.preload.size, dimension))
+    y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
     preload[:, 0] = contacts.preload
     return mass_norm(model, np.abs(y) + np.abs(unit) @ preload.reshape(-1))
 

@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import compile_methods, kernel
+from fenicsrom.online.compiled import compile_methods
+from fenicsrom.online.compliance import Compliance, compliance_of
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.dense import (
     add_times,
     inner,
-    lu_factor,
-    lu_solve,
     negative_eigenvalues,
     times,
     write_times,
 )
+from fenicsrom.online.effective_stiffness import factorise_effective, write_effective_solution
 from fenicsrom.online.load_histories import LoadHistories, static_factors, write_factors
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
 from fenicsrom.online.pressure import (
@@ -61,8 +61,9 @@ class Workspace(NamedTuple):
         pivots: (n,)
         key: (3,) mass, velocity and tangent coefficient of the factor, by which a linear model
             keeps it; the first is NaN if the matrix is singular.
-        block: (n, 1 + m) right-hand sides and solutions.
-        delassus: (m, m) contact displacement by contact force.
+        compliance: the response to contact forces; its array `unit` holds right-hand sides and
+            solutions.
+        contact_columns: (n, m) the columns of the contact rows.
         contact: (m,) contact displacement.
         mass_product: (n,) M v.
         velocity_product: (n,) D v.
@@ -82,8 +83,8 @@ class Workspace(NamedTuple):
     factor: Array
     pivots: NDArray[np.int64]
     key: Array
-    block: Array
-    delassus: Array
+    compliance: Compliance
+    contact_columns: Array
     contact: Array
     mass_product: Array
     velocity_product: Array
@@ -184,7 +185,18 @@ class ReducedModel(NamedTuple):
     ) -> tuple[Array, Tangent]:
         """Mean elastic force over a step and its derivative by dq."""
         coefficient = elastic_mean(
-            self.elastic, self.work, start, q0, dq, start_weight, points, weights
+            self.elastic,
+            self.work.columns,
+            self.work.points,
+            self.work.products,
+            start,
+            q0,
+            dq,
+            start_weight,
+            points,
+            weights,
+            self.work.force,
+            self.work.tangent,
         )
         if self.pressure.numbers.shape[0] > 0:
             subtract_pressure(self.pressure, self.work, q0, dq, points, weights)
@@ -211,24 +223,41 @@ class ReducedModel(NamedTuple):
         velocity_coefficient: float,
         tangent: Tangent,
         residual: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and G = B^T Z (m, m).
+        directions: NDArray[np.int64],
+    ) -> tuple[Array, Array, Compliance]:
+        """Solve S [y, Z] = [-residual, B] for the r given contact directions B.
 
         S = mass_coefficient M + velocity_coefficient D + tangent. A linear model keeps its
         factor while the three coefficients are the same. A singular S gives NaN.
+
+        Returns:
+            y (n,), Z (n, r) and the `Compliance` B^T Z.
         """
-        write_effective_solution(
+        work, unit = self.work, self.work.compliance.unit
+        factorise_effective(
             self.mass,
             self.velocity_matrix,
-            self.contact_rows,
             self.elastic.cubic.shape[0] == 0,
-            self.work,
             mass_coefficient,
             velocity_coefficient,
-            tangent,
-            residual,
+            tangent.matrix,
+            tangent.coefficient,
+            work.factor,
+            work.pivots,
+            work.key,
         )
-        return self.work.block[:, 0], self.work.block[:, 1:], self.work.delassus
+        write_effective_solution(
+            self.contact_rows,
+            directions,
+            self.points.frame.shape[2],
+            residual,
+            work.factor,
+            work.pivots,
+            work.key,
+            unit,
+            work.compliance.delassus,
+        )
+        return unit[:, directions.size], unit[:, : directions.size], work.compliance
 
     def negative_directions(self, tangent: Tangent) -> int:
         """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
@@ -236,8 +265,9 @@ class ReducedModel(NamedTuple):
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,) at q, m."""
-        add_times(self.contact_offset, self.contact_rows, q, self.work.contact)
-        return self.work.contact
+        work = self.work
+        add_times(self.contact_offset, self.contact_rows, work.contact_columns, q, work.contact)
+        return work.contact
 
     def probe_displacement(self, q: Array) -> Array:
         """Displacement (d,) of the probe at q, m."""
@@ -314,8 +344,8 @@ def reduced_model(
             factor=np.zeros((n, n)),
             pivots=np.zeros(n, dtype=np.int64),
             key=np.full(3, np.nan),
-            block=np.zeros((n, 1 + m)),
-            delassus=np.zeros((m, m)),
+            compliance=compliance_of(tidy[2]),
+            contact_columns=np.ascontiguousarray(tidy[2].T),
             contact=np.zeros(m),
             mass_product=np.zeros(n),
             velocity_product=np.zeros(n),
@@ -326,54 +356,6 @@ def reduced_model(
             pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
         ),
     )
-
-
-@kernel
-def write_effective_solution(
-    mass: Array,
-    velocity_matrix: Array,
-    rows: Array,
-    linear: bool,
-    work: Workspace,
-    mass_coefficient: float,
-    velocity_coefficient: float,
-    tangent: Tangent,
-    residual: Array,
-) -> None:
-    """Write the solutions of `ReducedModel.solve_effective` to work.block and work.delassus."""
-    n, m = residual.size, rows.shape[0]
-    factor, key, block, delassus = work.factor, work.key, work.block, work.delassus
-    is_kept = (
-        linear
-        and key[0] == mass_coefficient
-        and key[1] == velocity_coefficient
-        and key[2] == tangent.coefficient
-    )
-    if not is_kept:
-        for i in range(n):
-            for j in range(n):
-                factor[i, j] = mass_coefficient * mass[i, j] + tangent.matrix[i, j]
-        if velocity_coefficient != 0.0 and velocity_matrix.shape[0] > 0:
-            for i in range(n):
-                for j in range(n):
-                    factor[i, j] += velocity_coefficient * velocity_matrix[i, j]
-        key[0] = mass_coefficient if lu_factor(factor, work.pivots, n) else np.nan
-        key[1] = velocity_coefficient
-        key[2] = tangent.coefficient
-    for i in range(n):
-        block[i, 0] = -residual[i]
-        for j in range(m):
-            block[i, 1 + j] = rows[j, i]
-    if np.isnan(key[0]):
-        block[:] = np.nan
-    else:
-        lu_solve(factor, work.pivots, block, n)
-    for i in range(m):
-        for j in range(m):
-            value = 0.0
-            for k in range(n):
-                value += rows[i, k] * block[k, 1 + j]
-            delassus[i, j] = value
 
 
 compile_methods(

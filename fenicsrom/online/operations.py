@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fenicsrom.arrays import Array
+from fenicsrom.online.compliance import Compliance
 from fenicsrom.online.load_histories import LoadHistories
 
 
@@ -46,9 +50,11 @@ class Model(Protocol):
         velocity_coefficient: float,
         tangent: Any,
         residual: Array,
-    ) -> tuple[Array, Array, Array]:
-        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, m) and B^T Z (m, m).
+        directions: NDArray[np.int64],
+    ) -> tuple[Array, Array, Compliance]:
+        """Solve S [y, Z] = [-residual, B]; returns y (n,), Z (n, r) and B^T Z (r, r).
 
+        B are the given ones of the contact displacements.
         S = mass_coefficient M + velocity_coefficient D + tangent, the last as returned by
         `elastic_over_step`.
         """

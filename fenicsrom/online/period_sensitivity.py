@@ -20,6 +20,7 @@ from fenicsrom.online.blending_sensitivity import (
 )
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
+from fenicsrom.online.contact_candidates import list_candidates
 from fenicsrom.online.contact_sensitivity import ComplexInterval, differentiate_law
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.scheme import Scheme
@@ -80,9 +81,13 @@ def start_derivatives(
 
 
 @kernel
-def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> bool:
-    """Write the step of a row of the record, of size h, into s; True if a point touches in it."""
-    ahead, touches = 0.5 * h * (h + last_step), False
+def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> int:
+    """Write the step of a row of the record, of size h, into s.
+
+    Returns:
+        The number of points that touch in it; they are the candidates of `s.law.scratch`.
+    """
+    ahead = 0.5 * h * (h + last_step)
     for i in range(s.step.size):
         s.step[i] = record.coordinates[row, i] - s.before[0, i]
         s.before[5, i] = h * s.before[3, i] + ahead * s.before[4, i]
@@ -92,8 +97,8 @@ def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitiv
             s.x1[p, i] = record.displacement[row, p, i]
             if record.mean_force[row, p, i] != 0.0:
                 s.is_open[p] = False
-                touches = True
-    return touches
+        s.law.scratch.is_candidate[p] = not s.is_open[p]
+    return list_candidates(s.law.scratch)
 
 
 @kernel
@@ -145,7 +150,7 @@ def carry_derivatives(
     Returns:
         False if the matrix of a step is singular.
     """
-    law, points, by, begin = s.law, s.is_open.size, drift.contacts, 0.0
+    law, points, d, by, begin = s.law, s.is_open.size, s.x0.shape[1], drift.contacts, 0.0
     for p in range(points):
         x, w = s.x0[p], sliders[p]
         differentiate_law(law, contacts, by, rest, p, x, x, w, 0.0, rest.discrete_gradient)
@@ -155,18 +160,18 @@ def carry_derivatives(
         times = complex(1.0, STEP * drift.period)
         behind, ahead, moved = begin * times, record.time[row] * times, h * times
         step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
-        touches = begin_step(record, row, h, last_step, s)
+        count = begin_step(record, row, h, last_step, s)
+        touching, directions = law.scratch.candidates[:count], law.scratch.directions[: count * d]
         by_mass = add_structure(model, scheme, drift, moved, behind, ahead, s)
-        if touches and scheme.discrete_gradient:
-            solve_at_end(model, scheme.linear, s, by_mass.real)
-            if write_weights(model, contacts, drift, s, behind):
-                solve_at_guess(model, scheme, s, h)
-                write_weights(model, contacts, drift, s, behind)
-        for p in range(points):
-            if s.is_open[p]:
-                continue
+        if count > 0 and scheme.discrete_gradient:
+            solve_at_end(model, s, by_mass.real, directions)
+            if write_weights(model, contacts, drift, s, behind, touching):
+                solve_at_guess(model, scheme, s, h, directions)
+                write_weights(model, contacts, drift, s, behind, touching)
+        for place in range(count):
+            p = touching[place]
             differentiate_blending(
-                model, contacts, scheme, drift, s, p, behind, h, last_step, by_mass
+                model, contacts, scheme, drift, s, p, place, behind, h, last_step, by_mass
             )
             follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
             x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]

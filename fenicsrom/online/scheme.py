@@ -26,6 +26,8 @@ class Scheme(NamedTuple):
         velocity_forces: the model has forces D v.
         quadratic: Newton's method is exact and converges quadratically; otherwise the model keeps
             a factor for several iterations, which converge linearly.
+        all_points: every step solves for all contact points, whose solutions the model keeps with
+            its factor; otherwise only for those that may touch.
     """
 
     alpha_m: float
@@ -40,6 +42,7 @@ class Scheme(NamedTuple):
     linear: bool
     velocity_forces: bool
     quadratic: bool
+    all_points: bool
 
 
 def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
@@ -56,6 +59,7 @@ def scheme(name: str, model: Any, spectral_radius: float = 0.8) -> Scheme:
         bool(model.linear and model.exact_newton),
         bool(model.velocity_forces),
         bool(model.exact_newton),
+        not model.exact_newton,
     )
     end = np.ones(1)
     if name == "average-acceleration":

@@ -14,6 +14,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fenicsrom.online.compiled import part
+from fenicsrom.online.contact_candidates import add_candidates, choose_candidates, keep_open
 from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import Interval
 from fenicsrom.online.contact_step import (
@@ -117,15 +118,14 @@ def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore
 
 
 @part
-def contact_decrement(decrement, trial):  # type: ignore[no-untyped-def]
+def contact_decrement(decrement, candidates, trial):  # type: ignore[no-untyped-def]
     """Newton's decrement with the work of the contact forces in the iteration added.
 
     Returns:
         Its absolute value, and the sum of the contact forces times the displacements, J.
     """
-    points, d = trial.free_displacement.shape
-    x, mean, carried = trial.contact.x, trial.scratch.mean_force, 0.0
-    for p in range(points):
+    d, x, mean, carried = len(trial.scratch.space), trial.contact.x, trial.scratch.mean_force, 0.0
+    for p in candidates:
         size, far = 0.0, 0.0
         for k in range(d):
             decrement += mean[p, k] * (x[p, k] - trial.displacement_before[p, k])
@@ -158,46 +158,91 @@ def has_converged(decrement, last, iteration, scale, carried, quadratic):  # typ
 def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Solve one step of size h from `state`, writing only to its trial.
 
+    The step is solved for the candidates among the contact points. It is solved again from its
+    first guess where another point touches at its end.
+
     Returns:
         Whether it converged, and the number of iterations.
     """
-    trial, scratch, q0 = state.trial, state.trial.scratch, state.q
-    points, x, af = trial.contact.x.shape[0], trial.contact.x, scheme.alpha_f
+    trial, af = state.trial, scheme.alpha_f
     interval = Interval(state.scalars[TIME], state.scalars[TIME] + h, af, scheme.discrete_gradient)
     coefficients = step_coefficients(scheme, h)
     model.set_interval(interval.begin, interval.end)
     combine(trial.inertia_offset, coefficients.inertia_v, state.v, coefficients.inertia_a, state.a)
     combine(trial.external_force, 1.0 - af, load_ahead, af, state.load_vector)
+    guess_step(model, state, h)
+    count = choose_candidates(
+        contacts, interval, scheme.all_points, state.contact, trial.contact, trial.scratch
+    )
+    iterations = 0
+    while True:
+        converged, more = iterate(model, contacts, scheme, state, interval, coefficients, count)
+        iterations += more
+        if not converged or count == trial.contact.x.shape[0]:
+            return converged, iterations
+        combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
+        copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
+        found = add_candidates(contacts, interval, trial)
+        if found == count:
+            return True, iterations
+        count = found
+        guess_step(model, state, h)
+
+
+@register_jitable(inline="always")
+def guess_step(model, state, h):  # type: ignore[no-untyped-def]
+    """Write the first guess of a step of size h and of the contact displacements at its end."""
+    trial = state.trial
     extrapolate(trial.dq, state, h)
-    combine(trial.vector, 1.0, q0, 1.0, trial.dq)
-    copy_to_points(x, model.contact_displacement(trial.vector))
+    combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
+    copy_to_points(trial.contact.x, model.contact_displacement(trial.vector))
+
+
+@register_jitable(inline="always")
+def iterate(model, contacts, scheme, state, interval, coefficients, count):  # type: ignore[no-untyped-def]
+    """Newton's method for a step from its first guess, with so many contact candidates.
+
+    Returns:
+        Whether it converged, and the number of iterations.
+    """
+    trial, scratch, q0, d = state.trial, state.trial.scratch, state.q, state.contact.x.shape[1]
+    x, candidates, directions = (
+        trial.contact.x,
+        scratch.candidates[:count],
+        scratch.directions[: count * d],
+    )
     first, last = 0.0, 0.0
     for iteration in range(1, NEWTON_ITERATIONS + 1):
         elastic, tangent = model.elastic_over_step(
             state.elastic_force, q0, trial.dq, scheme.start_weight, scheme.points, scheme.weights
         )
         write_residual(model, scheme, state, coefficients, elastic)
-        y, unit, delassus = model.solve_effective(
-            coefficients.mass, coefficients.velocity_dq, tangent, trial.residual
+        y, unit, compliance = model.solve_effective(
+            coefficients.mass, coefficients.velocity_dq, tangent, trial.residual, directions
         )
         copy_vector(trial.displacement_before, x)
         combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
         copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
         if iteration == 1:
-            implicit_blending(contacts, interval, delassus, state.contact, scratch)
-        if points > 0 and not solve_contact(
+            implicit_blending(
+                contacts, interval, candidates, compliance.delassus, state.contact, scratch
+            )
+        if count > 0 and not solve_contact(
             contacts,
             interval,
-            delassus,
+            candidates,
+            compliance,
             trial.free_displacement,
             state.contact,
             trial.contact,
             scratch,
         ):
             return False, iteration
-        subtract_contact(trial.change, y, unit, scratch.mean_force)
+        subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
-        decrement, carried = contact_decrement(model.dot(trial.residual, trial.change), trial)
+        decrement, carried = contact_decrement(
+            model.dot(trial.residual, trial.change), candidates, trial
+        )
         if not np.isfinite(decrement):
             return False, iteration
         if iteration == 1:
@@ -261,13 +306,16 @@ def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
     s, trial, contact, end = state.scalars, state.trial, state.contact, state.trial.contact
     points, d = trial.free_displacement.shape
     for p in range(points):
-        dissipated, surface, impact = commit_contact_state(
-            contacts, interval, p, contact, end, trial.scratch
-        )
-        s[FRICTION_DISSIPATION] += dissipated
-        state.friction_dissipation[p] += dissipated
-        s[WORK] += surface
-        s[DAMPING_DISSIPATION] += impact
+        if trial.scratch.is_candidate[p]:
+            dissipated, surface, impact = commit_contact_state(
+                contacts, interval, p, contact, end, trial.scratch
+            )
+            s[FRICTION_DISSIPATION] += dissipated
+            state.friction_dissipation[p] += dissipated
+            s[WORK] += surface
+            s[DAMPING_DISSIPATION] += impact
+        else:
+            keep_open(p, end, trial.scratch)
         contact.trial_normal_force[p] = end.trial_normal_force[p]
         contact.state[p] = end.state[p]
         for k in range(d):

@@ -80,6 +80,7 @@ def with_damping(scheme: Scheme, damping: complex) -> Scheme:
         scheme.linear,
         scheme.velocity_forces,
         scheme.quadratic,
+        scheme.all_points,
     )
 
 
@@ -265,7 +266,7 @@ def solve_step(s: Sensitivity) -> bool:
             s.dq[i, c] = -s.dq[i, c]
     if not lu_factor(s.by_step, s.pivots, n):
         return False
-    lu_solve(s.by_step, s.pivots, s.dq, n)
+    lu_solve(s.by_step, s.pivots, s.dq, n, k)
     return True
 
 

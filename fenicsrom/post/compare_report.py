@@ -121,8 +121,13 @@ def summary(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def table(comparison: Comparison) -> list[list[Any]]:
-    """Compose the table of the report; the first row is the header."""
+def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
+    """Compose the table of the report; the first row is the header.
+
+    Args:
+        comparison: the comparison.
+        digits: digits of speed-up, errors and indicator.
+    """
     several = {
         "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
         "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
@@ -152,39 +157,36 @@ def table(comparison: Comparison) -> list[list[Any]]:
         if outcome.online:
             spread = 0.5 * (max(outcome.online) - min(outcome.online))
             line += [
-                _three(1e3 * outcome.online_seconds),
+                _rounded(1e3 * outcome.online_seconds),
                 f"{100.0 * spread / outcome.online_seconds:.0f} %",
             ]
         else:
             line += [None, None]
         if full:
             speed = comparison.speed_up(outcome)
-            line += [_three(speed), comparison.break_even(outcome)]
-            line += [_three(outcome.errors.get(name)) for name in ERRORS]
-        found.append([*line, _three(outcome.indicator)])
+            line += [_rounded(speed, digits), comparison.break_even(outcome)]
+            line += [_rounded(outcome.errors.get(name), digits) for name in ERRORS]
+        found.append([*line, _rounded(outcome.indicator, digits)])
     return found
 
 
 def terminal_table(comparison: Comparison) -> list[list[Any]]:
     """Compose the table of the terminal: the columns that decide, and errors with two digits."""
-    long, *lines = table(comparison)
+    long, *lines = table(comparison, digits=2)
     wanted = [name for name in long if name not in REPORT_ONLY]
     head = [SHORT_HEADS.get(name, name) for name in wanted]
     rows = [dict(zip(long, line, strict=True)) for line in lines]
     for row in rows:
         row["method"] = SHORT_METHODS[row["method"]]
-        for name in SHORT_HEADS:
-            if isinstance(row.get(name), float):
-                row[name] = float(f"{row[name]:.2g}")
     return [head, *([row[name] for name in wanted] for row in rows)]
 
 
-def _three(value: float | None) -> float | int | None:
-    """Round a number to three digits."""
+def _rounded(value: float | None, digits: int = 3) -> float | int | None:
+    """Round a number once; to three digits if it is at least 100."""
     if value is None:
         return None
-    rounded = float(f"{value:.3g}")
-    return int(rounded) if rounded >= 100 else rounded
+    whole = float(f"{value:.3g}")
+    return int(whole) if whole >= 100 else float(f"{value:.{digits}g}")
 
 
 def sentences(comparison: Comparison) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenicsrom.online.measures import has_contact
+from fenicsrom.online.measures import NEGLIGIBLE, has_contact
 from fenicsrom.post.style import STATES, line_styles, new_figure, styled
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a sma
 def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     """Draw displacements over the last two periods, one panel per direction.
 
-    Each panel shows all models, as figure 5 of the paper does.
+    Each panel shows all models, as figure 5 of the paper does. A direction in which they move by
+    rounding errors only has no curves.
 
     Args:
         motions: model name -> motion.
@@ -38,20 +39,40 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0) -> Figure:
     touching = any(has_contact(motion) for motion in motions.values())
     figure = new_figure(8.6, 0.7 + 2.2 * directions)
     axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
-    for name, motion in motions.items():
-        time, part = _phase(motion, 2)
-        for k in range(motion.displacement.shape[2]):
-            axes[k].plot(
-                time, 1e3 * motion.displacement[part, point, k], label=name, **styles[name]
-            )
+    parts = {name: _phase(motion, 2) for name, motion in motions.items()}
+    moved = {
+        name: 1e3 * motion.displacement[parts[name][1], point] for name, motion in motions.items()
+    }
+    sizes = {name: np.ptp(values, axis=0) for name, values in moved.items()}
+    largest = max(float(size.max()) for size in sizes.values())
     for k, axis in enumerate(axes):
+        there = [name for name, values in moved.items() if k < values.shape[1]]
+        if all(sizes[name][k] < NEGLIGIBLE * largest for name in there):
+            note_noise(axis)
+            there = []
+        for name in there:
+            axis.plot(parts[name][0], moved[name][:, k], label=name, **styles[name])
         axis.set_ylabel(f"{direction_name(k, directions, touching)}\ndisplacement, mm")
         axis.margins(x=0)
     periodic = all(motion.period is not None for motion in motions.values())
     axes[-1].set_xlabel("time / period" if periodic else "time, s")
-    _legend(figure, axes[0])
+    count = max(motion.state.shape[1] for motion in motions.values())
+    place = "contact point" if touching else "probe"
+    axes[0].set_title(f"{place} {point + 1} of {count}" if count > 1 else place)
+    _legend(figure, next((axis for axis in axes if axis.lines), axes[0]))
     figure.align_ylabels()
     return figure
+
+
+def note_noise(axis: Axes) -> None:
+    """Say in an empty panel that its curves would show rounding errors."""
+    _note(axis, f"amplitude below {NEGLIGIBLE:g} of the largest")
+    axis.set_yticks([])
+
+
+def _note(axis: Axes, text: str) -> None:
+    """Write into the middle of an empty panel."""
+    axis.text(0.5, 0.6, text, color="#5b636b", transform=axis.transAxes, ha="center")
 
 
 # Number of directions -> the panels of a contact point, each with its quantities on the x and y
@@ -215,8 +236,7 @@ def plot_modes(labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray)
             for i in seen:
                 axis.plot(positions, shapes[i, :, k], **styles[labels[i]])
             if not seen:
-                middle = {"x": 0.5, "y": 0.6, "transform": axis.transAxes, "ha": "center"}
-                axis.text(s=f"all below {100.0 * LEAST_COMPONENT:g} %", color="#5b636b", **middle)
+                _note(axis, f"all below {100.0 * LEAST_COMPONENT:g} %")
         row[0].set_ylabel(f"{kind}\ndisplacement / largest")
         row[-1].legend(
             handles=[Line2D([], [], label=labels[i], **styles[labels[i]]) for i in members],

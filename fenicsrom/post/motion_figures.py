@@ -16,8 +16,8 @@ from fenicsrom.assess.signals import (
     stroboscopic_states,
     strongest_oscillation,
 )
-from fenicsrom.online.measures import has_contact
-from fenicsrom.post.figures import direction_name
+from fenicsrom.online.measures import NEGLIGIBLE, has_contact
+from fenicsrom.post.figures import direction_name, note_noise
 from fenicsrom.post.style import STATES, new_figure, styled
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def plot_energy_per_period(motion: Motion) -> Figure:
 def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Figure:
     """Draw the modal coordinates of a reduced motion over its last period, one panel each.
 
-    The largest ones are drawn, in the order of the modes.
+    The largest ones are drawn, in the order of the modes; one that is rounding has no curve.
 
     Args:
         motion: a motion with coordinates.
@@ -193,13 +193,17 @@ def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Fig
     time = motion.coordinate_time
     part = time >= time[-1] - (motion.period or np.inf) * (1.0 + 1e-9)
     moved = 1e3 * modal[part]
+    sizes = np.ptp(moved, axis=0)
     order = np.argsort(-np.abs(moved).max(axis=0), kind="stable")
     chosen = np.sort(order[:MOST_COORDINATES])
     shown = (time[part] - time[part][0]) / (motion.period or 1.0)
     figure = new_figure(8.6, 0.9 + 1.25 * len(chosen))
     axes = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
     for axis, k in zip(axes, chosen, strict=True):
-        axis.plot(shown, moved[:, k], color="#0072B2")
+        if sizes[k] < NEGLIGIBLE * sizes.max():
+            note_noise(axis)
+        else:
+            axis.plot(shown, moved[:, k], color="#0072B2")
         axis.set_ylabel(f"{labels[int(k)]}\nmm")
         axis.margins(x=0)
     axes[-1].set_xlabel("time / period" if motion.period is not None else "time, s")

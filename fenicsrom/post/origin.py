@@ -1,7 +1,8 @@
 """What was run: `scene.toml` and `provenance.json` of an output folder.
 
 Both files are written before the computation. `scene.toml` holds the scene with all defaults and
-overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file is copied beside it.
+overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a stored model that is
+not large, is copied beside it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from fenicsrom.scene import Scene, scene_table, toml_text
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"
 LARGEST_COPY = 100 * 2**20  # bytes of the largest mesh file that is copied
+LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: each run has its own
+MODEL = "reduced_model.npz"
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
 INCLUDED = re.compile(r"^\s*(?:Include|Merge|ShapeFromFile)\b[^\"]*\"([^\"]+)\"", re.MULTILINE)
 
@@ -38,7 +41,7 @@ class Origin:
 
     Attributes:
         command: the words of the command.
-        repeat: the words that repeat it in the output folder.
+        repeat: the words that repeat it in the output folder, without `--from` and `--resume`.
         task: the name of the command, and the options that vary the scene.
         overrides: the values of `--set`.
         model: the stored model, or None.
@@ -66,6 +69,8 @@ def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict
         OSError: a file cannot be written.
     """
     mesh = None if origin.model is not None else _keep_mesh(scene.geometry.mesh, folder)
+    model = _keep_model(origin.model, folder)
+    inputs = _input_words(origin, model, folder)
     record: dict[str, Any] = {
         "state": "running",
         "command": shlex.join(origin.command),
@@ -78,9 +83,9 @@ def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict
         "scene": scene.source,
         "overrides": list(origin.overrides),
         "mesh": mesh,
-        "model": _named(origin.model),
+        "model": model,
         "resumed_from": _named(origin.resume),
-        "repeat": shlex.join(origin.repeat),
+        "repeat": shlex.join([*origin.repeat, *inputs]),
         "task": list(origin.task),
         "results": None,
     }
@@ -178,9 +183,6 @@ def _keep_mesh(mesh: Path, folder: Path) -> dict[str, Any] | None:
         return None
     found: dict[str, Any] = {"file": str(mesh.absolute()), "sha256": checksum(mesh)}
     found |= {"bytes": mesh.stat().st_size, "copy": None, "missing": None}
-    copy = folder / mesh.name
-    if copy.exists() and checksum(copy) != found["sha256"]:
-        copy = folder / f"mesh_{mesh.name}"
     if found["bytes"] > LARGEST_COPY:
         found["missing"] = f"the mesh file is larger than {LARGEST_COPY // 2**20} MB: not copied"
         return found
@@ -189,10 +191,45 @@ def _keep_mesh(mesh: Path, folder: Path) -> dict[str, Any] | None:
         if others:
             found["missing"] = f"the mesh file reads other files: {', '.join(others)}; not copied"
             return found
-    if not copy.exists() or checksum(copy) != found["sha256"]:
-        with atomic_write(copy) as temporary:
-            shutil.copyfile(mesh, temporary)
-    return found | {"copy": copy.name}
+    return found | {"copy": _copied(mesh, folder, mesh.name, f"mesh_{mesh.name}")}
+
+
+def _keep_model(model: Path | None, folder: Path) -> dict[str, Any] | None:
+    """Copy the stored model into the folder, unless it is there or large."""
+    found = _named(model)
+    if model is None or found is None:
+        return None
+    inside = model.resolve().parent == folder.resolve()
+    if inside or model.stat().st_size > LARGEST_MODEL:
+        return found | {"copy": None}
+    return found | {"copy": _copied(model, folder, MODEL, f"stored_{MODEL}")}
+
+
+def _copied(file: Path, folder: Path, name: str, other: str) -> str:
+    """Copy a file into the folder; the other name is used where another file has the first one."""
+    copy = folder / name
+    if copy.exists() and checksum(copy) == checksum(file):
+        return name
+    if copy.exists():
+        copy = folder / other
+    with atomic_write(copy) as temporary:
+        shutil.copyfile(file, temporary)
+    return copy.name
+
+
+def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) -> list[str]:
+    """The options that name the stored model and the checkpoint when a run is repeated."""
+
+    def word(path: Path) -> str:
+        inside = path.resolve().is_relative_to(folder.resolve())
+        return str(path.resolve().relative_to(folder.resolve()) if inside else path.absolute())
+
+    words: list[str] = []
+    if origin.model is not None:
+        words += ["--from", (model and model["copy"]) or word(origin.model)]
+    if origin.resume is not None and origin.task[0] != "sweep":
+        words += ["--resume", word(origin.resume)]
+    return words
 
 
 def _comments(record: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ from fenicsrom.files import atomic_folder, atomic_write
 from fenicsrom.online.stress import principal, von_mises
 from fenicsrom.post.vtk import Attached
 from fenicsrom.post.vtk_files import linear_grid, write_blocks, write_series, write_vtu
-from fenicsrom.scene import Elasticity, GroupMaterial
+from fenicsrom.scene import Elasticity, GroupMaterial, scene_heading
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
@@ -83,7 +83,7 @@ def notes(study: Study, kind: str) -> dict[str, str]:
     """The texts of a file: normalisation and material."""
     scene = study.scene
     found = {
-        "title": scene.title or scene.source,
+        "title": scene_heading(scene),
         "material": "; ".join(map(_constants, (scene.material, *scene.materials))),
     }
     if kind in NORMALISATION:

@@ -37,6 +37,7 @@ class Rerun:
         warnings: warnings for the user.
         stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
             or the model does not have them.
+        left_out: sentences "NAME: REASON" on what was not computed.
         files: the written files, the report first.
     """
 
@@ -46,6 +47,7 @@ class Rerun:
     unfinished: ConvergenceError | AccuracyError | None
     warnings: list[str]
     stresses: Stresses | None = None
+    left_out: list[str] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +11,13 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
+from fenicsrom.post.motion_table import RESPONSE_NOTE, points_note, response_rows
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
-    RESPONSE_NOTE,
     equilibrium_sentence,
     error_sentence,
     estimate_sentence,
     periodic_sentence,
-    response_rows,
     support_sentence,
     unreliable_sentence,
 )
@@ -32,7 +31,7 @@ from fenicsrom.post.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.summary import errors_of
-from fenicsrom.scene import scene_heading
+from fenicsrom.scene import Scene, scene_heading
 
 REPORT = "report.html"
 
@@ -52,7 +51,7 @@ def write_study_report(study: Study, folder: Path) -> Path:
         ("Modes of the reduced and of the full model", _agreement(study.agreement)),
         ("Basis", _basis(study)),
         ("Run time", [_seconds(study)] if study.seconds else []),
-        ("Left out", [_left_out(study)] if study.left_out else []),
+        ("Left out", [_left_out(study.left_out)] if study.left_out else []),
     ]
     title = scene_heading(study.scene)
     return write_report(folder / REPORT, title, [s for s in sections if s[1]])
@@ -67,7 +66,7 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
     scene, motion = found.stored.scene, found.motion
     results: list[Any] = [
         response_rows({"reduced": motion}, {"reduced": found.stored.size}, scene),
-        RESPONSE_NOTE,
+        *_notes({"reduced": motion}, scene),
         *_periodic(motion),
     ]
     if sentence := support_sentence(scene, found.stored.model.points, {"reduced": motion}):
@@ -80,6 +79,7 @@ def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folde
         ("Results", [*results, *_warnings(found.warnings)]),
         *((heading, [path]) for heading, path in pictures),
         *_stresses(found.stresses),
+        ("Left out", [_left_out(found.left_out)]),
     ]
     return write_report(folder / REPORT, scene_heading(scene), sections)
 
@@ -110,7 +110,8 @@ def _results(study: Study) -> list[Any]:
     """Compose the table of responses, the sentences on errors and the warnings."""
     found: list[Any] = []
     if study.motions:
-        found += [response_rows(study.motions, study.sizes, study.scene), RESPONSE_NOTE]
+        found.append(response_rows(study.motions, study.sizes, study.scene))
+        found += _notes(study.motions, study.scene)
     if "reduced" in study.motions:
         found += _periodic(study.motions["reduced"])
     if study.motions and (
@@ -126,6 +127,11 @@ def _results(study: Study) -> list[Any]:
     if study.unfinished:
         found.append(unreliable_sentence(*study.unfinished))
     return found + _warnings(study.warnings)
+
+
+def _notes(motions: Mapping[str, Motion], scene: Scene) -> list[str]:
+    """Compose the notes below the table of responses."""
+    return [RESPONSE_NOTE, *filter(None, [points_note(motions, scene)])]
 
 
 def _periodic(motion: Motion) -> list[str]:
@@ -168,6 +174,6 @@ def _seconds(study: Study) -> list[list[str]]:
     return [["stage", "s"], *[[stage, f"{round(s, 3):.3g}"] for stage, s in study.seconds.items()]]
 
 
-def _left_out(study: Study) -> list[list[str]]:
+def _left_out(lines: Sequence[str]) -> list[list[str]]:
     """Compose the table of what was not computed."""
-    return [["stage", "reason"], *[line.split(": ", 1) for line in study.left_out]]
+    return [["stage", "reason"], *[line.split(": ", 1) for line in lines]]

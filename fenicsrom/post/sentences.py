@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,38 +13,22 @@ from fenicsrom.online.measures import (
     has_contact,
     has_settled,
     out_of_reach,
-    response_summary,
     search_summary,
 )
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.directions import direction_names
 from fenicsrom.post.mode_agreement import agreement_sentence
+from fenicsrom.post.motion_table import millimetres
 from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
-from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.estimates import MotionErrors
+    from fenicsrom.online.archive import StoredModel
     from fenicsrom.post.record import Rerun, Study
     from fenicsrom.scene import Scene
 
-RESPONSE_HEAD = (
-    "open %",
-    "slip %",
-    "stick %",
-    "peak N",
-    "J per period",
-    "periods",
-    "steady",
-    "imbalance",
-)
-PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
-RESPONSE_NOTE = (
-    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
-    "of the motion. The imbalance is the largest error of the energy balance relative to the "
-    f"largest energy of the motion. {PERIODS_NOTE}"
-)
 ERROR_NAMES = {
     "amplitude_tangential": "tangential amplitude",
     "amplitude_normal": "normal amplitude",
@@ -59,58 +43,6 @@ UNJUDGED_MATRICES = (
     "the error due to the reduction of the superelement is not estimated: the program that wrote "
     "its matrices knows what they leave out"
 )
-
-
-NOISE = 1e-9
-"""A component below this fraction of the largest is rounding, and shown as 0."""
-
-
-def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
-    """Displacements given in m as texts in mm."""
-    largest = float(np.max(np.abs(values), initial=0.0))
-    return [f"{1e3 * v:.{digits}g}" if abs(v) > NOISE * largest else "0" for v in values]
-
-
-def response_rows(
-    motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene
-) -> list[list[Any]]:
-    """Compose the table of responses; the first row is the header.
-
-    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
-    third direction.
-    """
-    names = direction_names(scene)
-    directions = [f"{name} mm" for name in [*names[1:], names[0]]]
-    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
-    for name, motion in motions.items():
-        r = response_summary(motion)
-        size = r["amplitude_m"]
-        *amplitude, normal = millimetres([*size["tangential"], size["normal"]])
-        missing = [None] * (len(names) - 1 - len(amplitude))
-        contact: list[str | None] = [
-            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
-            f"{r['peak_normal_force_N']:.5g}",
-            f"{r['dissipated_per_period_J']:.5g}",
-        ]
-        rows.append(
-            [
-                name,
-                sizes.get(name),
-                *amplitude,
-                *missing,
-                normal,
-                *(contact if motion.force.shape[1] else [None] * len(contact)),
-                r["periods"],
-                "yes" if r["steady"] else "no",
-                f"{r['energy_imbalance']:.1e}",
-            ]
-        )
-    return rows
-
-
-def response_table(motions: Mapping[str, Motion], sizes: Mapping[str, int], scene: Scene) -> str:
-    """Compose the table of responses with its note for the terminal; empty without a motion."""
-    return f"{text_table(response_rows(motions, sizes, scene))}\n{PERIODS_NOTE}" if motions else ""
 
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
@@ -339,18 +271,36 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
 
 def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
     """Warn of the given keys or tables that have no effect on a run of a stored model."""
-    asked = {
-        "reference.full": scene.reference.full,
-        "reference.beam": scene.reference.beam is not None,
-        "output.motion": scene.output.motion,
-        "output.animation": scene.output.animation,
-    }
-    named = {key for key in asked for name in given if _is_in(key, name) or _is_in(name, key)}
-    keys = [key for key, on in asked.items() if on and key in named]
+    asked = _without_effect(scene).values()
+    keys = [key for key in asked if any(_is_in(key, name) or _is_in(name, key) for name in given)]
     if not keys:
         return []
     verb = "has" if len(keys) == 1 else "have"
     return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+
+
+def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
+    """State what a run of a stored model does not compute, as "NAME: REASON"."""
+    return [
+        "offline stages, and files of the body: the reduced model was read from a file, without "
+        "its mesh",
+        *(
+            f"{stage}: {key} has no effect on a run of a stored model"
+            for stage, key in _without_effect(stored.scene).items()
+        ),
+        *out_of_reach(motion, stored.model.points),
+    ]
+
+
+def _without_effect(scene: Scene) -> dict[str, str]:
+    """The stages that a run of a stored model leaves out, and the keys that ask for them."""
+    asked = {
+        ("full motion", "reference.full"): scene.reference.full,
+        ("beam motion", "reference.beam"): scene.reference.beam is not None,
+        ("ParaView motion", "output.motion"): scene.output.motion,
+        ("animation", "output.animation"): scene.output.animation,
+    }
+    return dict(pair for pair, on in asked.items() if on)
 
 
 def _is_in(key: str, table: str) -> bool:

@@ -72,7 +72,8 @@ def setup_figure(surface: Surface, marks: Marks, title: str) -> Figure:
         draw_bars(axis, lines)
     draw_attachments(axis, symbols)
     draw_contacts(axis, view, marks.contacts, 0.5 * reach)
-    draw_arrows(axis, arrows, reach, len(marks.loads) > 1)
+    occupied = np.concatenate([taken, *drawn])
+    draw_arrows(axis, arrows, reach, len(marks.loads) > 1, occupied)
     if marks.probe is not None:
         draw_probe(axis, view, marks.probe)
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)

@@ -280,7 +280,11 @@ def _attached(attachment: Any) -> list[tuple[str, str]]:
         ("dashpot", attachment.damping, "N s/m"),
         ("dashpot", attachment.damping_per_area, "N s/m³"),
     )
-    return [(kind, f"{kind}, {size:g} {unit}") for kind, size, unit in parts if size]
+    return [
+        (kind, f"{kind}, {size:g} {unit}{' in each direction' * (kind != 'mass')}")
+        for kind, size, unit in parts
+        if size
+    ]
 
 
 def _is_region(place: Place) -> bool:

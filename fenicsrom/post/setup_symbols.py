@@ -44,6 +44,12 @@ MOST_BARS = 7
 APART = 0.045
 """Distance of two arrows or symbols at one place, relative to the size of the body."""
 
+DOT = 0.15
+"""Length of an arrow that is drawn as a dot, relative to its true length."""
+
+NUMBER = 0.16
+"""Distance of a number from the tail of its arrow, relative to the true length of the arrow."""
+
 SAME_WAY = 0.9
 """Cosine of the angle from which two arrows have the same direction."""
 
@@ -68,7 +74,11 @@ class Arrow(NamedTuple):
 
 
 def load_arrows(loads: Sequence[LoadMark], view: View, reach: float) -> list[Arrow]:
-    """Place the arrows of loads; those of one place and direction are drawn side by side."""
+    """Place the arrows of loads; those of one place and direction are drawn side by side.
+
+    The first one stays at its place: a concentrated load, if there is one. The others turn away
+    from it.
+    """
     arrows = [
         Arrow(number, *view.project(np.array([place - reach * load.direction, place])))
         for number, load in enumerate(loads)
@@ -77,10 +87,13 @@ def load_arrows(loads: Sequence[LoadMark], view: View, reach: float) -> list[Arr
     shifted = []
     for arrow in arrows:
         beside = [other for other in arrows if _coincide(arrow, other, APART * view.length)]
-        rank = [other.number for other in beside].index(arrow.number) - 0.5 * (len(beside) - 1)
+        beside.sort(key=lambda other: (bool(loads[other.number].on.any()), other.number))
+        rank = [other.number for other in beside].index(arrow.number)
         way = arrow.end - arrow.start
         across = np.array([way[1], -way[0]]) / (np.linalg.norm(way) or 1.0)
-        shift = rank * APART * view.length * across
+        first = beside[0].end - beside[0].start
+        turned = -1.0 if across @ first < 0.0 else 1.0
+        shift = turned * rank * APART * view.length * across
         shifted.append(Arrow(arrow.number, arrow.start + shift, arrow.end + shift))
     return shifted
 
@@ -92,8 +105,40 @@ def _coincide(arrow: Arrow, other: Arrow, near: float) -> bool:
     return bool(same and np.linalg.norm(arrow.end - other.end) < near)
 
 
-def draw_arrows(axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: bool) -> None:
-    """Draw the arrows of loads with their numbers; one that is seen from its end is a dot."""
+def number_places(arrows: Sequence[Arrow], reach: float, taken: Array) -> list[Array]:
+    """Places (2,) of the numbers of arrows: behind or beside their tails, where there is room.
+
+    Arguments as for `draw_arrows`.
+    """
+    shafts = [start + np.linspace(0.0, 1.0, 8)[:, None] * (end - start) for _, start, end in arrows]
+    every: Array = np.concatenate([np.zeros((0, 2)), taken, *shafts])
+    places: list[Array] = []
+    for _, start, end in arrows:
+        size = float(np.linalg.norm(end - start))
+        way = np.array([0.0, -1.0])
+        if size > DOT * reach:
+            way = (end - start) / size
+        across = np.array([-way[1], way[0]])
+        steps = np.array([[1, 0], [0, 1], [0, -1], [1, 1], [1, -1], [2, 0], [2, 1], [2, -1]])
+        options = start + NUMBER * reach * steps @ [-way, across]
+        apart = np.linalg.norm(options[:, None] - np.array([*every, *places]), axis=2).min(axis=1)
+        free = np.flatnonzero(apart > 0.9 * NUMBER * reach)
+        places.append(options[free[0] if free.size else int(np.argmax(apart))])
+    return places
+
+
+def draw_arrows(
+    axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: bool, taken: Array
+) -> None:
+    """Draw the arrows of loads with their numbers; one that is seen from its end is a dot.
+
+    Args:
+        axis: the panel.
+        arrows: the arrows.
+        reach: the length of an arrow that is seen from its side, m.
+        numbered: whether the loads have numbers.
+        taken: (k, 2) places where no number may stand, m.
+    """
     from matplotlib.patheffects import withStroke
 
     colour = MARK_COLOURS["load"]
@@ -104,19 +149,17 @@ def draw_arrows(axis: Axes, arrows: Sequence[Arrow], reach: float, numbered: boo
         "shrinkA": 0,
         "shrinkB": 0,
     }
-    for number, start, end in arrows:
-        way = end - start
-        size = float(np.linalg.norm(way))
-        if size > 0.15 * reach:
+    places = number_places(arrows, reach, taken)
+    for (number, start, end), place in zip(arrows, places, strict=True):
+        if np.linalg.norm(end - start) > DOT * reach:
             head, tail = ((float(x), float(y)) for x, y in (end, start))
             axis.annotate("", head, tail, arrowprops=look, zorder=5)
         else:
             axis.plot(*end, "o", color=colour, markersize=9, zorder=5)
-            way, size = np.array([0.0, -1.0]), 1.0
         if numbered:
-            x, y = start - 0.16 * reach / size * way
             text: dict[str, Any] = {"ha": "center", "va": "center", "weight": "bold"}
             text["path_effects"] = [withStroke(linewidth=3.0, foreground="white")]
+            x, y = place
             axis.text(x, y, str(number + 1), color=colour, fontsize=10, zorder=7, **text)
 
 
@@ -242,7 +285,7 @@ def draw_attachments(axis: Axes, symbols: Sequence[Symbol]) -> None:
         if lines and np.linalg.norm(lines[0][0] - place) > 0.0:
             axis.plot(*np.transpose([place, lines[0][0]]), lw=1.5, **look)
         if kind == "mass":
-            axis.plot(*place, "s", markersize=10, markeredgecolor="white", **look)
+            axis.plot(*place, zorder=5.5, linestyle="none", **_MASS)
 
 
 def draw_contacts(axis: Axes, view: View, contacts: Sequence[ContactMark], reach: float) -> None:
@@ -264,8 +307,17 @@ def draw_contacts(axis: Axes, view: View, contacts: Sequence[ContactMark], reach
             zorder=4,
         )
         look: dict[str, Any] = {"linestyle": "none", "markersize": 6, "markeredgecolor": "white"}
-        axis.plot(*at.T, marker=form, color=colour, zorder=5, **look)
+        axis.plot(*at.T, marker=form, color=colour, zorder=6, **look)
 
+
+_MASS: dict[str, Any] = {
+    "marker": "s",
+    "markersize": 13,
+    "markerfacecolor": "none",
+    "markeredgecolor": MARK_COLOURS["attachment"],
+    "markeredgewidth": 2.5,
+}
+"""The frame around the place of a mass, which hides nothing."""
 
 _RING: dict[str, Any] = {
     "marker": "o",
@@ -288,7 +340,7 @@ def legend_handles(marks: Marks) -> list[Any]:
     from matplotlib.patches import Patch
     from matplotlib.path import Path
 
-    def entry(label: str, what: str, form: Any, size: float = 7.0, **look: Any) -> Any:
+    def entry(label: str, what: str, form: Any = "o", size: float = 7.0, **look: Any) -> Any:
         look = {"color": MARK_COLOURS[what], "marker": form, "markersize": size} | look
         return Line2D([], [], linestyle="none", label=label, **look)
 
@@ -312,11 +364,11 @@ def legend_handles(marks: Marks) -> list[Any]:
         if kind in _FORMS:
             handles.append(drawn(label, "attachment", _FORMS[kind]))
         else:
-            handles.append(entry(label, "attachment", "s", 9.0))
+            handles.append(entry(label, "attachment", **_MASS))
     for form, contact in zip(itertools.cycle(CONTACT_FORMS), marks.contacts, strict=False):
         handles.append(entry(contact.label, "contact", form))
     if marks.contacts:
         handles.append(entry("normal into the wall", "contact", ARROW, 14.0))
     if marks.probe is not None:
-        handles.append(entry("probe", "probe", "o", **_RING))
+        handles.append(entry("probe", "probe", **_RING))
     return handles

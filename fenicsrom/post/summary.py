@@ -17,7 +17,6 @@ from fenicsrom.online.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.measures import (
     amplitudes,
     errors_percent,
-    out_of_reach,
     point_summaries,
     response_summary,
 )
@@ -37,7 +36,6 @@ from fenicsrom.scene import Scene
 
 SUMMARY = "summary.json"
 HISTORY = "history.npz"
-MODEL = "reduced_model.npz"
 CHECKPOINT = "checkpoint.npz"
 
 
@@ -108,11 +106,7 @@ def rerun_summary(found: Rerun) -> dict[str, Any]:
         "frequencies_hz": stored.frequencies_hz,
         "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
         "seconds": {"reduced motion": motion.seconds},
-        "left_out": [
-            "offline stages, and files of the body: the reduced model was read from a file, "
-            "without its mesh",
-            *out_of_reach(motion, stored.model.points),
-        ],
+        "left_out": found.left_out,
         **motions_summary({"reduced": motion}, stored.model.points),
         **support_summary(stored.scene, stored.model.points, {"reduced": motion}),
         "estimated_error_percent": estimates_summary(found.errors),

@@ -15,20 +15,23 @@ from fenicsrom.scene import Scene
 
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
 ALONG = 4  # edges along the axis of a cylinder and across a plane
-MARGIN = 0.1  # extent of a surface beyond the contact points, relative to that of the points
-SMALLEST = 0.05  # smallest half width of a plane, relative to the distance of the points from 0
+MARGIN = 0.1  # extent of a cylinder beyond the paths of the contact points, relative to the paths
+BEYOND = 0.05  # extent of a plane beyond these paths, relative to the distance of the points from 0
 
 
-def write_surfaces(folder: Path, scene: Scene, points: ContactPoints, times: Array) -> list[Path]:
+def write_surfaces(
+    folder: Path, scene: Scene, points: ContactPoints, times: Array, moved: Array | None = None
+) -> list[Path]:
     """Write the rigid surface of each contact as its own mesh, one file per instant.
 
-    A surface that does not move has one file.
+    A surface that does not move has one file. It is so large that the points do not leave it.
 
     Args:
         folder: the folder to write to.
         scene: the scene.
         points: its contact points.
         times: (k,) instants, s.
+        moved: (n, P, d) displacements of the contact points in their frames, m; None at rest.
 
     Returns:
         The `.pvd` files, `surface_1/surface_1.pvd` and so on.
@@ -47,7 +50,7 @@ def write_surfaces(folder: Path, scene: Scene, points: ContactPoints, times: Arr
                 file = f"{name}_{number if moving else 0:05d}.vtu"
                 if moving or number == 0:
                     notes = {"contact": f"contacts[{k}]", "unit of length": "m"}
-                    grid = surface_grid(scene, points, k, float(time))
+                    grid = surface_grid(scene, points, k, float(time), moved)
                     write_vtu(temporary / file, grid, {}, notes=notes)
                 entries.append((float(time), file))
             write_series(temporary / f"{name}.pvd", entries)
@@ -55,18 +58,26 @@ def write_surfaces(folder: Path, scene: Scene, points: ContactPoints, times: Arr
     return found
 
 
-def surface_grid(scene: Scene, points: ContactPoints, k: int, time: float) -> Grid:
-    """The part of the surface of contact k that is opposite its points at an instant (s)."""
+def surface_grid(
+    scene: Scene, points: ContactPoints, k: int, time: float, moved: Array | None = None
+) -> Grid:
+    """The part of the surface of contact k that its points pass, at an instant (s).
+
+    Argument `moved` as for `write_surfaces`.
+    """
     mine = np.flatnonzero(points.contact == k)
     contacts = contacts_of(scene, points)
     p = int(mine[0])
     position, d = points.position[mine], points.position.shape[1]
+    path = position[None]
+    if moved is not None:
+        path = path + np.einsum("npk,pkx->npx", moved[:, mine], points.frame[mine])
     approach = contacts.approach[p]
     closed = float(np.interp(time, contacts.times, approach)) if approach.size else 0.0
     surface = scene.contacts[k].surface
     if surface is None:
         distance = contacts.radius[p] - closed
-        return _plane(position, points.frame[p], distance)
+        return _plane(position, path, points.frame[p], distance)
     centre, side, radius = np.array(surface.point), contacts.side[p], contacts.radius[p]
     across = axes_of(surface, d)
     if across.shape[0] == 3:
@@ -80,19 +91,21 @@ def surface_grid(scene: Scene, points: ContactPoints, k: int, time: float) -> Gr
     if d == 2:
         return _line(centre + ring)
     axis = np.cross(across[0], across[1])
-    heights = (position - centre) @ axis
+    heights = (path - centre) @ axis
     spare = MARGIN * max(float(np.ptp(heights)), float(radius) * MARGIN)
     levels = np.linspace(heights.min() - spare, heights.max() + spare, ALONG + 1)
     return _sheet(centre + ring[:, None] + levels[None, :, None] * axis)
 
 
-def _plane(position: Array, frame: Array, distance: float) -> Grid:
-    """A plane at a distance along the normal from the points (p, d) of a contact."""
+def _plane(position: Array, path: Array, frame: Array, distance: float) -> Grid:
+    """A plane at a distance along the normal from the points (p, d) of a contact.
+
+    It is wider than their path (n, p, d).
+    """
     centre = position.mean(axis=0) + distance * frame[0]
     tangents = frame[1:]
-    reach = np.abs((position - position.mean(axis=0)) @ tangents.T).max(axis=0)
-    least = SMALLEST * float(np.linalg.norm(position, axis=1).max()) or 1.0
-    half = np.maximum((1.0 + MARGIN) * reach, least)
+    reach = np.abs((path - position.mean(axis=0)) @ tangents.T).max(axis=(0, 1))
+    half = reach + (BEYOND * float(np.linalg.norm(position, axis=1).max()) or 1.0)
     steps = [np.linspace(-size, size, ALONG + 1) for size in half]
     if frame.shape[0] == 2:
         return _line(centre + steps[0][:, None] * tangents[0])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from fenicsrom.scene.schema import Scene
 
 KEY_IN_BRACES = re.compile(r"\{([A-Za-z_][\w.]*)\}")
-APPENDED = re.compile(r", ([\w.]+) = \{\1\}")
 WITHOUT_EFFECT = ("title", "output")  # changes of these keys do not change the results
 LONGEST = 40  # longest text of one value in a heading
 
@@ -47,18 +47,23 @@ def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str
 def scene_heading(scene: Scene) -> str:
     """Give the title of a scene with the values of the keys that stand in braces.
 
-    Braces around anything else stay as they are. A scene without a title is called by its file.
+    A part of the title between commas is left out if it names a key that the scene does not have,
+    such as the preload of a removed contact. Braces around anything else stay as they are. A scene
+    without a title is called by its file.
     """
     table = plain(scene)
+    tables = {field.name for field in fields(scene)}
+
+    def is_missing(name: str) -> bool:
+        return name.split(".")[0] in tables and _value(table, name) is None
 
     def shown(match: re.Match[str]) -> str:
         value = _value(table, match[1])
         return match[0] if value is None else _short(value)
 
-    title = APPENDED.sub(
-        lambda match: match[0] if _value(table, match[1]) is not None else "", scene.title
-    )
-    return KEY_IN_BRACES.sub(shown, title) or scene.source
+    parts = scene.title.split(", ")
+    kept = [part for part in parts if not any(map(is_missing, KEY_IN_BRACES.findall(part)))]
+    return KEY_IN_BRACES.sub(shown, ", ".join(kept)) or scene.source
 
 
 def _value(table: Any, name: str) -> Any:

@@ -42,7 +42,8 @@ def backbone(
     """
     from fenicsrom.assess.backbone import check_backbone
     from fenicsrom.online.archive import save_model
-    from fenicsrom.post.summary import MODEL, stored_model
+    from fenicsrom.post.origin import MODEL
+    from fenicsrom.post.summary import stored_model
 
     check_backbone(scene)
     built = offline(scene, comm, Stopwatch(say), stop=stop, fresh=fresh)

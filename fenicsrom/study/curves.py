@@ -52,8 +52,9 @@ def response(
     from fenicsrom.assess.response_files import check_folder
     from fenicsrom.assess.response_problem import check_response
     from fenicsrom.online.archive import save_model
+    from fenicsrom.post.origin import MODEL
     from fenicsrom.post.response_report import write
-    from fenicsrom.post.summary import MODEL, stored_model
+    from fenicsrom.post.summary import stored_model
 
     check_response(scene)
     if resume is not None:

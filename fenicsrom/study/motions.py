@@ -17,6 +17,7 @@ def integrate(run: Run, name: str) -> None:
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.sentences import motion_warnings
+    from fenicsrom.post.summary import write_checkpoint
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -35,6 +36,8 @@ def integrate(run: Run, name: str) -> None:
             return
         motion = error.partial
     study.motions[name] = motion
+    if "checkpoint" in options:  # what follows may be interrupted
+        write_checkpoint(run.folder, study.model, scene, motion)
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
     if study.unfinished:
@@ -85,7 +88,8 @@ def _checkpoints(run: Run) -> dict[str, Any]:
     from fenicsrom.online.archive import save_model
     from fenicsrom.online.checkpoints import keeper, load_checkpoint
     from fenicsrom.online.model import ReducedModel
-    from fenicsrom.post.summary import CHECKPOINT, MODEL, stored_model
+    from fenicsrom.post.origin import MODEL
+    from fenicsrom.post.summary import CHECKPOINT, stored_model
 
     study, model = run.study, run.study.model
     if not isinstance(model, ReducedModel):

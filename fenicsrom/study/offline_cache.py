@@ -42,6 +42,9 @@ MODEL_STAGES = (
 )
 """The stages whose results each archive holds."""
 
+BODY = ", ".join(MODES_STAGES[:2])
+"""The stages of the body, which a later stage may need in spite of their known results."""
+
 Contents = tuple[dict[str, Any], dict[str, Any]]
 
 
@@ -70,8 +73,7 @@ class OfflineCache:
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
         names = ", ".join(self._needed())
         self._run.watch.say(
-            f"not computed, because an earlier run kept the same results: {names}; --fresh "
-            "computes them again"
+            f"taken from an earlier run with the same results: {names}; --fresh computes them again"
         )
         self._run.study.left_out.append(
             f"{names}: an earlier run kept the same results; --fresh computes them again"
@@ -272,6 +274,9 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     """
     from fenicsrom.fem.solid import KnownEquilibrium, solid_of
 
+    run.watch.say(f"{BODY}: computed after all, because this stage needs the body")
+    left_out = run.study.left_out
+    left_out[:] = [line.removeprefix(f"{BODY}, ") for line in left_out]
     with run.watch("mesh"):
         building.mesh(run)
     assert run.mesh is not None

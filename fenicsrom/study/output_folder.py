@@ -138,7 +138,8 @@ def _recorded(
     from fenicsrom.post.origin import RECORD, SCENE_FILE, end_record, write_record
 
     state = "complete"
-    own = {SCENE_FILE, RECORD, (record["mesh"] or {}).get("copy")}
+    copies = [record[key].get("copy") for key in ("mesh", "model") if record[key]]
+    own = {SCENE_FILE, RECORD, *copies}
     try:
         yield
     except BaseException as error:

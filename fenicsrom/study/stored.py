@@ -51,6 +51,7 @@ def rerun(
         UNJUDGED,
         UNJUDGED_MATRICES,
         motion_warnings,
+        rerun_left_out,
         rerun_warnings,
     )
     from fenicsrom.reduction.mode_count import missing_modes
@@ -75,7 +76,8 @@ def rerun(
     stresses = None
     if unfinished is None:
         stresses = _stresses(stored, motion, warnings, watch)
-    found = Rerun(stored, motion, errors, unfinished, warnings, stresses)
+    left_out = rerun_left_out(stored, motion)
+    found = Rerun(stored, motion, errors, unfinished, warnings, stresses, left_out)
     _write(found, folder, watch, stop)
     return found
 
@@ -132,7 +134,7 @@ def _integrate(
     from fenicsrom.online.checkpoints import keeper
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.summary import CHECKPOINT
+    from fenicsrom.post.summary import CHECKPOINT, write_checkpoint
 
     try:
         motion = simulate(
@@ -148,6 +150,7 @@ def _integrate(
         if not isinstance(error.partial, Motion):  # it failed before the first step
             raise
         return error.partial, error
+    write_checkpoint(folder, model, scene, motion)  # the checks may be interrupted
     return motion, None
 
 

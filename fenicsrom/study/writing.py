@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fenicsrom.study.stage import Run
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
 
 
 def _output(run: Run) -> Path:
@@ -49,9 +53,13 @@ def paraview_scene(run: Run) -> None:
     if run.comm.rank != 0:
         return
     motion = study.motions.get("reduced") if study.scene.output.motion else None
-    times = motion.time[frame_rows(motion)] if motion is not None else np.zeros(1)
+    times: Array = np.zeros(1)
+    moved: Array | None = None
+    if motion is not None:
+        rows = frame_rows(motion)
+        times, moved = motion.time[rows], motion.displacement[rows]
     if study.scene.contacts:
-        study.files += write_surfaces(folder, study.scene, study.solid.points, times)
+        study.files += write_surfaces(folder, study.scene, study.solid.points, times, moved)
     study.files += write_index(folder, study.files)
 
 

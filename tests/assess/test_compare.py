@@ -421,6 +421,8 @@ def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
     assert page.count("data:image/png;base64") == 3 and "http" not in page
     assert "Pareto" in page and full_cache.machine()["processor"] in page
     assert "time integration stopped" in terminal(found)
+    found.outcomes[0].errors["amplitude_tangential"] = 0.008652  # by way of 0.00865 it is 0.0086
+    assert "0.0087" in terminal(found) and "0.0086" not in terminal(found)
 
 
 def test_comparison_without_full_model_has_no_pictures(tmp_path):

@@ -296,6 +296,23 @@ def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
     assert run(tmp_path / "m.npz", tmp_path / "out") == 2
 
 
+def test_lost_curve_says_where_and_exits_1(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    from fenicsrom.online.continuation import Continuation
+
+    true = Continuation._next
+
+    def lost(path: Any, before: Any, *arguments: Any) -> Any:
+        return None if before.parameter > 1.1 * LOW else true(path, before, *arguments)
+
+    monkeypatch.setattr(Continuation, "_next", lost)
+    assert run(model, tmp_path / "out") == 1
+    summary = json.loads((tmp_path / "out" / "response.json").read_text())
+    assert "frequency = " in summary["unfinished"] and summary["curves"][0]["points"] > 2
+    assert "lost" in capsys.readouterr().err
+
+
 def test_start_without_a_motion_exits_1(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -170,6 +171,7 @@ def test_stored_model_without_other_modules_writes_numbers(results, tmp_path):
         "checkpoint.npz",
         "history.npz",
         "provenance.json",
+        "reduced_model.npz",
         "report.html",
         "scene.toml",
         "summary.json",
@@ -228,20 +230,28 @@ def test_output_folder_alone_repeats_the_run(results, tmp_path):
     assert "fenicsrom run scene.toml" in section and "basis.modes=1" in section
 
 
-def test_folder_of_a_stored_model_repeats_its_run_without_the_mesh(results, tmp_path):
-    model = tmp_path / "reduced_model.npz"
+def test_folder_of_a_stored_model_alone_repeats_its_run(results, tmp_path, monkeypatch):
+    """The folder is moved away from its model and mesh; the command of its report is run there."""
+    model = tmp_path / "models" / "blade.npz"
+    model.parent.mkdir()
     shutil.copyfile(results / "reduced_model.npz", model)
-    first, second = tmp_path / "first", tmp_path / "second"
-    stored = ["--from", str(model), *NO_PICTURES]
-    assert main(["run", *stored, "--set", "loads.0.force=90", "--output", str(first)]) == 0
+    first, moved = tmp_path / "first", tmp_path / "far" / "moved"
+    call = ["run", "--from", str(model), *NO_PICTURES, "--set", "loads.0.force=90"]
+    assert main([*call, "--output", str(first)]) == 0
     record = json.loads((first / "provenance.json").read_text())
-    assert record["model"] == {"file": str(model), "sha256": checksum(model)}
+    copied = {"file": str(model), "sha256": checksum(model), "copy": "reduced_model.npz"}
+    assert record["model"] == copied and copied["copy"] in record["results"]
     assert record["overrides"] == ["output.pictures=false", "loads.0.force=90"]
-    assert record["repeat"] == "fenicsrom run scene.toml --from reduced_model.npz"
     scene = (first / "scene.toml").read_text()
     (first / "scene.toml").write_text(scene.replace("/beam2d.geo", "/gone/beam2d.geo"))
-    assert main(["run", str(first / "scene.toml"), *stored, "--output", str(second)]) == 0
-    with np.load(first / "history.npz") as one, np.load(second / "history.npz") as two:
+    shutil.rmtree(model.parent)
+    shutil.copytree(first, moved)
+    shutil.rmtree(first)
+    monkeypatch.chdir(moved)
+    assert main(shlex.split(record["repeat"])[1:]) == 0
+    again = moved / "out" / "moved"  # named after the folder of the scene
+    with np.load(moved / "history.npz") as one, np.load(again / "history.npz") as two:
+        assert set(one.files) == set(two.files)
         for name in one.files:
             np.testing.assert_array_equal(two[name], one[name])
 
@@ -352,9 +362,10 @@ def test_command_does_not_replace_files_that_it_reads_or_others(results, tmp_pat
 
 
 def interrupted(*_, folder=None, **__):
-    """A run that is interrupted; it has kept a checkpoint if the folder is called "kept"."""
-    if folder.name == "kept":
-        (folder / "checkpoint.npz").write_text("")
+    """A run that is interrupted; the name of the folder says what it has kept."""
+    kept = {"kept": "checkpoint.npz", "model": "reduced_model.npz"}
+    if folder.name in kept:
+        (folder / kept[folder.name]).write_text("")
     raise KeyboardInterrupt
 
 
@@ -364,6 +375,9 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
     assert main([*call, str(tmp_path / "kept")]) == 130
     words = f"fenicsrom run {SCENE} --set basis.modes=1 --resume {tmp_path / 'kept'}/checkpoint.npz"
     assert f"to continue: {words} --output {tmp_path / 'kept'}" in capsys.readouterr().err
+    assert main([*call, str(tmp_path / "model")]) == 130
+    words = f"--from {tmp_path / 'model'}/reduced_model.npz --output {tmp_path / 'model'}_reduced"
+    assert f"to run this model: fenicsrom run {words};" in capsys.readouterr().err
     assert main([*call, str(tmp_path / "nothing")]) == 130
     assert "run the command again" in capsys.readouterr().err
     assert not (tmp_path / "nothing").exists()

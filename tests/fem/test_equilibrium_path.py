@@ -236,15 +236,26 @@ def test_arch_snaps_and_buckles_as_the_beam_column() -> None:
     np.testing.assert_allclose(limits, expected[::3], rtol=0.006)
 
 
-def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
-    """The second Euler load of a cantilever is nine times the first; the column stays straight."""
+def column(last: float) -> EquilibriumPath:
+    """The path of a straight cantilever to so many times its Euler load."""
     euler = np.pi**2 * STEEL["young"] * 0.0254**4 / 12.0 / (4.0 * 2.54**2)
     axial = {"group": "tip", "at": "centre", "direction": [-1.0, 0.0], "force": euler}
     sizes = ("geometry.parameters.elements_along=12", "geometry.parameters.load_at=0.5")
-    found = follow(beam_scene(2, sizes, contacts=None, loads=[axial], statics={"last": 10.0}))
+    return follow(beam_scene(2, sizes, contacts=None, loads=[axial], statics={"last": last}))
+
+
+def test_path_of_a_straight_column_meets_its_euler_loads() -> None:
+    """The second Euler load of a cantilever is nine times the first; the column stays straight."""
+    found = column(10.0)
     assert [point.kind for point in found.special] == ["bifurcation"] * 2
     np.testing.assert_allclose([point.load_factor for point in found.special], [1, 9], rtol=0.015)
     assert max(abs(point.probe[1]) for point in found.points) < 1e-8
+
+
+def test_special_points_are_as_exact_on_a_path_to_a_large_load() -> None:
+    near, far = (column(last).special for last in (10.0, 3000.0))
+    for one, two in zip(near, far, strict=False):
+        assert two.load_factor == pytest.approx(one.load_factor, rel=5e-4)
 
 
 DEEP_ARCH = """\

@@ -10,6 +10,7 @@ from contact_cases import RUB, RUB3, SCHEMES, SURFACES, apply, casing, rest, ste
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
+from fenicsrom.online.compliance import given_compliance
 from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import (
     OPEN,
@@ -286,13 +287,21 @@ def test_two_points_of_half_weight_equal_one_point() -> None:
         ends = zero_contact_state(1, 3), zero_contact_state(2, 3)
         scratches = contact_scratch(1, 3), contact_scratch(2, 3)
         assert solve_contact(
-            whole, Interval(0.0, 0.3, a, line), delassus, free, start, ends[0], scratches[0]
+            whole,
+            Interval(0.0, 0.3, a, line),
+            scratches[0].candidates,
+            given_compliance(delassus),
+            free,
+            start,
+            ends[0],
+            scratches[0],
         )
         both = np.tile(delassus, (2, 2))
         assert solve_contact(
             half,
             Interval(0.0, 0.3, a, line),
-            both,
+            scratches[1].candidates,
+            given_compliance(both),
             np.repeat(free, 2, axis=0),
             double,
             ends[1],

@@ -11,6 +11,7 @@ from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
 from support import fixed_steps, linear_model, one_contact, slope
 
+from fenicsrom.online.compliance import given_compliance
 from fenicsrom.online.contact_problem import solve_contact
 from fenicsrom.online.contact_state import (
     OPEN,
@@ -79,7 +80,8 @@ def solve(problem: dict[str, Any], a: float, line: bool) -> tuple[bool, ContactS
     solved = solve_contact(
         problem["contacts"],
         Interval(0.0, 1.0, a, line),
-        problem["delassus"],
+        found.candidates,
+        given_compliance(problem["delassus"]),
         problem["free"],
         start,
         end,
@@ -151,8 +153,11 @@ def test_contact_problem_of_released_stiff_contact_is_solved(d: int) -> None:
             np.eye(d),
         )
         end.x[:] = x
-        implicit_blending(contacts, interval, delassus, start, found)
-        unsolved += not solve_contact(contacts, interval, delassus, free, start, end, found)
+        implicit_blending(contacts, interval, found.candidates, delassus, start, found)
+        response = given_compliance(delassus)
+        unsolved += not solve_contact(
+            contacts, interval, found.candidates, response, free, start, end, found
+        )
         slid += found.mode[0] == SLIP
     assert unsolved <= 2, "the iteration cycles"
     assert slid > 100

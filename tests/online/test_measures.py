@@ -11,7 +11,8 @@ from support import beam_scene
 from fenicsrom.online import measures
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.state import PeriodicSearch
-from fenicsrom.post.sentences import error_sentence, millimetres
+from fenicsrom.post.motion_table import millimetres
+from fenicsrom.post.sentences import error_sentence
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():

@@ -1,5 +1,7 @@
 """Pictures of deformed bodies, drawn by matplotlib."""
 
+import itertools
+
 import numpy as np
 import pytest
 from test_figures import drawn, illegible
@@ -19,9 +21,13 @@ from fenicsrom.post.setup_marks import (
 from fenicsrom.post.setup_symbols import (
     APART,
     MOST_BARS,
+    NUMBER,
     REGION_COLOURS,
+    Arrow,
     attachment_symbols,
     bars,
+    load_arrows,
+    number_places,
 )
 from fenicsrom.post.style import magnification
 from fenicsrom.post.vtk_files import Grid, reference_nodes
@@ -131,9 +137,52 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
     held = to_rgba(REGION_COLOURS["clamped"])
     found = [c for c in axis.collections if np.allclose(c.get_edgecolor()[:1], held)]
     assert found and len(found[0].get_segments()) >= 4
-    ring = [line for line in axis.lines if line.get_markerfacecolor() == "none"]
-    assert len(ring) == 1  # nothing below the probe is hidden
+    hollow = [line.get_marker() for line in axis.lines if line.get_markerfacecolor() == "none"]
+    assert sorted(hollow) == ["o", "s"]  # nothing below the probe and the mass is hidden
     drawn(figure, tmp_path)
+
+
+def test_numbers_of_loads_are_apart_and_forces_stay_at_their_places(plate):
+    """A pressure beside two forces on a mass, one of which points nearly the same way."""
+    surface, _ = plate
+    view = view_of(surface.points, surface.triangles)
+    place = surface.points.mean(axis=0)
+    none = np.zeros(len(surface.points), dtype=bool)
+    leaning = view.up - 0.3 * view.right
+    loads = [
+        LoadMark("pressure", place[None] - 0.01 * view.up, leaning / np.hypot(1.0, 0.3), ~none),
+        LoadMark("down", place[None], -view.up, none),
+        LoadMark("up", place[None], view.up, none),
+    ]
+    marks = Marks(loads=loads, attachments=[AttachmentMark("mass", "mass", place)])
+    reach = setup_figure.REACH * view.length
+    arrows = load_arrows(loads, view, reach)
+    (at,) = view.project(place[None])
+    for arrow in arrows[1:]:
+        np.testing.assert_allclose(arrow.end, at)
+    assert np.linalg.norm(arrows[0].start - arrows[2].start) > APART * view.length  # they diverge
+    figure = setup_figure.setup_figure(surface, marks, "a plate")
+    figure.draw_without_rendering()
+    (axis,) = figure.axes
+    boxes = [text.get_window_extent() for text in axis.texts if text.get_text() in tuple("123")]
+    assert len(boxes) == 3
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
+    for _, start, end in arrows:
+        shaft = axis.transData.transform(np.linspace(start, end, 50))
+        assert not any(box.contains(*spot) for box in boxes for spot in shaft)
+    assert any(line.get_marker() == "s" and line.get_mfc() == "none" for line in axis.lines)
+
+
+def test_numbers_avoid_what_is_drawn_behind_the_tails():
+    arrows = [
+        Arrow(0, np.zeros(2), np.array([1.0, 0.0])),
+        Arrow(1, np.zeros(2), np.array([0, 1.0])),
+    ]
+    free = number_places(arrows, 1.0, np.zeros((0, 2)))
+    np.testing.assert_allclose(free, [[-NUMBER, 0.0], [0.0, -NUMBER]], atol=1e-12)
+    moved = number_places(arrows, 1.0, free[:1])
+    assert np.linalg.norm(moved[0] - free[0]) > 0.9 * NUMBER
+    assert np.linalg.norm(moved[0] - moved[1]) > 0.9 * NUMBER
 
 
 @pytest.mark.parametrize("lines", [1, 4])

@@ -86,6 +86,20 @@ def test_motion_figure_shows_last_two_periods_in_mm(tmp_path):
     drawn(solid, tmp_path)
 
 
+def test_motion_figure_names_its_point_and_leaves_out_rounding(tmp_path):
+    quiet = jenkins(normal=1e-17)
+    figure = figures.plot_motion({"reduced": side_by_side(quiet, jenkins())})
+    normal, tangential = figure.axes
+    assert normal.get_title(loc="left") == "contact point 1 of 2"
+    assert not normal.lines and "below" in normal.texts[0].get_text() and tangential.lines
+    drawn(figure, tmp_path)
+    one = figures.plot_motion({"reduced": jenkins(normal=1e-10)})
+    assert one.axes[0].get_title(loc="left") == "contact point" and one.axes[0].lines
+    assert len(one.legends) == len(figure.legends) == 1
+    free = replace(quiet, force=quiet.force[:, :0], state=quiet.state[:, :0])
+    assert figures.plot_motion({"reduced": free}).axes[0].get_title(loc="left") == "probe"
+
+
 def test_contact_figure_shows_states_and_loops(tmp_path):
     cases = {"full": jenkins(normal=5e-3), "reduced": jenkins(normal=5e-3)}
     figure = figures.plot_contact(cases)

@@ -80,6 +80,11 @@ def test_modal_coordinates_have_panel_each(tmp_path):
     assert [axis.get_ylabel().split("\n")[0] for axis in figure.axes] == labels[2:]
     assert np.abs(figure.axes[-1].lines[0].get_ydata()).max() == pytest.approx(1.0, rel=1e-3)
     drawn(figure, tmp_path)
+    modal[:, 2] *= 1e-10
+    flat = motion_figures.plot_coordinates(case, labels[:3], modal[:, :3]).axes
+    assert [len(axis.lines) for axis in flat] == [1, 1, 0] and "below" in flat[2].texts[
+        0
+    ].get_text()
 
 
 def test_each_picture_is_drawn_only_where_it_answers_a_question():

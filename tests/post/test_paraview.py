@@ -35,6 +35,7 @@ SMALL = (
     "output.stresses='cauchy'",
     "output.stress_fractions=[0.0, 0.5]",
     "contacts.0.approach=[[0.0, 0.0], [1.0, 1e-3]]",
+    "title='beam under {loads.0.force} N'",
 )
 
 
@@ -90,6 +91,7 @@ def test_names_of_arrays_give_units_and_frequencies(run: Any) -> None:
     texts = blocks["normal_modes"].field_data
     assert "modal mass 1 kg" in texts["normalisation"][0]
     assert "2.07e+11 Pa" in texts["material"][0]
+    assert texts["title"][0] == "beam under 20000 N"
 
 
 def test_stresses_in_the_files_equal_those_of_the_stored_model(run: Any) -> None:

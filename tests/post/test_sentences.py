@@ -5,15 +5,12 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from motions import jenkins, side_by_side
 from support import beam_scene
 
+from fenicsrom.post.motion_table import PERIODS_NOTE, RESPONSE_NOTE, points_note, response_table
 from fenicsrom.post.record import Study
-from fenicsrom.post.sentences import (
-    PERIODS_NOTE,
-    RESPONSE_NOTE,
-    basis_sentences,
-    response_table,
-)
+from fenicsrom.post.sentences import basis_sentences
 from fenicsrom.reduction.selection import Selection
 
 
@@ -37,3 +34,17 @@ def test_vectors_that_the_basis_leaves_out_are_named() -> None:
 def test_notes_of_the_table_say_what_its_periods_are() -> None:
     assert PERIODS_NOTE in RESPONSE_NOTE
     assert response_table({}, {}, beam_scene(2)) == ""
+
+
+def test_note_says_to_which_contact_points_the_numbers_belong() -> None:
+    one, probe = jenkins(normal=1e-3), beam_scene(2, probe={"group": "tip", "at": "centre"})
+    scene, pushed = beam_scene(2), jenkins(normal=5e-3)
+    assert points_note({"reduced": one, "full": one}, scene) is None
+    alone = points_note({"reduced": one}, probe)
+    assert alone is not None and "not of the probe" in alone
+    several = {"reduced": side_by_side(one, pushed, one), "beam": one}
+    note = points_note(several, scene)
+    assert note is not None and note in response_table(several, {}, scene)
+    assert "contact point 1;" in note and "3 points" in note and note.endswith("of point 2.")
+    note = points_note(several | {"full": side_by_side(one, one, pushed)}, probe)
+    assert note is not None and "2 (reduced), 3 (full)" in note and "not of the probe" in note

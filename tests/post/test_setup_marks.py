@@ -79,8 +79,8 @@ def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:
     scene = beam_scene(2, SMALL, loads=loads, attachments=attachments, supports=supports)
     found, _ = marks(scene)
     assert [(mark.kind, mark.label) for mark in found.attachments] == [
-        ("spring", "spring, 3 N/m"),
-        ("dashpot", "dashpot, 2 N s/m"),
+        ("spring", "spring, 3 N/m in each direction"),
+        ("dashpot", "dashpot, 2 N s/m in each direction"),
         ("mass", "mass, 0.25 kg"),
     ]
     places = [mark.place for mark in found.attachments]

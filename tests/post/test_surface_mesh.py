@@ -76,3 +76,20 @@ def test_casing_follows_its_waves_and_covers_its_points() -> None:
     axis = np.array([0.2, 1.0, 0.1]) / np.linalg.norm([0.2, 1.0, 0.1])
     heights = points.position @ axis
     assert (early @ axis).min() < heights.min() and (early @ axis).max() > heights.max()
+
+
+@pytest.mark.parametrize("name", ["wall", "wall in 2D", "casing"])
+def test_surface_covers_the_path_of_its_points(name: str) -> None:
+    """The points slide by 0.7 in the first tangent, far beyond the surface at rest."""
+    dimension, contact = SURFACES[name]
+    scene = beam_scene(dimension, contacts=[RUBBING | contact])
+    points = opposite(scene, [[1.0, 0.0, 0.0][:dimension]])
+    along = np.array([0.2, 1.0, 0.1]) / np.linalg.norm([0.2, 1.0, 0.1])  # the axis of the casing
+    if name != "casing":
+        along = points.frame[0, 1]
+    slid = 0.7 * points.frame[0] @ along[:dimension]
+    moved = np.array([[slid], [-0.5 * slid]])
+    for given, covered in ((None, False), (moved, True)):
+        reached = surface_grid(scene, points, 0, 0.0, given).points[:, :dimension] @ along
+        path = points.position[0] @ along + np.array([0.7, -0.35])
+        assert (reached.min() < path.min() and path.max() < reached.max()) == covered

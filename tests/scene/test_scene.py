@@ -1188,6 +1188,8 @@ def test_heading_follows_overrides() -> None:
     assert scene_heading(again) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 1"
     own = read_scene(path, ["title='{not.a.key} {x}'"])
     assert scene_heading(own) == "{not.a.key} {x}"
+    open_end = read_scene(path, ["contacts=[]", "probe.group='tip'", "probe.at='centre'"])
+    assert scene_heading(open_end).startswith("slip and lift-off, 3.2 Hz, contacts = []")
     gone = override_table(
         scene_table(read_scene(path, "time.tolerance=1e-3")), "time.step=1.0", "s"
     )

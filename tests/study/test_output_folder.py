@@ -153,6 +153,27 @@ def test_inputs_inside_the_folder_are_kept(tmp_path: Path) -> None:
     assert names(tmp_path) == {"scene.toml", "provenance.json", "report.html", "reduced_model.npz"}
 
 
+@pytest.mark.parametrize("limit", [10, 1])
+def test_model_is_copied_unless_it_is_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: int
+) -> None:
+    model, folder = tmp_path / "model.npz", tmp_path / "out"
+    model.write_text("model")
+    monkeypatch.setattr("fenicsrom.post.origin.LARGEST_MODEL", limit)
+    folder.mkdir()
+    (folder / "reduced_model.npz").write_text("mine")
+    checkpoint = tmp_path / "checkpoint.npz"
+    origin = Origin((), ("fenicsrom",), model=model, resume=checkpoint)
+    with output_folder(folder, scene(), None, origin):
+        (folder / "report.html").write_text("")
+    record = read_record(folder)
+    assert record is not None
+    name = "stored_reduced_model.npz" if limit == 10 else str(model)
+    assert record["repeat"] == f"fenicsrom --from {name} --resume {checkpoint}"
+    assert (folder / "reduced_model.npz").read_text() == "mine"
+    assert (name in names(folder)) == (name in record["results"]) == (limit == 10)
+
+
 def test_folders_of_other_runs_inside_are_not_touched(tmp_path: Path) -> None:
     run(tmp_path, scene(), "report.html")
     run(tmp_path / "inner", scene("loads.0.force=1.0"), "report.html")

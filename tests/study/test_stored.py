@@ -45,6 +45,24 @@ def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
     assert "within 2 periods" in warning and other == UNJUDGED
 
 
+def test_run_that_is_interrupted_in_its_checks_continues(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fenicsrom.assess import verdicts
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    whole = study.rerun(stored(), tmp_path / "whole").motion
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(verdicts, "estimate_errors", interrupted)
+        study.rerun(stored(), tmp_path / "part")
+    end = tmp_path / "part" / "checkpoint.npz"
+    found = study.rerun(stored(), tmp_path / "rest", resume=end).motion
+    assert found.time[-1] == whole.time[-1]
+    np.testing.assert_array_equal(found.probe[-1], whole.probe[-1])
+
+
 def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> None:
     """The modes at 3.6 and 22 Hz follow a load up to 14.7 Hz."""
     for frequency, warned in ((14.6, 0), (14.8, 1)):
@@ -72,6 +90,17 @@ def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, ke
     for given, count in (((key,), 1), ((table,), 1), ((), 0), (("output.pictures",), 0)):
         named = [text for text in warnings_of(model, tmp_path, given) if key in text]
         assert len(named) == count
+
+
+def test_report_lists_what_a_stored_model_leaves_out(tmp_path: Path) -> None:
+    """Also those keys of the stored scene that the user did not give."""
+    model = stored("output.motion=true", "output.animation=true")
+    assert len(warnings_of(model, tmp_path)) == 2  # unsteady, and not judged
+    left = json.loads((tmp_path / "summary.json").read_text())["left_out"]
+    names = ["offline stages, and files of the body", "ParaView motion", "animation"]
+    assert [line.partition(": ")[0] for line in left] == names
+    (section,) = (tmp_path / "report.html").read_text().split("<h2>Left out</h2>")[1:]
+    assert "output.motion" in section and "output.animation" in section
 
 
 def test_summary_and_report_of_refused_run_say_so(tmp_path: Path) -> None:
