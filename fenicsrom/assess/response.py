@@ -19,7 +19,7 @@ from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, fo
 from fenicsrom.assess.response_pieces import follow_curve
 from fenicsrom.assess.response_problem import check_response
 from fenicsrom.assess.response_results import Response, ResponseCurve, response_table
-from fenicsrom.assess.trust import Check, RicherModel
+from fenicsrom.assess.trust import Check, RicherModel, contradiction
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
@@ -130,6 +130,9 @@ def response(
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
+    for curve in found.curves:
+        if sentence := contradiction(curve.checks, table.parameter):
+            found.warnings.append(f"{_name(table, curve.value)}{sentence}")
     found.seconds = clock.perf_counter() - begin
     return found
 

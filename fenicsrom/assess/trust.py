@@ -4,12 +4,17 @@ The points are that of the largest amplitude, the folds, and both ends of each p
 an ordinary point the other motion has the same parameter, and its amplitude is compared. A fold
 moves instead: the other motion is sought normal to the tangent of the curve, and the parameters are
 compared.
+
+A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability.
+The verdict of the richer basis is therefore compared too, also at points that are spread over the
+stable parts. It is not compared next to a change of stability, which may move.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,9 +26,16 @@ from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.families import Family
-from fenicsrom.online.periodic import FALLBACK_STEPS, Shooting, periodic_motion
+from fenicsrom.online.periodic import (
+    FALLBACK_STEPS,
+    PeriodicMotion,
+    Shooting,
+    periodic_motion,
+)
 
 LARGEST = "largest amplitude"
+BETWEEN = "between"
+SPREAD = 24  # points of a curve, evenly over its stable parts, besides those that are named
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
 
@@ -33,11 +45,15 @@ class Check:
 
     Attributes:
         point: the point.
-        where: "largest amplitude", "fold", "first" or "last".
+        where: "largest amplitude", "fold", "first", "last", or "between" of a spread point.
         quantity: "amplitude", or "parameter" of a fold: what the errors are relative to.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
+        compared: whether a motion of a richer basis was sought, as at all points but folds.
+        richer_verdict: the stability of that motion, as `CurvePoint.verdict`; None if it was not
+            found.
+        judged: whether the two verdicts must agree: no change of stability is next to the point.
     """
 
     point: CurvePoint
@@ -45,6 +61,21 @@ class Check:
     quantity: str
     step_error: float | None
     basis_error: float | None = None
+    compared: bool = False
+    richer_verdict: str | None = None
+    judged: bool = True
+
+    @property
+    def unknown(self) -> bool:
+        """Whether the motion of the richer basis was sought and not found."""
+        return self.compared and self.richer_verdict is None
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the richer basis finds the motion stable where the model does not, or inverse."""
+        if self.richer_verdict is None or not self.judged:
+            return False
+        return self.point.stable != (self.richer_verdict == "stable")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +119,39 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     return list(unique.values())
 
 
+def spread(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
+    """Up to `SPREAD` stable points, evenly by their distances along the stable parts."""
+    points = [point for piece in pieces for point in piece.points]
+    parameters = [point.parameter for point in points]
+    width = float(np.ptp(parameters)) if points else 0.0
+    height = max((float(point.amplitude.max()) for point in points), default=0.0)
+    chosen, lengths = [], []
+    for piece in pieces:
+        for before, point in pairwise(piece.points):
+            if before.stable and point.stable:
+                across = (point.parameter - before.parameter) / (width or 1.0)
+                up = float(np.max(np.abs(point.amplitude - before.amplitude))) / (height or 1.0)
+                chosen.append(point)
+                lengths.append(float(np.hypot(across, up)))
+    if not chosen:
+        return []
+    reached = np.cumsum(lengths)
+    wanted = reached[-1] * (np.arange(SPREAD) + 0.5) / SPREAD
+    at = np.minimum(np.searchsorted(reached, wanted), len(chosen) - 1)
+    return [(BETWEEN, chosen[k]) for k in np.unique(at)]
+
+
+def _next_to_change(pieces: Sequence[Piece]) -> set[int]:
+    """The identities of the points with a neighbour of the other stability."""
+    return {
+        id(point)
+        for piece in pieces
+        for pair in pairwise(piece.points)
+        if pair[0].stable != pair[1].stable
+        for point in pair
+    }
+
+
 def checks(
     pieces: Sequence[Piece], family: Family, settings: Any, richer: Richer | None = None
 ) -> list[Check]:
@@ -99,13 +163,23 @@ def checks(
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
         richer: a model with a richer basis, if there is one.
     """
-    found = []
-    for where, point in selected(pieces):
+    found, changing = [], _next_to_change(pieces)
+    listed = selected(pieces)
+    if richer is not None:
+        known = {id(point) for _, point in listed}
+        listed += [(name, point) for name, point in spread(pieces) if id(point) not in known]
+    for where, point in listed:
         quantity = "parameter" if where == "fold" else "amplitude"
         other = _finer(point, family, settings, fold=where == "fold")
         error = None if other is None else _distance(point, other, quantity)
-        basis = None if richer is None else _basis_error(point, richer, settings)
-        found.append(Check(point, where, quantity, error, None if where == "fold" else basis))
+        if richer is None or where == "fold":
+            found.append(Check(point, where, quantity, error))
+            continue
+        motion = _richer_motion(point, richer, settings)
+        basis = None if motion is None else _change(point.amplitude, motion.amplitude)
+        verdict = None if motion is None else motion.verdict
+        judged = id(point) not in changing
+        found.append(Check(point, where, quantity, error, basis, True, verdict, judged))
     return found
 
 
@@ -147,8 +221,8 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     return path.correct(path.place(here), along / np.linalg.norm(along))
 
 
-def _basis_error(point: CurvePoint, richer: Richer, settings: Any) -> float | None:
-    """Relative change of the amplitude of a point with a richer basis; None if it was not found."""
+def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
+    """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     n = richer.transfer.shape[1]
     model, contacts = problem.model, problem.contacts
@@ -157,12 +231,44 @@ def _basis_error(point: CurvePoint, richer: Richer, settings: Any) -> float | No
     moved = (point.z[: blocks * n].reshape(blocks, n) @ richer.transfer.T).ravel()
     start = np.concatenate([moved, point.z[blocks * n :]])
     try:
-        motion = periodic_motion(
+        return periodic_motion(
             model, contacts, settings, problem.period, start, point.periods, tolerance=TOLERANCE
         )
     except ConvergenceError:
         return None
-    return _change(point.amplitude, motion.amplitude)
+
+
+def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
+    """A sentence on the points whose stability a richer basis judges otherwise; None without any.
+
+    Args:
+        curve_checks: of a curve.
+        parameter: its name.
+    """
+    found = sorted(
+        (check for check in curve_checks if check.contradicted), key=lambda c: c.point.parameter
+    )
+    if not found:
+        return None
+    places: dict[str, list[str]] = {}
+    for check in found:
+        verdicts = f"{_in_words(check.point.verdict)} by the basis of the curve and "
+        verdicts += f"{_in_words(check.richer_verdict or '')} by the richer one"
+        places.setdefault(verdicts, []).append(f"{check.point.parameter:.6g}")
+    listed = "; ".join(
+        f"{verdicts} at {parameter} = {', '.join(values)}" for verdicts, values in places.items()
+    )
+    known = sum(check.richer_verdict is not None for check in curve_checks)
+    return (
+        f"a richer basis judges the stability of {len(found)} of {known} compared motions "
+        f"otherwise: {listed}; the basis lacks vectors that decide on the stability: lower "
+        'basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
+    )
+
+
+def _in_words(verdict: str) -> str:
+    """The stability of a motion in words."""
+    return verdict if verdict == "stable" else f"unstable ({verdict})"
 
 
 def richer_model(stored: StoredModel) -> RicherModel | None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.reduction.projection import COUPLING
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid import Solid
@@ -31,9 +32,6 @@ DEPENDENT = 1e-10
 
 IMAGINARY = 1e-6
 """A smaller imaginary part, relative to the absolute value, is the rounding of a double root."""
-
-COUPLING = 1e-3
-"""A smaller relative change of the frequencies by the skew part is not worth a warning."""
 
 
 def check_coupling(body: Solid, negative: int) -> int:
@@ -56,6 +54,7 @@ def check_coupling(body: Solid, negative: int) -> int:
     flutters = np.abs(coupled.imag) > IMAGINARY * np.abs(coupled)
     frequencies = np.sqrt(np.abs(coupled)) / (2.0 * np.pi)
     if np.any(flutters):
+        body.flutters = True
         body.warnings.append(
             "the follower pressure makes the body flutter without damping, at "
             f"{frequencies[flutters].min():.4g} Hz: it is not conservative, because the loaded "

@@ -236,8 +236,7 @@ def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name
     raise ConvergenceError(
         f"time integration stopped at t = {run.state.scalars[TIME]:.6g} s: no convergence with the "
         f"smallest step {SMALLEST_STEP * run.control.grid:.3g} s "
-        f"({', '.join(states) or 'no contact'}; scheme {scheme_name}); "
-        "the motion up to there is kept",
+        f"({', '.join(states) or 'no contact'}; scheme {scheme_name})",
         motion,
     )
 

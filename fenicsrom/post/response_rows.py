@@ -119,6 +119,9 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
                 "quantity": check.quantity,
                 "step_error": check.step_error,
                 "basis_error": check.basis_error,
+                "stability": check.point.verdict,
+                "compared_with_a_richer_basis": check.compared,
+                "stability_with_a_richer_basis": check.richer_verdict,
             }
             for check in curve.checks
         ],

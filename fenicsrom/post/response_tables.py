@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from fenicsrom.assess.response_results import Response
+from fenicsrom.assess.response_results import Response, ResponseCurve
+from fenicsrom.assess.trust import LARGEST, Check
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.post.directions import direction_names
 from fenicsrom.post.response_figures import key_label, largest_direction, parameter_label
@@ -38,6 +39,7 @@ def sentences(found: Response) -> list[str]:
                 f"{begin}A richer basis changes this amplitude by "
                 f"{100.0 * curve.basis_error:.2g} %."
             )
+        lines += [f"{begin}{text}" for text in _unknown_errors(curve)]
         free = sum(point.free_sliders > 0 for point in points)
         if free:
             lines.append(
@@ -46,6 +48,25 @@ def sentences(found: Response) -> list[str]:
             )
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
+    return lines
+
+
+def _unknown_errors(curve: ResponseCurve) -> list[str]:
+    """Sentences on the estimates of errors that are unknown."""
+    compared = [check for check in curve.checks if check.compared]
+    lines = []
+    if curve.checks and curve.step_error is None:
+        lines.append(
+            "The change of this amplitude by half the time step is unknown: its motion was not "
+            "found."
+        )
+    if unknown := sum(check.unknown for check in compared):
+        largest = any(check.unknown and check.where == LARGEST for check in compared)
+        lines.append(
+            f"The change by a richer basis is unknown at {unknown} of {len(compared)} compared "
+            f"motions{', that of the largest amplitude among them' if largest else ''}: Newton's "
+            "method with the richer basis did not find them."
+        )
     return lines
 
 
@@ -119,11 +140,15 @@ def trust_table(found: Response) -> list[list[Any]]:
     """The estimated errors at the selected points of all curves, the head first."""
     families = found.table.families
 
-    def percent(error: float | None) -> float | None:
-        return None if error is None else 100.0 * error
+    def percent(error: float | None) -> float | str:
+        return "unknown" if error is None else 100.0 * error
+
+    def by_basis(check: Check) -> float | str | None:
+        return percent(check.basis_error) if check.compared else None
 
     head = ["point", parameter_label(found), "of the"]
     head += ["change by half the time step, %", "change by a richer basis, %"]
+    head += ["stability", "with the richer basis"]
     lines = [
         [
             *([] if families is None else [curve.value]),
@@ -131,7 +156,9 @@ def trust_table(found: Response) -> list[list[Any]]:
             f"{check.point.parameter:.7g}",
             check.quantity,
             percent(check.step_error),
-            percent(check.basis_error),
+            by_basis(check),
+            check.point.verdict if check.compared else None,
+            (check.richer_verdict or "unknown") if check.compared else None,
         ]
         for curve in found.curves
         for check in curve.checks

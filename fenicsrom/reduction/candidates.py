@@ -180,7 +180,8 @@ def _combinations(
         return np.zeros((structure.local, 0))
     found = differentiate(structure, options, modes, wanted).vectors
     x = modes.vectors
-    sizes = np.sqrt(np.diag(structure.inner(x, structure.stiffness_times(x))))
+    # follower pressures may make an energy negative, though not the equilibrium unstable
+    sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.stiffness_times(x)))))
     size = dict(zip(modes.labels, sizes, strict=True))
     for k, label in enumerate(wanted):
         first, second = split(label)

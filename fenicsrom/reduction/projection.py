@@ -12,10 +12,15 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.dense_model import DenseModel
+from fenicsrom.online.load_histories import static_factors
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.pressure import PressurePolynomial
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.protocols import Structure
+
+COUPLING = 1e-3
+"""A smaller relative change of the frequencies by the skew part of the tangent does not count."""
 
 
 def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -> ReducedModel:
@@ -24,8 +29,8 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
     Args:
         structure: the structure.
         basis: the basis.
-        nonlinear: False gives the linear model of the tangent at the equilibrium, in which the
-            follower pressures that vary in time have constant directions.
+        nonlinear: False gives the linear model of the tangent at the equilibrium, also of its skew
+            part by static follower pressures; those that vary in time have constant directions.
 
     Returns:
         The reduced model; its elastic force needs no mesh.
@@ -46,7 +51,34 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
             np.zeros((0, 0)),
             np.zeros((0, 0)),
         )
+        pressure = None if structure.symmetric else _skew_pressure(structure, r, elastic.stiffness)
     return reduced_model(elastic=elastic, pressure=pressure, **projected_terms(structure, r))
+
+
+def _skew_pressure(structure: Structure, r: Array, stiffness: Array) -> PressurePolynomial | None:
+    """The skew parts of the tangents of the static follower pressures on vectors R (local, n).
+
+    Args:
+        structure: the structure.
+        r: the vectors R.
+        stiffness: (n, n) symmetric part of the stiffness, N/m.
+
+    Returns:
+        Linear forces; None if they change no frequency by more than `COUPLING`.
+    """
+    found = structure.pressure_polynomial(r)
+    sizes = static_factors(structure.load_histories)[found.numbers]
+    skew = 0.5 * (found.linear - found.linear.transpose(0, 2, 1))
+    skew[sizes == 0.0] = 0.0
+    mass = structure.inner(r, structure.mass_times(r))
+    both = np.linalg.solve(mass, stiffness), np.linalg.solve(mass, np.tensordot(sizes, skew, 1))
+    plain, coupled = (
+        np.sort_complex(np.sqrt(np.linalg.eigvals(matrix).astype(complex)))
+        for matrix in (both[0], both[0] - both[1])
+    )
+    if np.all(np.abs(coupled - plain) <= COUPLING * np.abs(plain)):
+        return None
+    return PressurePolynomial(found.numbers, skew, np.zeros((len(skew), 0, *skew.shape[1:])))
 
 
 def project_intrusively(structure: Structure, basis: ReducedBasis) -> DenseModel:

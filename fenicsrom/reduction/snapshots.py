@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import OMEGA
@@ -58,6 +58,9 @@ The number does not depend on `time.periods`: a run that continues with more per
 basis.
 """
 
+
+UNBOUNDED = 1e6
+"""A free vibration that grows by this factor leaves nothing of the forced motion to select by."""
 
 MOST_RESONANCES = 6
 """Most resonances of a response curve at which there are linear transients."""
@@ -198,10 +201,12 @@ def linear_snapshots(
 
     Raises:
         AccuracyError: the energy balance is off.
-        ConvergenceError: a time step did not converge.
+        ConvergenceError: a time step did not converge, or the motion grows beyond bounds because
+            static follower pressures make the equilibrium unstable.
     """
     model = linear.model
     scene = replace(scene, time=transient_time(scene))
+    require_bounded(model, scene)
     if frequency is None:
         motion = simulate(model, scene, keep_coordinates=True)
     else:
@@ -221,6 +226,57 @@ def linear_snapshots(
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return np.ascontiguousarray(motion.coordinates[rows].T)
+
+
+def require_bounded(model: ReducedModel, scene: Scene) -> None:
+    """Refuse the linear transient of an equilibrium that static follower pressures make unstable.
+
+    A model with contacts is not judged, because they may hold it.
+
+    Args:
+        model: the linear model.
+        scene: the scene, with the time integration of the transient.
+
+    Raises:
+        ConvergenceError: a free vibration grows by more than `UNBOUNDED` during the transient.
+    """
+    if not model.pressure.numbers.size or model.points.contact.size:
+        return
+    time = scene.time
+    span = time.duration if scene.period is None else SNAPSHOT_PERIODS * scene.period
+    rate, frequency = fastest_growth(model)
+    if rate * (span or 0.0) <= np.log(UNBOUNDED):
+        return
+    keys = " and ".join(
+        f"loads[{k}].pressure = {load.size:g}"
+        for k, load in enumerate(scene.loads)
+        if load.follower and load.static
+    )
+    how = f"it flutters at {frequency:.4g} Hz" if frequency > 0.0 else "it diverges"
+    raise ConvergenceError(
+        f"the equilibrium is unstable under the static follower pressure {keys}: {how} and grows "
+        f"by a factor e in {1.0 / rate:.3g} s, so the linear transient that selects derivatives "
+        'grows beyond bounds; lower the pressure, or set basis.derivatives = "all", which needs '
+        "no transient",
+        kind=ErrorKind.INSTABILITY,
+    )
+
+
+def fastest_growth(model: ReducedModel) -> tuple[float, float]:
+    """The largest rate of growth of a free vibration of a linear model, 1/s, and its frequency, Hz.
+
+    The rates are the real parts of λ in (λ² M + λ (α M + D) + K) φ = 0, with the static follower
+    pressures in K.
+    """
+    n = model.size
+    blocks = [model.rest_stiffness(), model.damping * model.mass]
+    if model.velocity_matrix.size:
+        blocks[1] = blocks[1] + model.velocity_matrix
+    matrix = np.eye(2 * n, k=n)
+    matrix[n:] = -np.linalg.solve(model.mass, np.concatenate(blocks, axis=1))
+    found = np.linalg.eigvals(matrix)
+    largest = found[np.argmax(found.real)]
+    return float(largest.real), float(abs(largest.imag)) / (2.0 * np.pi)
 
 
 def transient_time(scene: Scene) -> Time:

@@ -28,6 +28,8 @@ def solid(run: Run) -> None:
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
+    if body.flutters:
+        run.watch.say(f"  warning: {body.warnings[-1]}")
     if body.loaded and len(body.probe_rows):
         deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
         run.study.deflection = np.asarray(deflection)

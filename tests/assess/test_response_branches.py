@@ -13,17 +13,19 @@ import numpy as np
 import pytest
 from test_response import HIGH, fold_frequencies, ignore, oscillator, scene_with
 
-from fenicsrom.assess import branches
+from fenicsrom.assess import branches, trust
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response import response
-from fenicsrom.assess.response_results import ResponseCurve
-from fenicsrom.assess.trust import richer_model
+from fenicsrom.assess.response_results import Response, ResponseCurve
+from fenicsrom.assess.trust import SPREAD, richer_model
 from fenicsrom.cli import main
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
 from fenicsrom.online.curve import CurvePoint, replaced
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.post.response_rows import summary
+from fenicsrom.post.response_tables import sentences
 
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))
@@ -140,11 +142,16 @@ def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
     stored = oscillator(f"time.steps_per_period={steps}")
     if not richer:
         return response(stored, ignore).curves[0]
+    return compared(stored, 30.0).curves[0]
+
+
+def compared(stored: StoredModel, stiffness: float) -> Response:
+    """The curves of an oscillator, compared with a model that has a second one beside it."""
     one = stored.model
     cubic = np.zeros((3, 3))
     cubic[0, 0] = one.elastic.cubic[0, 0]
     quadratic = np.zeros((3, 2))
-    elastic = ElasticPolynomial(np.zeros(2), np.diag([1.0, 30.0]), quadratic, cubic)
+    elastic = ElasticPolynomial(np.zeros(2), np.diag([1.0, stiffness]), quadratic, cubic)
     points = (one.points, np.zeros((0, 2)), np.zeros(0))
     loads = np.array([[1.0], [0.0]])
     probe = np.array([[1.0, 0.0], [0.0, 0.0]])
@@ -152,7 +159,7 @@ def curve_at(steps: int, richer: bool = False) -> ResponseCurve:
         np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
     )
     richer_of = richer_model(replace(stored, candidates=model))
-    return response(stored, ignore, richer=richer_of).curves[0]
+    return response(stored, ignore, richer=richer_of)
 
 
 def test_step_errors_at_selected_points_fall_with_the_square_of_the_step() -> None:
@@ -173,3 +180,43 @@ def test_richer_basis_that_adds_nothing_has_no_error() -> None:
     for check in curve.checks:
         if check.where != "fold":
             assert check.basis_error is not None and check.basis_error < 1e-5
+
+
+def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
+    """The richer model has a direction that the motion leaves at rest, and that diverges."""
+    stored = oscillator("time.steps_per_period=50")
+    found = compared(stored, -0.01)
+    (curve,) = found.curves
+    spread = [check for check in curve.checks if check.where == trust.BETWEEN]
+    assert 8 <= len(spread) <= SPREAD
+    for check in spread:
+        assert check.point.stable and check.richer_verdict == "fold"
+        assert check.basis_error is not None and check.basis_error < 1e-5
+    (warning,) = found.warnings
+    assert stored.scene.response is not None
+    for part in (stored.scene.response.parameter, f"{spread[0].point.parameter:.6g}", "(fold)"):
+        assert part in warning
+    rows = summary(found)["curves"][0]["checks"]
+    assert {row["stability_with_a_richer_basis"] for row in rows if row["where"] != "fold"} == {
+        "fold"
+    }
+
+
+def test_richer_basis_of_the_same_stability_is_no_warning() -> None:
+    found = compared(oscillator("time.steps_per_period=50"), 30.0)
+    assert not found.warnings
+    assert not any("unknown" in line for line in sentences(found))
+
+
+def test_motions_that_a_richer_basis_does_not_find_are_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def lost(*arguments: Any, **options: Any) -> None:
+        raise ConvergenceError("lost")
+
+    monkeypatch.setattr(trust, "periodic_motion", lost)
+    found = compared(oscillator("time.steps_per_period=50"), 30.0)
+    asked = sum(check.compared for check in found.curves[0].checks)
+    assert asked > SPREAD // 2 and found.curves[0].basis_error is None
+    assert any(f"unknown at {asked} of {asked}" in line for line in sentences(found))
+    assert not found.warnings

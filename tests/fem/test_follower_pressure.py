@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,16 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from fenicsrom.errors import ErrorKind
+from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.fem.flutter import _coupled_squares
 from fenicsrom.fem.full import full_model
 from fenicsrom.fem.solid import KnownEquilibrium, build_solid, solid_of
 from fenicsrom.online.pressure import unit_force, unit_tangent
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
+from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project
+from fenicsrom.reduction.snapshots import fastest_growth, linear_model, require_bounded
 from fenicsrom.scene import Scene, make_scene
 
 Array = NDArray[np.float64]
@@ -297,6 +301,37 @@ def test_column_under_a_pressure_on_its_end_flutters_at_the_load_of_beck(
     assert len(solid.warnings) == 1
     assert ("flutter" in solid.warnings[0]) is flutters
     assert -1e-3 < solid.equilibrium.min() < -6e-4  # compressed and straight
+
+
+def column(part: float) -> Any:
+    """A column under a part of the pressure of Beck on its end, that a small force shakes."""
+    height = 0.02
+    pressure = part * 20.05 * 207e9 * height**2 / 12
+    shaken = {"group": "tip", "at": "centre", "direction": [0.0, 1.0], "force": 1.0}
+    end = {"group": "tip", "pressure": pressure, "follower": True}
+    return rod(height, 8, [{**shaken, "frequency": 5.0}, end])
+
+
+def test_linear_transient_below_the_load_of_beck_is_bounded() -> None:
+    """The symmetric part of the stiffness alone would diverge."""
+    solid = column(0.93)
+    model = linear_model(solid, component_modes(solid, scene_of(solid).basis)).model
+    assert np.linalg.eigvalsh(model.elastic.stiffness)[0] < 0.0
+    assert fastest_growth(model)[0] < 1e-6
+    _, modes = solid.eigenmodes(solid.factor, 8)
+    wanted = _coupled_squares(solid, modes)[0].real
+    found = np.linalg.eigvals(model.rest_stiffness()).real.min()
+    assert found == pytest.approx(wanted, rel=0.15)  # of few modes
+    require_bounded(model, scene_of(solid))
+
+
+def test_linear_transient_beyond_the_load_of_beck_is_refused() -> None:
+    solid = column(1.3)
+    assert solid.flutters
+    model = linear_model(solid, component_modes(solid, scene_of(solid).basis)).model
+    with pytest.raises(ConvergenceError, match=re.escape("loads[1].pressure")) as caught:
+        require_bounded(model, scene_of(solid))
+    assert caught.value.kind is ErrorKind.INSTABILITY
 
 
 # ------------------------------------------------------------------ motions
