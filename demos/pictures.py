@@ -43,7 +43,7 @@ COMMANDS = {
     "blade_composite": "run",
     "blade_response": "response",
 }
-STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#0072B2")}
+STATES = {-1: ("open", "#9AA0A6"), 0: ("slip", "#E69F00"), 1: ("stick", "#009E73")}
 SELECTIONS = {"none": "#0072B2", "mmi": "#D55E00", "mmi-nls": "#009E73", "all": "#CC79A7"}
 STYLE = {
     "font.size": 9,
