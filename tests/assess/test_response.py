@@ -201,6 +201,7 @@ def test_command_writes_the_files_of_a_stored_model(
         "motions.npz",
         "multipliers.png",
         "provenance.json",
+        "reduced_model.npz",  # a copy
         "report.html",
         "response.csv",
         "response.json",
