@@ -17,7 +17,6 @@ def integrate(run: Run, name: str) -> None:
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.sentences import motion_warnings
-    from fenicsrom.post.summary import write_checkpoint
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -36,8 +35,6 @@ def integrate(run: Run, name: str) -> None:
             return
         motion = error.partial
     study.motions[name] = motion
-    if run.folder is not None and "checkpoint" in options:  # what follows may be interrupted
-        write_checkpoint(run.folder, study.model, scene, motion)
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
     if study.unfinished:

@@ -134,7 +134,7 @@ def _integrate(
     from fenicsrom.online.checkpoints import keeper
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.summary import CHECKPOINT, write_checkpoint
+    from fenicsrom.post.summary import CHECKPOINT
 
     try:
         motion = simulate(
@@ -150,7 +150,6 @@ def _integrate(
         if not isinstance(error.partial, Motion):  # it failed before the first step
             raise
         return error.partial, error
-    write_checkpoint(folder, model, scene, motion)  # the checks may be interrupted
     return motion, None
 
 

@@ -141,6 +141,7 @@ def test_command_writes_the_files_of_a_stored_model(
         "backbone.json",
         "backbone.png",
         "provenance.json",
+        "reduced_model.npz",
         "scene.toml",
     }
     summary = json.loads((folder / "backbone.json").read_text())

@@ -332,7 +332,8 @@ def test_static_scene_ends_with_its_equilibrium(
     x, y = found["equilibrium"]["displacement_m"]
     load, inertia = DENSITY * 0.0254**2 * 9.81, 0.0254**4 / 12
     assert y == pytest.approx(-load * 2.54**4 / (8 * 207e9 * inertia), rel=5e-3) and -2e-3 < x < 0.0
-    assert f"static equilibrium: {1e3 * x:.6g}, {1e3 * y:.6g} mm" in capsys.readouterr().out
+    told = f"static equilibrium: x {1e3 * x:.6g} mm, y {1e3 * y:.6g} mm."
+    assert told in capsys.readouterr().out
     assert (
         set(found["seconds"]) == {"mesh", "solid"}
         and found["response"] == {}

@@ -45,24 +45,6 @@ def test_unsteady_run_of_stored_model_warns(tmp_path: Path) -> None:
     assert "within 2 periods" in warning and other == UNJUDGED
 
 
-def test_run_that_is_interrupted_in_its_checks_continues(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from fenicsrom.assess import verdicts
-
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    whole = study.rerun(stored(), tmp_path / "whole").motion
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(verdicts, "estimate_errors", interrupted)
-        study.rerun(stored(), tmp_path / "part")
-    end = tmp_path / "part" / "checkpoint.npz"
-    found = study.rerun(stored(), tmp_path / "rest", resume=end).motion
-    assert found.time[-1] == whole.time[-1]
-    np.testing.assert_array_equal(found.probe[-1], whole.probe[-1])
-
-
 def test_load_beyond_the_modes_of_a_stored_model_is_named(tmp_path: Path) -> None:
     """The modes at 3.6 and 22 Hz follow a load up to 14.7 Hz."""
     for frequency, warned in ((14.6, 0), (14.8, 1)):
