@@ -36,11 +36,11 @@ def figure(found: Backbone) -> Figure:
             linewidth=1.0,
             label="peak of the forced response (× load factor)",
         )
-        for peak, place in zip(found.peaks, peaks, strict=True):
+        for k, (peak, place) in enumerate(zip(found.peaks, peaks, strict=True)):
             upper.annotate(
                 f"× {peak.factor:g}",
                 place,
-                xytext=(6, 6),
+                xytext=(6, 6 if k % 2 == 0 else 16),  # neighbours at two heights
                 textcoords="offset points",
                 fontsize=8,
                 color=COLOURS[1],
