@@ -332,7 +332,7 @@ def _warnings(found: Campbell) -> list[str]:
             warnings.append(
                 f"mode {mode + 1} may have been swapped with another mode between "
                 f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "
-                f"{found.mac[k, mode]:.2f}): speeds that are closer together tell"
+                f"{found.mac[k, mode]:.2f}): use speeds that are closer together to find out"
             )
         unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
         if unstable.size:

@@ -130,9 +130,7 @@ def response(
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
-    for curve in found.curves:
-        if sentence := contradiction(curve.checks, table.parameter):
-            found.warnings.append(f"{_name(table, curve.value)}{sentence}")
+    _warn_of_contradictions(found)
     found.seconds = clock.perf_counter() - begin
     return found
 
@@ -149,6 +147,13 @@ def _leave_out_unresolved(found: Response) -> None:
                 "changes of contact were left out, because the time steps do not resolve them; "
                 "increase time.steps_per_period."
             )
+
+
+def _warn_of_contradictions(found: Response) -> None:
+    """Warn where a richer basis judges the stability otherwise."""
+    for curve in found.curves:
+        if sentence := contradiction(curve.checks, found.table.parameter):
+            found.warnings.append(f"{_name(found.table, curve.value)}{sentence}")
 
 
 def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None:

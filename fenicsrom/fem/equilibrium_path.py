@@ -162,7 +162,7 @@ class PathFollower:
             self._measure(here)
             guess = self._guess(before, here, step)
             found = self._next(here, guess, step)
-            if before is None and found is not None and self._is_shortened(here, found):
+            if before is None and found is not None and self._shorten(here, found):
                 continue
             ends = found is not None and not self._lowest <= found.load_factor <= self._last
             if found is not None and ends:
@@ -198,10 +198,13 @@ class PathFollower:
         u = here.displacement - self._body.equilibrium
         self._size = max(self._linear, float(np.sqrt(self._body.dot(u, u))))
 
-    def _is_shortened(self, here: PathPoint, found: PathPoint) -> bool:
-        """Make the lengths of the first step shorter if a special point lies within it.
+    def _shorten(self, here: PathPoint, found: PathPoint) -> bool:
+        """Make the lengths shorter if a special point lies within the first step.
 
         The lengths are the unit in which special points are located.
+
+        Returns:
+            Whether they were made shorter; the step is then to be taken again.
         """
         if found.negative == here.negative or self._first_scale < SHORTEST * self._last:
             return False

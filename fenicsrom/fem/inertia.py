@@ -62,6 +62,9 @@ class Inertia:
         Args:
             between: (d, d) A.
             extra: (local,) added to the diagonal, or None.
+
+        Returns:
+            kg, if A has no unit.
         """
         # slanted supports couple all components of a node
         entries = between != 0.0 if self._slanted is None else np.ones_like(between)

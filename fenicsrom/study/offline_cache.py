@@ -72,11 +72,9 @@ class OfflineCache:
         if self._read(1, _read_model):
             self.reused += MODEL_STAGES[: MODEL_STAGES.index(self._last) + 1]
         names = ", ".join(self._needed())
-        self._run.watch.say(
-            f"taken from an earlier run with the same results: {names}; --fresh computes them again"
-        )
+        self._run.watch.say(f"taken from an earlier run: {names} (--fresh computes them again)")
         self._run.study.left_out.append(
-            f"{names}: an earlier run kept the same results; --fresh computes them again"
+            f"{names}: taken from an earlier run; --fresh computes them again"
         )
 
     def _needed(self) -> list[str]:

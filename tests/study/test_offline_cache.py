@@ -305,7 +305,7 @@ def test_run_names_the_stages_that_it_did_not_compute(folder: Path) -> None:
     said: list[str] = []
     found = study.run(scene, say=said.append)
     (line,) = [line for line in said if "--fresh" in line]
-    listed = line.partition(": ")[2].partition(";")[0].split(", ")
+    listed = line.partition(": ")[2].partition(" (")[0].split(", ")
     assert {"mesh", "solid", "modes", "derivatives", "reduction", "candidates"} <= set(listed)
     assert "linear transient" not in listed
     assert not {*listed} & found.seconds.keys()
