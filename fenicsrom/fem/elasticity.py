@@ -80,7 +80,6 @@ class ElasticBody:
         dx: the volume measure.
         materials: the materials of the cells.
         density: mass per volume, or per area in 2D, as a coefficient of the forms.
-        mass_form: the form of M.
         inertia: the matrices of inertia forces.
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
@@ -171,7 +170,6 @@ class ElasticBody:
         sxy = stress(ufl.sym(gx.T * gy))
         gc = ufl.grad(self._change)
         predicted = stress(strain - 0.5 * gc.T * gc)
-        self.mass_form = compiled_form(self.density * ufl.inner(trial, test) * self.dx)
         self._force_form = compiled_form(ufl.inner(f * s, dv) * self.dx)
         self._weight = self.constant(1.0)
         self._tangent_form = compiled_form(
@@ -198,14 +196,10 @@ class ElasticBody:
         self._assemble(matrix, form, diagonal)
         return matrix
 
-    def _assemble(
-        self, matrix: PETSc.Mat, form: fem.Form, diagonal: float, extra: Array | None = None
-    ) -> None:
-        """Assemble a bilinear form into a zero matrix, with `extra` (local,) on its diagonal."""
+    def _assemble(self, matrix: PETSc.Mat, form: fem.Form, diagonal: float) -> None:
+        """Assemble a bilinear form into a zero matrix."""
         fem.petsc.assemble_matrix(matrix, form, self.conditions, diagonal)
         matrix.assemble()
-        if extra is not None:
-            add_to_diagonal(matrix, extra)
         if self.slanted is not None:
             self.slanted.project_matrix(matrix, diagonal)
 
@@ -256,10 +250,8 @@ class ElasticBody:
         return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
 
     def mass_matrix(self, diagonal: float) -> PETSc.Mat:
-        """Assemble M, with `diagonal` on the diagonal of the clamped rows."""
-        matrix = fem.petsc.create_matrix(self.mass_form)
-        self._assemble(matrix, self.mass_form, diagonal, self.point_masses)
-        return matrix
+        """M, with `diagonal` on the diagonal of the clamped rows, kg."""
+        return self.inertia.matrix(np.eye(self.dimension), self.point_masses, diagonal)
 
     def internal_force(self, u: Array) -> Array:
         """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""

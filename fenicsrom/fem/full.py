@@ -37,6 +37,7 @@ Slope = list[tuple[float, Array, Array]]
 """Weights, states (local,) and factors (k,) of the follower pressures of tangents."""
 
 _SAME = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+_SUBSET = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
 
 
 CONTRACTION = 0.25
@@ -418,18 +419,14 @@ class FullModel:
                         self._pressures.add_tangent(
                             self._effective, u, weight * pressing, symmetric=symmetric
                         )
-        self._effective.axpy(wanted.mass, self._mass, structure=_SAME)
+        self._effective.axpy(wanted.mass, self._mass, structure=_SUBSET)
         if self._viscous is not None and self._viscous.stiffness > 0.0:
             weight = wanted.velocity * self._viscous.stiffness
             self._effective.axpy(weight, self._solid.stiffness, structure=_SAME)
         if self._viscous is not None:
             add_to_diagonal(self._effective, wanted.velocity * self._viscous.dashpots)
         if self._solid.gyroscopic is not None and wanted.velocity != 0.0:
-            self._effective.axpy(
-                wanted.velocity,
-                self._solid.gyroscopic,
-                structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN,
-            )
+            self._effective.axpy(wanted.velocity, self._solid.gyroscopic, structure=_SUBSET)
 
     def contact_displacement(self, q: Array) -> Array:
         """Contact displacement (m,)."""

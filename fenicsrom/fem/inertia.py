@@ -27,7 +27,11 @@ from fenicsrom.fem.slanted import Slanted
 
 
 class Inertia:
-    """The matrix m of (1), and the matrices that follow from it."""
+    """The matrix m of (1), and the matrices that follow from it.
+
+    Attributes:
+        form: the form of m.
+    """
 
     def __init__(
         self,
@@ -48,7 +52,8 @@ class Inertia:
         # the nodes of this space and of the displacement space have the same numbers
         scalar = fem.functionspace(space.mesh, space.ufl_element().sub_elements[0])
         trial, test = ufl.TrialFunction(scalar), ufl.TestFunction(scalar)
-        matrix = assemble_matrix(compiled_form(integral(trial * test)))
+        self.form = compiled_form(integral(trial * test))
+        matrix = assemble_matrix(self.form)
         matrix.assemble()
         starts, columns, values = matrix.getValuesCSR()
         size = matrix.getLocalSize()[0], matrix.getSize()[1]
@@ -56,12 +61,16 @@ class Inertia:
         matrix.destroy()
         self._comm, self._clamped, self._slanted = space.mesh.comm, clamped, slanted
 
-    def matrix(self, between: Array, extra: Array | None = None) -> PETSc.Mat:
-        """The matrix (1), zero on what the supports hold.
+    def matrix(
+        self, between: Array, extra: Array | None = None, diagonal: float = 0.0
+    ) -> PETSc.Mat:
+        """The matrix (1), without the part that the supports hold.
 
         Args:
             between: (d, d) A.
             extra: (local,) added to the diagonal, or None.
+            diagonal: what stands on the diagonal of the clamped rows; of nodes that are held along
+                a direction, see `Slanted.project_matrix`.
 
         Returns:
             kg, if A has no unit.
@@ -83,8 +92,9 @@ class Inertia:
         free.array[self._clamped] = 0.0
         found.diagonalScale(free, free)
         free.destroy()
-        if extra is not None:
-            add_to_diagonal(found, extra)
+        added = np.zeros(local) if extra is None else extra.copy()
+        added[self._clamped] += diagonal
+        add_to_diagonal(found, added)
         if self._slanted is not None:
-            self._slanted.project_matrix(found, 0.0)
+            self._slanted.project_matrix(found, diagonal)
         return found

@@ -213,7 +213,7 @@ class Solid(ElasticBody):
     @cached_property
     def mass(self) -> PETSc.Mat:
         """M."""
-        return self.inertia.matrix(np.eye(self.dimension), self.point_masses)
+        return self.mass_matrix(0.0)
 
     @cached_property
     def gyroscopic(self) -> PETSc.Mat | None:
