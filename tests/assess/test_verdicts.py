@@ -212,6 +212,20 @@ def test_distance_of_periods_counts_where_amplitudes_agree(
     assert found.amplitude == pytest.approx(2.0 / 3.0, rel=1e-6)
 
 
+@pytest.mark.parametrize(("peak", "order"), [(0.9, 2), (0.5, 1)])
+def test_distance_of_periods_counts_whole_where_the_peak_force_is_unresolved(
+    peak: float, order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scheme of order p misses 1 / (2^p - 1) of the distance from the run of twice the step."""
+    model, scene, motion = oscillator()
+    touching = replace(motion, force=np.ones((motion.time.size, 1, 2)))
+    other = replace(motion, displacement=-motion.displacement, force=peak * touching.force)
+    monkeypatch.setattr(estimates, "check_motion", lambda *_: other)
+    found = estimates.step_errors(model, scene, touching)
+    assert found.peak_force == pytest.approx(2.0 * (1.0 - peak))
+    assert found.amplitude == pytest.approx(2.0 / (2**order - 1), rel=1e-6)
+
+
 def test_full_model_that_gains_energy_is_refused() -> None:
     model, scene, motion = oscillator()
     growing = motion.kinetic * np.linspace(1.0, 1.5, motion.time.size)
