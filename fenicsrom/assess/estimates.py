@@ -16,6 +16,7 @@ from fenicsrom.online.measures import (
     at_rest,
     has_settled,
     interpolated,
+    is_unsteady,
     peak_normal_force,
     rms,
     times_before_end,
@@ -75,8 +76,8 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     peak force is above `UNRESOLVED_FORCE`. If a stiff contact lasts only a few steps, its peak
     force is not resolved. The error of this force counts as unknown if a contact has a blending
     weight of a half or more (`fenicsrom.online.contact_step`). A motion with such a contact may
-    repeat for this step only. There is then no estimate unless the motion repeats with half the
-    step too.
+    repeat for this step only, or fail to repeat for this step only. There is then no estimate
+    unless the motion with half the step does the same.
 
     Args:
         model: the model that was integrated.
@@ -97,7 +98,11 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force = _force_error(motion, other)
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
-    if np.isinf(force) and motion.steady and not _settles_with_half_step(model, scene, motion):
+    if (
+        np.isinf(force)
+        and (motion.steady or is_unsteady(motion))
+        and motion.steady != _settles_with_half_step(model, scene, motion)
+    ):
         return unknown
     found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
     order = 1 if force > UNRESOLVED_FORCE else 2

@@ -141,3 +141,5 @@ def test_matrix_has_unique_cases_for_every_model(tmp_path: Path) -> None:
         (axis, value) for axis, values in stability_matrix.RICHER_AXES.items() for value in values
     }
     assert named == {(case.axis, case.value) for case in wanted if case.richer}
+    unsteady = {case.value for case in wanted if stability_matrix.is_unsteady(case)}
+    assert unsteady == {value for values in stability_matrix.UNSTEADY.values() for value in values}
