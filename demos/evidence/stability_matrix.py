@@ -221,13 +221,11 @@ RICHER_AXES = {
 
 # axis -> values: with the default scheme the reduced model does not become periodic
 UNSTEADY: dict[str, tuple[str, ...]] = {
-    "contact stiffness": ("1e+08 N/m", "1e+10 N/m", "1e+12 N/m"),
-    "k_t and k_n apart": ("1e+12, 10000 N/m",),
     "load": ("30 times",),
     "damping": ("0 1/s", "0.1 1/s"),
     "tolerance": ("0.1",),
     "impact": ("gap 20 mm, 1e+08 N/m",),
-    "worst pairs": ("40 modes, 1e10 N/m", "impact, 1e10 N/m, 50 steps"),
+    "worst pairs": ("impact, 1e10 N/m, 50 steps",),
 }
 
 # axis -> values: the full model and the beam run these cases too
