@@ -101,6 +101,7 @@ def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
     """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    from fenicsrom.assess.large_strains import state_warnings
     from fenicsrom.online.stress_peaks import find_stresses
 
     scene = stored.scene
@@ -113,9 +114,11 @@ def _stresses(
         )
         return None
     with watch("stresses"):
-        return find_stresses(
+        found = find_stresses(
             stored.recovery, scene, stored.model, motion, stored.frequencies_hz.size
         )
+    warnings += state_warnings(found)
+    return found
 
 
 def _integrate(
