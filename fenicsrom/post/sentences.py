@@ -54,6 +54,11 @@ UNJUDGED_MATRICES = (
     "its matrices knows what they leave out"
 )
 
+UNCHECKED = (
+    "the run was interrupted before its motion was checked: the energy balance and the errors due "
+    "to the time step and the basis are not known"
+)
+
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
     """State the errors against the full model; those of the contact only if there is one."""
