@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
+from support import contact_points
 
 from fenicsrom.online.contact_points import no_points
-from fenicsrom.online.surfaces import frame
 from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import html_report
 from fenicsrom.post.tables import TERMINAL_WIDTH, filled_columns, text_table
@@ -78,13 +77,14 @@ def test_numbers_of_a_report_are_right_aligned_as_texts_too() -> None:
         ("slip_liftoff_2d", "", ["normal x", "tangential y"]),
         ("slip_liftoff_3d", "", ["normal x", "tangential y", "tangential z"]),
         ("slip_liftoff_2d", "contacts.0.normal=[0.6, 0.8]", ["normal", "tangential"]),
-        ("blade_rub", "", ["normal", "tangential 1", "tangential 2"]),
         ("response_2d", "", ["x", "y"]),
     ],
 )
 def test_directions_along_axes_are_named(demo: str, override: str, names: list[str]) -> None:
     scene = read_scene(DEMOS / f"{demo}.toml", [override] if override else [])
-    assert direction_names(scene) == names
+    normals = [contact.normal for contact in scene.contacts]
+    points = contact_points(*normals) if normals else no_points(2)
+    assert direction_names(scene, points) == names
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,7 @@ def test_directions_of_points_are_named_where_all_have_one_axis(
     first: list[float], second: list[float], names: list[str], told: str | None
 ) -> None:
     scene = read_scene(DEMOS / "blade_rub.toml")
-    frames = np.array([frame(np.array(normal)) for normal in (first, second)])
-    points = no_points(3)._replace(frame=frames)
+    points = contact_points(first, second)
     assert direction_names(scene, points) == names
     note = direction_note(scene, points)
     assert note is None if told is None else note is not None and told in note
