@@ -56,6 +56,16 @@ def test_too_many_columns_are_distributed_over_tables_with_the_same_keys(keys: i
     assert found == (["k"] * (keys == 1)) + [str(value) for value in range(1000, 1030)]
 
 
+@pytest.mark.parametrize("columns", [12, 13, 14, 30])
+def test_tables_that_share_the_columns_have_about_the_same_width(columns: int) -> None:
+    """No table has one column more than another: all columns are equally wide."""
+    heads = ["name", *(f"column{k:02d}" for k in range(columns))]
+    blocks = text_table([heads, ["first", *range(columns)]]).split("\n\n")
+    counts = [len(block.splitlines()[-1].split()) - 1 for block in blocks]
+    assert sum(counts) == columns and len(counts) > 1
+    assert max(counts) == -(-columns // len(counts))
+
+
 def test_table_of_a_report_breaks_heads_and_not_numbers() -> None:
     rows = [["a head", "empty", "words"], [1.25, None, "long " * 20]]
     page = html_report("title", [("heading", [rows])])
