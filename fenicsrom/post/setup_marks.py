@@ -32,6 +32,10 @@ CLAMPED = "clamped"
 WEIGHTY = 0.1
 """Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
 
+STIFFNESS_UNITS = {"area": "N/m³", "length": "N/m²", "node": "N/m per node"}
+"""What stiffnesses and damping coefficients "per area" of a region refer to -> the unit of the
+stiffness. The area of an edge of a plane body contains its thickness."""
+
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
 
@@ -130,10 +134,12 @@ class Marked:
         fields: label -> field (local,): 1 at the first component of the nodes of a region, or
             nodal forces of a pressure.
         positions: the centre of each region on which a point is marked, m.
+        measures: how regions with attachments are measured, a key of `STIFFNESS_UNITS`.
     """
 
     fields: dict[str, Array]
     positions: Mapping[Place, Array]
+    measures: Mapping[Place, str]
 
 
 def marked(solid: Solid, scene: Scene) -> Marked:
@@ -143,6 +149,7 @@ def marked(solid: Solid, scene: Scene) -> Marked:
     d = solid.dimension
     fields: dict[str, Array] = {}
     positions: dict[Place, Array] = {}
+    measures: dict[Place, str] = {}
 
     def mark(label: str, nodes: Any) -> None:
         fields[label] = np.zeros(solid.local)
@@ -162,7 +169,16 @@ def marked(solid: Solid, scene: Scene) -> Marked:
     for k, attachment in enumerate(scene.attachments):
         if _is_region(attachment.place):
             positions[attachment.place] = solid.place(attachment.place, f"attachments[{k}]")[1]
-    return Marked(fields, positions)
+            measures[attachment.place] = _measure(solid, attachment.place)
+    return Marked(fields, positions, measures)
+
+
+def _measure(solid: Solid, place: Place) -> str:
+    """How a region is measured: by the area of its facets, the length of its edges, or by nodes."""
+    if solid.mesh.has_facets(place):
+        return "area"
+    edges = solid.mesh.entities(place).get(1)
+    return "length" if solid.comm.allreduce(0 if edges is None else len(edges)) else "node"
 
 
 def marks_of(
@@ -191,7 +207,7 @@ def marks_of(
     attachments = [
         AttachmentMark(kind, label, place_of(attachment.place))
         for attachment in scene.attachments
-        for kind, label in _attached(attachment)
+        for kind, label in _attached(attachment, found.measures.get(attachment.place, "node"))
     ]
     contacts = []
     places = contact_places(solid.points)
@@ -271,14 +287,15 @@ def _load_label(load: Load) -> str:
     return f"{kind}{where}, {size}, {history}"
 
 
-def _attached(attachment: Any) -> list[tuple[str, str]]:
-    """The kinds and the legends of the parts of an attachment."""
+def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:
+    """The kinds and the legends of the parts of an attachment at a region with this measure."""
+    per = STIFFNESS_UNITS[measure]
     parts = (
         ("mass", attachment.mass, "kg"),
         ("spring", attachment.stiffness, "N/m"),
-        ("spring", attachment.stiffness_per_area, "N/m³"),
+        ("spring", attachment.stiffness_per_area, per),
         ("dashpot", attachment.damping, "N s/m"),
-        ("dashpot", attachment.damping_per_area, "N s/m³"),
+        ("dashpot", attachment.damping_per_area, per.replace("N", "N s")),
     )
     return [
         (kind, f"{kind}, {size:g} {unit}{' in each direction' * (kind != 'mass')}")
