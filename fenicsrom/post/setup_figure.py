@@ -12,6 +12,12 @@ from fenicsrom.post.body_drawing import GREY, body_panel, draw_body
 from fenicsrom.post.body_surface import Surface, areas, normals
 from fenicsrom.post.body_view import View, frame_of, view_of
 from fenicsrom.post.setup_marks import CLAMPED, Marks
+from fenicsrom.post.setup_surroundings import (
+    draw_numbers,
+    draw_overview,
+    draw_surroundings,
+    surroundings,
+)
 from fenicsrom.post.setup_symbols import (
     REGION_COLOURS,
     attachment_symbols,
@@ -73,6 +79,10 @@ def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None
         draw_bars(axis, lines)
     draw_attachments(axis, symbols)
     draw_contacts(axis, view, marks.contacts, 0.5 * reach)
+    draw_numbers(axis, view, marks.contacts)
+    around = surroundings(marks, surface.points)
+    draw_surroundings(axis, view, marks, around)
+    draw_overview(figure, axis, surface, view, marks, around)
     occupied = np.concatenate([taken, *drawn])
     draw_arrows(axis, arrows, reach, len(marks.loads) > 1, occupied)
     if marks.probe is not None:

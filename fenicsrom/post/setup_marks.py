@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import SceneError
 from fenicsrom.post.body_surface import Ints
 from fenicsrom.post.fields import contact_places
+from fenicsrom.post.surface_mesh import surface_lines
 from fenicsrom.post.vtk_files import in_space
 from fenicsrom.scene import Load, Place, Scene, Support
 from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
@@ -95,11 +97,30 @@ class ContactMark:
         label: its name in the legend.
         places: (P, 3) its contact points, m.
         normals: (P, 3) unit normals into the wall.
+        first: number of its first point, from 1 over all contacts.
+        lines: lines (n, 3) that show its round surface, m; none of a plane.
     """
 
     label: str
     places: Array
     normals: Array
+    first: int = 1
+    lines: Sequence[Array] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RotationMark:
+    """The axis of rotation.
+
+    Attributes:
+        speed_rpm: the speed, at least 0, rev/min.
+        point: (3,) a point of the axis, m.
+        axis: (3,) unit vector; the body turns about it by the right-hand rule.
+    """
+
+    speed_rpm: float
+    point: Array
+    axis: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +130,7 @@ class Marks:
     Attributes:
         supports, loads, attachments, contacts: the marks of each kind.
         probe: (3,) the place where the motion is read, or None.
+        rotation: the axis of rotation, or None.
     """
 
     supports: Sequence[SupportMark] = ()
@@ -116,6 +138,7 @@ class Marks:
     attachments: Sequence[AttachmentMark] = ()
     contacts: Sequence[ContactMark] = ()
     probe: Array | None = None
+    rotation: RotationMark | None = None
 
     def at(self, kept: Ints) -> Marks:
         """The marks on the points of a surface that has only these points of the whole one."""
@@ -214,9 +237,35 @@ def marks_of(
     for k in range(len(scene.contacts)):
         mine = solid.points.contact == k
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
-        contacts.append(ContactMark(label, places[mine], in_space(solid.points.frame[mine, 0])))
+        inward, first = in_space(solid.points.frame[mine, 0]), int(np.flatnonzero(mine)[0]) + 1
+        contacts.append(ContactMark(label, places[mine], inward, first, _round(solid, scene, k)))
     hidden = (scene.contacts and scene.probe is None) or np.isnan(solid.probe_position).any()
-    return Marks(supports, loads, attachments, contacts, None if hidden else solid.probe_position)
+    probe = None if hidden else solid.probe_position
+    return Marks(supports, loads, attachments, contacts, probe, _rotation_mark(scene))
+
+
+def _round(solid: Solid, scene: Scene, k: int) -> list[Array]:
+    """The lines of the round surface of contact k; none of a plane.
+
+    A surface that cuts into the undeformed body has none: a run refuses it with a sentence.
+    """
+    if scene.contacts[k].surface is None:
+        return []
+    try:
+        return surface_lines(scene, solid.points, k)
+    except SceneError:
+        return []
+
+
+def _rotation_mark(scene: Scene) -> RotationMark | None:
+    """The axis of rotation, with the sense of the speed."""
+    rotation = scene.rotation
+    if rotation is None:
+        return None
+    point = in_space(np.array([rotation.point or np.zeros(scene.geometry.dimension)]))[0]
+    axis = np.array(rotation.axis or (0.0, 0.0, 1.0)) / np.linalg.norm(rotation.axis or 1.0)
+    sense = -1.0 if rotation.speed_rpm < 0.0 else 1.0
+    return RotationMark(abs(rotation.speed_rpm), point, sense * axis)
 
 
 def _support_marks(scene: Scene, values: Mapping[str, Array]) -> list[SupportMark]:

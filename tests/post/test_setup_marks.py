@@ -68,6 +68,30 @@ def test_supports_that_hold_the_same_are_one_mark() -> None:
     assert roller.on.sum() == 2
 
 
+@pytest.mark.parametrize("speed", [-30.0, 30.0])
+def test_axis_of_rotation_has_the_sense_of_the_speed(speed: float) -> None:
+    turning = {"speed_rpm": speed, "axis": [0.0, 3.0, 0.0], "point": [-0.3, 0.0, 0.1]}
+    found, _ = marks(beam_scene(3, SMALL, contacts=None, probe={"group": "tip"}, rotation=turning))
+    assert found.rotation is not None and found.rotation.speed_rpm == 30.0
+    np.testing.assert_allclose(found.rotation.axis, [0.0, np.sign(speed), 0.0])
+    np.testing.assert_allclose(found.rotation.point, [-0.3, 0.0, 0.1])
+
+
+def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
+    """A casing has lines, and a plane has none."""
+    friction = {"normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
+    casing = {"kind": "cylinder", "point": [0.0, 0.0]}
+    contacts = [
+        {"group": "tip", "at": "nodes", "normal": [1.0, 0.0], **friction},
+        {"plane": TOP, "at": "nodes", "surface": casing, "gap": 1e-3, **friction},
+    ]
+    found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
+    first, second = found.contacts
+    assert first.first == 1 and second.first == 1 + len(first.places) and not first.lines
+    (circle,) = second.lines
+    assert np.linalg.norm(circle, axis=1).min() > np.linalg.norm(second.places, axis=1).max()
+
+
 BOX = """\
 Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 1, 0}; Point(4) = {0, 1, 0};
 Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
