@@ -50,13 +50,12 @@ MOST_COLUMNS = 4
 
 
 @styled
-def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None = None) -> Figure:
+def setup_figure(surface: Surface, marks: Marks, title: str, view: View | None = None) -> Figure:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
-    The viewer sees the side on which the loads act, and looks across the displacement `moved`
-    (3,) if it is given. Several loads have numbers.
+    Several loads have numbers. The projection is that of `setup_view` by default.
     """
-    view = view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
+    view = view or setup_view(surface, marks)
     reach = REACH * view.length
     arrows = load_arrows(marks.loads, view, reach)
     held = [bars(mark, surface, view, 0.3 * reach) for mark in marks.supports]
@@ -90,6 +89,15 @@ def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)
     _add_legend(figure, legend_handles(marks))
     return figure
+
+
+def setup_view(surface: Surface, marks: Marks, moved: Array | None = None) -> View:
+    """The projection of the body in all pictures of a report.
+
+    The viewer sees the side on which the loads act, and looks across the displacement `moved`
+    (3,) if it is given.
+    """
+    return view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
 
 
 def _loaded_side(surface: Surface, marks: Marks) -> Array:

@@ -264,6 +264,18 @@ def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path
     drawn(figure, tmp_path)
 
 
+@pytest.mark.parametrize(("side", "far"), [(1.0, False), (-1.0, True)])
+def test_stress_on_the_side_that_is_not_seen_says_so(plate, side, far):
+    surface, normal = plate
+    view = view_of(surface.points, surface.triangles, normal)
+    across = surface.points @ normal
+    away = np.linalg.norm(surface.points - surface.points.mean(axis=0), axis=1)
+    stress = 2.0 + np.sign(side * (across - across.mean())) - away
+    figure = body_figures.stress_figure(surface, 0.01 * surface.points, stress, "bending", view)
+    title = figure.axes[0].get_title(loc="left")
+    assert title == ("bending, on the far side" if far else "bending")
+
+
 def test_groups_are_drawn_in_their_colours_with_small_ones_in_front(plate, tmp_path):
     from matplotlib.colors import to_rgb
 
