@@ -27,9 +27,9 @@ from fenicsrom.files import (
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.provenance import provenance
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, scene_table
 

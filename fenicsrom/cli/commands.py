@@ -15,7 +15,15 @@ from typing import Any
 from fenicsrom import study
 from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
-from fenicsrom.cli.starting import changed_model, end, given_keys, ranks, require_scene, start
+from fenicsrom.cli.starting import (
+    changed_model,
+    end,
+    given_keys,
+    importing,
+    ranks,
+    require_scene,
+    start,
+)
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
@@ -56,9 +64,10 @@ def _rerun(options: argparse.Namespace) -> int:
     """Integrate a stored model again."""
     from dataclasses import replace
 
-    from fenicsrom.online import archive, checkpoints
-    from fenicsrom.post import motion_table, sentences
-    from fenicsrom.post.directions import direction_names
+    with importing():
+        from fenicsrom.online import archive, checkpoints
+        from fenicsrom.post import motion_table, sentences
+        from fenicsrom.post.directions import direction_names
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None

@@ -12,9 +12,9 @@ from fenicsrom.assess.response_results import (
     ResponseCurve,
     judged_multiplier,
 )
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.response_figures import directions, in_order, largest_component, unit_of
 from fenicsrom.post.response_motion import largest_point
 
