@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.full import full_model
 from fenicsrom.files import (
     cache_is_off,
     read_archive,
@@ -60,6 +59,8 @@ def full_motion(
     if found is not None:
         say(f"full model: taken from {path}")
         return found[0], found[1] | {"cached": True}
+    from fenicsrom.fem.full import full_model  # slow to import
+
     say("full model ..")
     last = clock.perf_counter()
 

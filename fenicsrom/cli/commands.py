@@ -287,12 +287,12 @@ def sweep(options: argparse.Namespace) -> int:
     comm, workers = ranks(), available_cores()
     if workers > 1 and (comm is None or comm.size == 1):
         start_server()
-    from fenicsrom.assess.sweep_runs import FAILED
-    from fenicsrom.post import sweep_report
+    with importing():
+        from fenicsrom.assess.sweep_runs import FAILED
+        from fenicsrom.online import archive
+        from fenicsrom.post import sweep_report
 
     if options.stored:
-        from fenicsrom.online import archive
-
         model = archive.load_model(Path(options.stored))
         scene = changed_model(options, model).scene
         source: str | None = options.stored
