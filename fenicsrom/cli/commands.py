@@ -15,6 +15,7 @@ from typing import Any
 from fenicsrom import study
 from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.ranks import is_ranked
 from fenicsrom.cli.starting import (
     changed_model,
     end,
@@ -284,9 +285,10 @@ def sweep(options: argparse.Namespace) -> int:
     from fenicsrom.scene.variations import make_axes
 
     axes = make_axes(options.over, options.together)
-    comm, workers = ranks(), available_cores()
-    if workers > 1 and (comm is None or comm.size == 1):
+    workers = available_cores()
+    if workers > 1 and not is_ranked():  # it imports the program while MPI starts
         start_server()
+    comm = ranks()
     with importing():
         from fenicsrom.assess.sweep_runs import FAILED
         from fenicsrom.online import archive
