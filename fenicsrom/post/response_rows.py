@@ -55,7 +55,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "damping_dissipation_per_period_J": point.damping_dissipation,
         "stability": point.verdict,
         "bifurcation": point.kind,
-        "contact_point": None if point.contact < 0 else point.contact,
+        "contact_point": None if point.contact < 0 else point.contact + 1,
         "periods": point.periods,
         "multiplier_size": abs(multiplier),
         "multiplier_real": multiplier.real,
