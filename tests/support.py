@@ -7,7 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +26,7 @@ from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, pairs
 from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.online.surfaces import Contacts, planes
+from fenicsrom.online.surfaces import Contacts, frame, planes
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
@@ -138,6 +138,14 @@ KINDS_OF_CELLS: dict[str, tuple[int, tuple[str, ...]]] = {
 }
 
 STEEL = {"young": 207e9, "poisson": 0.28, "density": 7801.0, "mass_damping": 5.0}
+
+
+def contact_points(*normals: Sequence[float]) -> ContactPoints:
+    """Points of one contact, all at the origin, with these normals; at least one."""
+    frames = np.array([frame(np.array(normal)) for normal in normals])
+    count, d = len(normals), len(normals[0])
+    area, place = np.full(count, 1.0 / count), np.zeros((count, d))
+    return ContactPoints(np.zeros(count, np.int64), area, place, frames)
 
 
 def beam_scene(dimension: int = 2, overrides: tuple[str, ...] = (), **tables: Any) -> Scene:

@@ -38,6 +38,7 @@ COMPILED = [
     for name in (
         *("friction", "contact_problem", "contact_step", "contact_sensitivity"),
         *("step", "polynomial"),
+        *("semismooth_newton", "compliance", "contact_candidates"),
     )
 ]
 PLAIN = [
@@ -52,7 +53,7 @@ FOLDERS = [f"tests/{name}" for name in ("scene", "online", "reduction", "assess"
 FILES = [
     f"tests/online/test_{name}.py"
     for name in (
-        *("contact_law", "contact_problem", "polynomial", "energy", "step"),
+        *("contact_law", "contact_problem", "contact_candidates", "polynomial", "energy", "step"),
         *("step_limits", "surfaces", "contact_sensitivity", "period_map", "march"),
     )
 ]

@@ -166,7 +166,7 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         scene,
         stored.size,
         scene.geometry.dimension,
-        stored.model.points.contact.size,
+        stored.model.points,
         scene.time.steps_per_period or FALLBACK_STEPS,
         mode,
         direction,

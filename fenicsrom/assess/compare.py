@@ -24,6 +24,7 @@ from fenicsrom.assess.agreement import break_even, motion_errors, rank_correlati
 from fenicsrom.assess.full_cache import full_motion
 from fenicsrom.assess.residual import indicators
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, solve_modes
@@ -111,6 +112,7 @@ class Comparison:
         full: motion of the full model; None if it was not asked for.
         full_run: when and where the full model ran, and whether its motion came from the cache.
         unknowns: free unknowns of the full model.
+        points: the contact points.
         compilation: seconds of compilation and warming up; no other number contains them.
         warnings: sentences for the user.
     """
@@ -120,6 +122,7 @@ class Comparison:
     full: Motion | None
     full_run: dict[str, Any]
     unknowns: int
+    points: ContactPoints
     compilation: float
     warnings: list[str]
 
@@ -349,9 +352,15 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     if scene.compare.full:
         full, full_run = full_motion(solid, scene, say)
     outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
-    unknowns = solid.free
     return Comparison(
-        scene, outcomes, full, full_run, unknowns, cold["compilation"], solid.warnings
+        scene,
+        outcomes,
+        full,
+        full_run,
+        solid.free,
+        solid.points,
+        cold["compilation"],
+        solid.warnings,
     )
 
 

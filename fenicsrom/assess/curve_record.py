@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.scene import Scene
 
 Table = TypeVar("Table")
@@ -19,7 +20,7 @@ class CurveRecord:
         scene: the scene.
         size: number of coordinates of the reduced model.
         dimension: of space.
-        contacts: number of contact points.
+        contact_points: the contact points.
         steps: time steps of a period.
         seconds: run time.
         warnings: sentences for the user.
@@ -31,12 +32,17 @@ class CurveRecord:
     scene: Scene
     size: int
     dimension: int
-    contacts: int
+    contact_points: ContactPoints
     steps: int
     seconds: float = field(default=0.0, kw_only=True)
     warnings: list[str] = field(default_factory=list, kw_only=True)
     unfinished: ConvergenceError | AccuracyError | None = field(default=None, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
+
+    @property
+    def contacts(self) -> int:
+        """Number of contact points."""
+        return self.contact_points.contact.size
 
 
 def required_table(scene: Scene, name: str, table: Table | None) -> Table:

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
@@ -37,6 +39,7 @@ class Equilibrium:
             stable without any. At a special point this may be the number on either side.
         residual: length of Newton's correction with the exact tangent there, relative to the
             displacement and the load.
+        deformation: extremes of the deformation at the quadrature points.
         kind: "" of an ordinary point, else "limit point" or "bifurcation".
     """
 
@@ -45,6 +48,7 @@ class Equilibrium:
     largest: float
     negative_pivots: int
     residual: float
+    deformation: Deformation
     kind: str = ""
 
 
@@ -163,6 +167,12 @@ def equilibrium_path(
         found.unfinished = ConvergenceError(f"statics: {error}{_where(found)}")
     except KeyboardInterrupt:
         found.interrupted = True
+    found.warnings += strain_warnings(
+        [
+            (f"from the load factor {point.load_factor:.6g} of the path on", point.deformation)
+            for point in found.points
+        ]
+    )
     found.seconds = clock.perf_counter() - begin
     return found
 
@@ -196,7 +206,10 @@ def _follow(
         ConvergenceError: the path was lost.
         KeyboardInterrupt: `stop` returned True.
     """
+    from fenicsrom.fem.deformation import DeformationGauge
+
     table, last = found.scene.statics, clock.perf_counter()
+    gauge = DeformationGauge(body, found.scene)
     say("path ..")
     for point in follower.points():
         visit(point)
@@ -208,6 +221,7 @@ def _follow(
                 float(body.largest(point.displacement[:, None])[0]),
                 point.negative,
                 point.residual,
+                gauge.measure(point.displacement),
                 point.kind,
             )
         )

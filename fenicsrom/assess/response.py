@@ -90,7 +90,7 @@ def response(
         scene,
         stored.size,
         scene.geometry.dimension,
-        stored.model.points.contact.size,
+        stored.model.points,
         scene.time.steps_per_period or FALLBACK_STEPS,
     )
     if scene.time.tolerance is not None:

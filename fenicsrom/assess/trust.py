@@ -7,7 +7,9 @@ compared.
 
 A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability.
 The verdict of the richer basis is therefore compared too, also at points that are spread over the
-stable parts. It is not compared next to a change of stability, which may move.
+stable parts, and between them where its multipliers come near the unit circle
+(`fenicsrom.assess.stability_search`). It is not compared next to a change of stability, which may
+move.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
+from fenicsrom.assess.stability_search import divide_gaps, lengths_along
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
@@ -30,12 +33,15 @@ from fenicsrom.online.periodic import (
     FALLBACK_STEPS,
     PeriodicMotion,
     Shooting,
+    largest_multiplier,
     periodic_motion,
 )
 
 LARGEST = "largest amplitude"
 BETWEEN = "between"
+NEAR_CHANGE = "near instability"
 SPREAD = 24  # points of a curve, evenly over its stable parts, besides those that are named
+SAME_PART = 0.05  # difference of amplitudes, in parts of the larger, within a part of a curve
 TOLERANCE = 1e-8  # of the residual of a motion of a richer basis
 
 
@@ -45,7 +51,8 @@ class Check:
 
     Attributes:
         point: the point.
-        where: "largest amplitude", "fold", "first", "last", or "between" of a spread point.
+        where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
+            instability" of a point that `fenicsrom.assess.stability_search` adds.
         quantity: "amplitude", or "parameter" of a fold: what the errors are relative to.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
@@ -54,6 +61,7 @@ class Check:
         richer_verdict: the stability of that motion, as `CurvePoint.verdict`; None if it was not
             found.
         judged: whether the two verdicts must agree: no change of stability is next to the point.
+        richer_multiplier: size of the largest multiplier of the richer basis, NaN if not known.
     """
 
     point: CurvePoint
@@ -64,6 +72,7 @@ class Check:
     compared: bool = False
     richer_verdict: str | None = None
     judged: bool = True
+    richer_multiplier: float = np.nan
 
     @property
     def unknown(self) -> bool:
@@ -121,18 +130,12 @@ def selected(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
 
 def spread(pieces: Sequence[Piece]) -> list[tuple[str, CurvePoint]]:
     """Up to `SPREAD` stable points, evenly by their distances along the stable parts."""
-    points = [point for piece in pieces for point in piece.points]
-    parameters = [point.parameter for point in points]
-    width = float(np.ptp(parameters)) if points else 0.0
-    height = max((float(point.amplitude.max()) for point in points), default=0.0)
     chosen, lengths = [], []
-    for piece in pieces:
-        for before, point in pairwise(piece.points):
+    for piece, along in zip(pieces, lengths_along(pieces), strict=True):
+        for (before, point), length in zip(pairwise(piece.points), np.diff(along), strict=True):
             if before.stable and point.stable:
-                across = (point.parameter - before.parameter) / (width or 1.0)
-                up = float(np.max(np.abs(point.amplitude - before.amplitude))) / (height or 1.0)
                 chosen.append(point)
-                lengths.append(float(np.hypot(across, up)))
+                lengths.append(float(length))
     if not chosen:
         return []
     reached = np.cumsum(lengths)
@@ -163,24 +166,68 @@ def checks(
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
         richer: a model with a richer basis, if there is one.
     """
-    found, changing = [], _next_to_change(pieces)
+    found: list[Check] = []
+    changing = _next_to_change(pieces)
+
+    def compare(where: str, point: CurvePoint) -> float:
+        """Add the check of a point; give the size of the largest multiplier of the richer basis."""
+        judged = id(point) not in changing
+        found.append(_check(where, point, family, settings, richer, judged))
+        return found[-1].richer_multiplier
+
     listed = selected(pieces)
     if richer is not None:
         known = {id(point) for _, point in listed}
         listed += [(name, point) for name, point in spread(pieces) if id(point) not in known]
-    for where, point in listed:
-        quantity = "parameter" if where == "fold" else "amplitude"
-        other = _finer(point, family, settings, fold=where == "fold")
-        error = None if other is None else _distance(point, other, quantity)
-        if richer is None or where == "fold":
-            found.append(Check(point, where, quantity, error))
-            continue
-        motion = _richer_motion(point, richer, settings)
-        basis = None if motion is None else _change(point.amplitude, motion.amplitude)
-        verdict = None if motion is None else motion.verdict
-        judged = id(point) not in changing
-        found.append(Check(point, where, quantity, error, basis, True, verdict, judged))
+    sizes = {id(point): compare(where, point) for where, point in listed}
+    if richer is not None:
+        divide_gaps(
+            pieces,
+            sizes,
+            lambda a, b: _between(a, b, family, settings),
+            lambda point: compare(NEAR_CHANGE, point),
+        )
     return found
+
+
+def _check(
+    where: str,
+    point: CurvePoint,
+    family: Family,
+    settings: Any,
+    richer: Richer | None,
+    judged: bool,
+) -> Check:
+    """The check of one point; arguments as `checks` and `Check`."""
+    quantity = "parameter" if where == "fold" else "amplitude"
+    other = _finer(point, family, settings, fold=where == "fold")
+    error = None if other is None else _distance(point, other, quantity)
+    if richer is None or where == "fold":
+        return Check(point, where, quantity, error)
+    motion = _richer_motion(point, richer, settings)
+    if motion is None:
+        return Check(point, where, quantity, error, None, True, None, judged)
+    basis = _change(point.amplitude, motion.amplitude)
+    size = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
+    return Check(point, where, quantity, error, basis, True, motion.verdict, judged, size)
+
+
+def _between(a: CurvePoint, b: CurvePoint, family: Family, settings: Any) -> CurvePoint | None:
+    """The stable motion at the mean parameter of two neighbours; None if it was not found.
+
+    A motion whose amplitudes are not near those of the neighbours belongs to another part.
+    """
+    parameter = 0.5 * (a.parameter + b.parameter)
+    if parameter in (a.parameter, b.parameter) or a.periods != b.periods:
+        return None
+    shooting, path = _path(a, family, settings, settings.steps_per_period or FALLBACK_STEPS)
+    s = 0.5 * (shooting.scaled(a.z) + shooting.scaled(b.z))
+    found = path.at_parameter(s, parameter)
+    if found is None or not found.stable:
+        return None
+    apart = np.abs(found.amplitude - 0.5 * (a.amplitude + b.amplitude)).max()
+    near = np.abs(a.amplitude - b.amplitude).max() + SAME_PART * np.abs(a.amplitude).max()
+    return found if apart <= near else None
 
 
 def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
@@ -199,17 +246,8 @@ def _change(amplitude: Array, other: Array) -> float:
 def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> CurvePoint | None:
     """The motion with half the time step at a point of a curve; None if it was not found."""
     steps = settings.steps_per_period or FALLBACK_STEPS
-    problem = family(point.parameter)
-    shooting = Shooting(
-        problem.model,
-        problem.contacts,
-        settings.changed(steps_per_period=2 * steps),
-        problem.period,
-        point.periods,
-    )
+    shooting, path = _path(point, family, settings, 2 * steps)
     s = shooting.scaled(point.z)
-    range_ = abs(point.parameter) or 1.0
-    path = Continuation(shooting, family, 0.0, range_, float(np.linalg.norm(s)) or 1.0)
     if not fold:
         return path.at_parameter(s, point.parameter)
     here = replaced(point, s=s)
@@ -219,6 +257,22 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     values, vectors = np.linalg.eig(found)
     along = np.append(np.real(vectors[:, int(np.argmin(np.abs(values - 1.0)))]), 0.0)
     return path.correct(path.place(here), along / np.linalg.norm(along))
+
+
+def _path(
+    point: CurvePoint, family: Family, settings: Any, steps: int
+) -> tuple[Shooting, Continuation]:
+    """What motions near a point are found with, with so many steps per period."""
+    problem = family(point.parameter)
+    shooting = Shooting(
+        problem.model,
+        problem.contacts,
+        settings.changed(steps_per_period=steps),
+        problem.period,
+        point.periods,
+    )
+    size = float(np.linalg.norm(shooting.scaled(point.z))) or 1.0
+    return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
 
 
 def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:

@@ -101,6 +101,7 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
     """Say how to go on after an interrupt."""
+    from fenicsrom.online.checkpoints import holds_motion
     from fenicsrom.post.origin import MODEL
 
     state = STATES.get(options.name)
@@ -124,6 +125,9 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
         words += [] if "--resume" in words else ["--resume"]
     else:
         words += ["--resume", str(folder / state)]
+    if options.name == "run" and holds_motion(folder / state):
+        again = shlex.join(["fenicsrom", *words, "--output", str(folder)])
+        return f"the motion was kept, but it is not checked; to check it: {again}"
     return f"to continue: {shlex.join(['fenicsrom', *words, '--output', str(folder)])}"
 
 

@@ -55,8 +55,8 @@ from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
 if TYPE_CHECKING:
     from fenicsrom.fem.pressure import FollowerPressures
 
-CHUNK_BYTES = 200e6
-"""Memory of one chunk of tabulated gradients."""
+CHUNK_BYTES = 50e6
+"""Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
 
 
 class ElasticBody:
@@ -390,8 +390,7 @@ class ElasticBody:
         volume = compiled_expression(abs(ufl.JacobianDeterminant(domain)), points)
         cells = self.owned_cells() if cells is None else cells
         n = fields.shape[1]
-        columns = 1 + n + n * (n + 1) // 2
-        chunk = max(1, int(CHUNK_BYTES / (8 * 2 * d * d * columns * weights.size)))
+        chunk = max(1, int(CHUNK_BYTES / (8 * (1 + n) * d * d * weights.size)))
         # every rank sets the fields equally often, because their ghost values are exchanged
         parts = self.comm.allreduce(-(-cells.size // chunk), op=MPI.MAX)
         for start in range(0, parts * chunk, chunk):

@@ -12,6 +12,7 @@ from fenicsrom.reduction.protocols import Inverse
 
 SINGULAR = (-6, -10)  # errors of MUMPS; all others are about resources
 EIGEN_TOLERANCE = 1e-10
+SPARE_VECTORS = 10  # Krylov vectors beyond the modes: with fewer of them restarts cost more
 # largest backward error of a mode, |K^-1 M phi - phi/omega^2| omega_1^2 in the mass norm; a slender
 # body has a condition number of 1e11
 EIGEN_CHECK = 1e-8
@@ -198,7 +199,8 @@ def _eigensolver(
     eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
     eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     eps.setTarget(0.0)
-    eps.setDimensions(count)
+    # SLEPc looks for converged modes only when the space is complete; it has 15 vectors more itself
+    eps.setDimensions(count, min(max(2 * count, count + SPARE_VECTORS), stiffness.getSize()[0]))
     eps.setTolerances(EIGEN_TOLERANCE, 500)
     st = eps.getST()
     st.setType(SLEPc.ST.Type.SINVERT)

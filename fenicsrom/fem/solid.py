@@ -23,6 +23,7 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem import prediction
 from fenicsrom.fem.buckling import check_snap, check_stability
 from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import (
@@ -198,7 +199,11 @@ class Solid(ElasticBody):
         if not self._bends:
             self.equilibrium = linear
             return
-        self._move(np.zeros(self.local), np.zeros(self.local), 0.0, pressed=0.0)
+        predicted = None
+        if self._spinning and self.symmetric and self.free >= prediction.UNKNOWNS:
+            predicted = prediction.predicted_equilibrium(self)
+        rest = np.zeros(self.local)
+        self._move(rest, rest, 0.0, pressed=0.0, predicted=predicted)
         self.unstable = check_stability(self)
         if self.unstable:
             self._set_follower_loads()
@@ -378,16 +383,24 @@ class Solid(ElasticBody):
         difference = (plus - minus) / (2.0 * h)
         return self.without_held(difference)
 
+    def strain_polynomial(self, vectors: Array, degree: int | None = None) -> ElasticPolynomial:
+        """The force of the body and its springs on vectors (local, n), as a cubic polynomial.
+
+        It is exact with the quadrature rule of the forms, which is that of the default degree.
+        """
+        products = self._strain_products(vectors, degree)
+        elastic = elastic_polynomial(self.comm.allreduce(products), vectors.shape[1])
+        if not self.comm.allreduce(bool(self.springs.any())):
+            return elastic
+        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
+        found = self.inner(vectors, held)
+        return elastic._replace(
+            force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
+        )
+
     def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
         """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
-        n = vectors.shape[1]
-        elastic = elastic_polynomial(self.comm.allreduce(self._strain_products(vectors)), n)
-        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
-        if self.comm.allreduce(bool(self.springs.any())):
-            found = self.inner(vectors, held)
-            elastic = elastic._replace(
-                force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
-            )
+        elastic = self.strain_polynomial(vectors)
         if self.rotation is None:
             return elastic
         force = self.rotation.centrifugal_force(self.equilibrium)
@@ -405,14 +418,15 @@ class Solid(ElasticBody):
             return no_pressure(vectors.shape[1])
         return self.pressures.polynomial(self.equilibrium, vectors)
 
-    def _strain_products(self, vectors: Array) -> Array:
+    def _strain_products(self, vectors: Array, degree: int | None) -> Array:
         """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
         n, materials = vectors.shape[1], self.materials
         if materials.single:
-            return strain_products(self.tabulate(vectors, self.equilibrium), *materials.lame(), n)
+            chunks = self.tabulate(vectors, self.equilibrium, degree)
+            return strain_products(chunks, *materials.lame(), n)
         total = np.zeros(())
         for k, cells in materials.cells():
-            chunks = self.tabulate(vectors, self.equilibrium, cells=cells)
+            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
             total = total + tensor_products(chunks, materials.tensor(k), n)
         return total
 
@@ -493,10 +507,17 @@ class Solid(ElasticBody):
             self.gyroscopic.destroy()
         self.gyroscopic = self.rotation.gyroscopic()
 
-    def _move(self, u: Array, start: Array, square: float, pressed: float | None = None) -> None:
+    def _move(
+        self,
+        u: Array,
+        start: Array,
+        square: float,
+        pressed: float | None = None,
+        predicted: Array | None = None,
+    ) -> None:
         """Follow the equilibrium u (local,) from a load (local,), Ω² and part of the pressures.
 
-        K, its factor and the load vectors follow.
+        K, its factor and the load vectors follow. A predicted state (local,) needs a factor there.
 
         Raises:
             ConvergenceError: no equilibrium was found.
@@ -504,7 +525,11 @@ class Solid(ElasticBody):
         self._viscous = None
         statics = Statics(self, self.factor, overwrite=self.symmetric)
         try:
-            self.equilibrium = statics.follow(u, start, self.static_load, square, pressed=pressed)
+            if predicted is not None and not statics.approach(predicted):
+                predicted = None
+            self.equilibrium = statics.follow(
+                u, start, self.static_load, square, predicted, pressed
+            )
             statics.finish(self.equilibrium, self.static_load)
         finally:
             statics.close()

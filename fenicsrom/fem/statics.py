@@ -2,10 +2,10 @@
 
 A correction solves with a factor of the tangent stiffness that is kept while each correction is
 smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
-current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. Anderson's acceleration joins two
-corrections with the same factor (Walker and Ni, SIAM J. Numer. Anal., 2011). The residual is always
-that of the full equations, so the equilibrium does not depend on the tangents. Where this fails, at
-a limit load, plain Newton with the tangent of each state follows.
+current state (`fenicsrom.fem.elasticity`, eq. 5) is factorised. Anderson's acceleration joins up to
+five corrections with the same factor (Walker and Ni, SIAM J. Numer. Anal., 2011). The residual is
+always that of the full equations, so the equilibrium does not depend on the tangents. Where this
+fails, at a limit load, plain Newton with the tangent of each state follows.
 """
 
 from __future__ import annotations
@@ -18,14 +18,21 @@ from fenicsrom.fem.elasticity import ElasticBody
 from fenicsrom.fem.linalg import Factorisation
 from fenicsrom.online.newton import STATIC_TOLERANCE, Correction, in_load_steps, newton
 
-CONTRACTION = 0.3
-"""Largest ratio of two corrections with one factor; a factorisation costs about ten corrections."""
+CONTRACTION = 0.5
+"""Largest ratio of two corrections with one factor.
+
+The tangent of a large body and its factor cost as much as about twenty corrections; accelerated,
+these gain as many digits as after a new factorisation.
+"""
 
 LAST_CORRECTIONS = 5
 """A factor is kept if, at the rate of the last two corrections, so many more will be enough."""
 
+DEPTH = 4
+"""Number of corrections before that Anderson's acceleration combines with the next one."""
+
 LARGEST_WEIGHT = 1.0
-"""Largest weight of the correction before in the next one: it halves or doubles a correction."""
+"""Largest weight of a correction before in the next one: it halves or doubles a correction."""
 
 EQUILIBRIUM_TOLERANCE = 1e-12
 """Error of an equilibrium in the energy norm, relative to its deflection: rounding of good meshes.
@@ -147,6 +154,10 @@ class Statics:
             )
         return u
 
+    def approach(self, u: Array) -> bool:
+        """Make the factor that of the tangent at a state u (local,); False if it is singular."""
+        return self._renew(u, None)
+
     def finish(self, u: Array, load: Array) -> None:
         """Make the factor that of the tangent at an equilibrium u (local,), and check its residual.
 
@@ -196,7 +207,7 @@ class Statics:
                 if step.factorisations == STATIC_FACTORISATIONS:
                     return None
                 step.factorisations += 1
-                step.last = None
+                step.forget()
                 if not self._renew(u, None if self._plain else step.change):
                     return None
                 change = self._solve(residual)
@@ -226,7 +237,8 @@ class _Step:
     def __init__(self, body: ElasticBody, load: Array):
         self._body, self._load = body, load
         self.change: Array | None = None
-        self.last: tuple[Array, Array] | None = None
+        self._last: tuple[Array, Array] | None = None
+        self._differences: list[tuple[Array, Array, Array]] = []
         self.decrement, self.scale, self.factorisations = np.inf, 0.0, 0
 
     def note(self, u: Array, decrement: float, first: float) -> None:
@@ -249,18 +261,29 @@ class _Step:
         far = not decrement <= NEAR**2 * self.scale and np.isfinite(self.decrement)
         return (slow or far) and not decrement <= max(enough, STATIC_TOLERANCE**2 * self.scale)
 
-    def accelerated(self, residual: Array, change: Array) -> Array:
-        """A correction (local,) combined with the one before, if both have the same factor.
+    def forget(self) -> None:
+        """Forget the corrections with the factor so far."""
+        self._last, self._differences = None, []
 
-        Anderson's acceleration of depth one, in the energy norm of the factor: in the plane of both
-        corrections it finds the smallest next one, if the body were linear.
+    def accelerated(self, residual: Array, change: Array) -> Array:
+        """A correction (local,) combined with those before that have the same factor.
+
+        Anderson's acceleration, in the energy norm of the factor: in the plane of the corrections
+        it finds the smallest next one, if the body were linear.
         """
-        last, self.last = self.last, (residual, change)
-        if last is None or self.change is None:
-            return change
-        gain = change - last[1]
-        size = -self._body.dot(residual - last[0], gain)
-        weight = -self._body.dot(residual, gain) / size if size > 0.0 else np.inf
-        if not abs(weight) <= LARGEST_WEIGHT:
-            return change
-        return change - weight * (self.change + gain)
+        if self._last is not None and self.change is not None:
+            last_residual, last_change = self._last
+            found = (residual - last_residual, change - last_change, self.change)
+            self._differences = [*self._differences[1 - DEPTH :], found]
+        self._last = residual, change
+        for first in range(len(self._differences)):
+            forces, gains, steps = np.array(self._differences[first:]).transpose(1, 2, 0)
+            sizes = np.sqrt(np.maximum(-self._body.inner(forces, gains).diagonal(), 0.0))
+            if not np.all(sizes > 0.0):
+                continue
+            products = -self._body.inner(forces / sizes, gains / sizes)
+            works = -self._body.inner(forces / sizes, change[:, None])[:, 0]
+            weights = np.linalg.lstsq(products, works)[0] / sizes
+            if np.all(np.abs(weights) <= LARGEST_WEIGHT):
+                return np.asarray(change - (steps + gains) @ weights)
+        return change

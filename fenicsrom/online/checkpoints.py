@@ -3,6 +3,9 @@
 A checkpoint is an `.npz` file of plain arrays with the scene of the run and the fingerprint of its
 model. A run continues only on the same model, and under a scene that differs at most in the keys
 that say when the run ends (`fenicsrom.online.scene_changes.END_KEYS`).
+
+The checkpoint of a run that was stopped in its checks holds the whole motion too: under the same
+end, the run that continues takes this motion, and only checks it.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online.finished import finished_motion, motion_arrays, motion_header
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.scene_changes import END_KEYS, changed_run_key
@@ -56,8 +60,21 @@ def fingerprint(model: ReducedModel) -> str:
     return digest.hexdigest()
 
 
-def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: Checkpoint) -> None:
+def save_checkpoint(
+    path: Path,
+    model: ReducedModel,
+    scene: Scene,
+    checkpoint: Checkpoint,
+    motion: Motion | None = None,
+) -> None:
     """Write a checkpoint to a file that appears only when it is complete.
+
+    Args:
+        path: the file.
+        model: the model.
+        scene: the scene.
+        checkpoint: the checkpoint.
+        motion: the finished motion that ends there, if the file is to hold it.
 
     Raises:
         OSError: the file cannot be written.
@@ -71,8 +88,10 @@ def save_checkpoint(path: Path, model: ReducedModel, scene: Scene, checkpoint: C
         "buckled": checkpoint.buckled,
         "size": checkpoint.size,
         "search": _search_table(checkpoint.search),
+        "motion": None if motion is None else motion_header(motion),
     }
-    write_archive(path, header, _arrays(checkpoint))
+    whole = {} if motion is None else motion_arrays(motion)
+    write_archive(path, header, {**_arrays(checkpoint), **whole})
 
 
 def _search_table(search: PeriodicSearch | None) -> dict[str, Any] | None:
@@ -119,6 +138,14 @@ def load_scene(path: Path) -> Scene:
     return _read(path)[1]
 
 
+def holds_motion(path: Path) -> bool:
+    """Whether a file is a checkpoint with a finished motion."""
+    try:
+        return _read(path)[0].get("motion") is not None
+    except SceneError:
+        return False
+
+
 def check_checkpoint(path: Path, scene: Scene) -> None:
     """Check that a run of this scene can continue from a checkpoint, as far as no model is needed.
 
@@ -153,6 +180,51 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             the run already reached its end.
     """
     header, made, data = _read(path)
+    found = _checkpoint(path, header, made, data, model, scene)
+    end = scene.time.periods if scene.period is not None else scene.time.duration
+    reached = found.spans if scene.period is not None else found.state.scalars[TIME]
+    assert end is not None
+    if not reached < end:
+        key = "periods" if scene.period is not None else "duration"
+        place = f"period {reached:g}" if scene.period is not None else f"t = {reached:g} s"
+        raise SceneError(
+            f"{path}: time.{key} = {end:g}: the run already reached {place}; set a larger value to "
+            "continue",
+            kind=ErrorKind.RANGE,
+            key=f"time.{key}",
+            source=str(path),
+        )
+    return found
+
+
+def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Motion:
+    """Read what a run of this model under this scene begins with.
+
+    Returns:
+        The finished motion, if the file holds one and the scene does not change the end of the run;
+        else the checkpoint to continue from.
+
+    Raises:
+        SceneError: as `load_checkpoint`.
+    """
+    header, made, data = _read(path)
+    if header.get("motion") is None or made.time != scene.time:
+        return load_checkpoint(path, model, scene)
+    end = _checkpoint(path, header, made, data, model, scene)
+    try:
+        return finished_motion(header["motion"], data, end)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _damaged(path, str(error)) from None
+
+
+def _checkpoint(
+    path: Path, header: Any, made: Scene, data: Any, model: ReducedModel, scene: Scene
+) -> Checkpoint:
+    """The checkpoint of the contents of a file.
+
+    Raises:
+        SceneError: the file is damaged, or belongs to another model or scene.
+    """
     if header["model"] != fingerprint(model):
         raise SceneError(
             f"{path}: another reduced model wrote this checkpoint; "
@@ -178,33 +250,17 @@ def load_checkpoint(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint
             or given.dtype != array.dtype
             or not np.all(np.isfinite(given))
         ):
-            raise SceneError(
-                f"{path}: {name} is not {array.shape} of finite {array.dtype}: the file is damaged",
-                kind=ErrorKind.FORMAT,
-                source=str(path),
-            )
+            raise _damaged(path, f"{name} is not {array.shape} of finite {array.dtype}")
         array[...] = given
     if not _is_consistent(found, scene.period):
-        raise SceneError(
-            f"{path}: the times or the numbers of the run contradict each other: the file is "
-            "damaged",
-            kind=ErrorKind.FORMAT,
-            source=str(path),
-        )
-    end = scene.time.periods if scene.period is not None else scene.time.duration
-    reached = found.spans if scene.period is not None else found.state.scalars[TIME]
-    assert end is not None
-    if not reached < end:
-        key = "periods" if scene.period is not None else "duration"
-        place = f"period {reached:g}" if scene.period is not None else f"t = {reached:g} s"
-        raise SceneError(
-            f"{path}: time.{key} = {end:g}: the run already reached {place}; set a larger value to "
-            "continue",
-            kind=ErrorKind.RANGE,
-            key=f"time.{key}",
-            source=str(path),
-        )
+        raise _damaged(path, "the times or the numbers of the run contradict each other")
     return found
+
+
+def _damaged(path: Path, reason: str) -> SceneError:
+    """The refusal of a damaged file."""
+    sentence = f"{path}: {reason}: the file is damaged"
+    return SceneError(sentence, kind=ErrorKind.FORMAT, source=str(path))
 
 
 def _is_consistent(found: Checkpoint, period: float | None) -> bool:
@@ -225,11 +281,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
             not all(type(header[key]) is kind for key, kind in kinds.items())
             or data["last_time"].ndim != 1
         ):
-            raise SceneError(
-                f"{path}: this is not the header of a checkpoint: the file is damaged",
-                kind=ErrorKind.FORMAT,
-                source=str(path),
-            )
+            raise _damaged(path, "this is not the header of a checkpoint")
         header["search"] = _search_of(header.get("search"))
         return header, parse_scene(header["scene"], str(header["source"]), None), data
 
@@ -247,8 +299,17 @@ def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoin
     return keep
 
 
-def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> bool:
+def save_end(
+    path: Path, model: ReducedModel, scene: Scene, motion: Motion, *, whole: bool = False
+) -> bool:
     """Write a checkpoint at the end of a motion, to continue later.
+
+    Args:
+        path: the file.
+        model: the model.
+        scene: the scene.
+        motion: the motion.
+        whole: write the whole motion too, for a run that only checks it.
 
     Returns:
         Whether the file was written: a motion that stopped within a period has no checkpoint.
@@ -262,5 +323,6 @@ def save_end(path: Path, model: ReducedModel, scene: Scene, motion: Motion) -> b
         and abs(motion.time[-1] / motion.load_period - end.spans) > TIME_TOLERANCE
     ):
         return False
-    save_checkpoint(path, model, scene, end)
+    held = motion if whole and motion.coordinates is not None else None
+    save_checkpoint(path, model, scene, end, held)
     return True

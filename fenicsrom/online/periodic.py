@@ -311,6 +311,7 @@ def solve(
     iterations: int = ITERATIONS,
     smallest_damping: float = SMALLEST_DAMPING,
     found: tuple[Array, Array, Array, PeriodEnd] | None = None,
+    step_tolerance: float = 0.0,
 ) -> PeriodicMotion:
     """Find a periodic motion by damped Newton iterations.
 
@@ -323,6 +324,8 @@ def solve(
         iterations: largest number of iterations.
         smallest_damping: smallest part of a Newton step that is tried.
         found: `shooting.march(s)`, if the caller has it.
+        step_tolerance: of the Newton step relative to the variables: the iteration also ends where
+            the next step would be at most so large.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
@@ -338,6 +341,8 @@ def solve(
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
+        if np.linalg.norm(step) <= step_tolerance * np.linalg.norm(s):
+            return _motion(shooting, s, matrix, end, residuals)
         damping = 1.0
         trial = found = shooting.march(s + step)
         while trial is None or np.linalg.norm(trial[0]) > (1.0 - DECREASE * damping) * size:

@@ -11,7 +11,7 @@ from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.families import Problem
 from fenicsrom.online.loop import DONE
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.periodic import Shooting
+from fenicsrom.online.periodic import PeriodicMotion, Shooting
 from fenicsrom.online.state import Record
 
 
@@ -31,7 +31,12 @@ def recorded_motion(problem: Problem, settings: Any, z: Array, m: int = 1) -> Mo
     status, end = shooting.map(problem.model, problem.contacts, problem.period, z, derive=False)
     if status != DONE:
         raise ConvergenceError("the periodic motion was lost when it was recorded")
-    return _motion(_with_start(end.record), m * problem.period, problem.model.size)
+    return _motion(_with_start(end.record), m * problem.period)
+
+
+def motion_of(found: PeriodicMotion) -> Motion:
+    """The period that Newton's method ended with."""
+    return _motion(_with_start(found.record), found.period)
 
 
 def _with_start(record: Record) -> Record:
@@ -42,13 +47,14 @@ def _with_start(record: Record) -> Record:
     return rows
 
 
-def _motion(record: Record, period: float, n: int) -> Motion:
+def _motion(record: Record, period: float) -> Motion:
     """The motion of the rows of a period."""
     work, damping, friction, kinetic, elastic, contact = record.energies.T
     displacement = record.displacement
     if displacement.shape[1] == 0:
         displacement = record.probe[:, None, :]
     steps = record.time.size - 1
+    coordinates, velocity, acceleration = np.split(record.coordinates, 3, axis=1)
     return Motion(
         time=record.time,
         period=period,
@@ -70,8 +76,8 @@ def _motion(record: Record, period: float, n: int) -> Motion:
         rejected=0,
         newton_iterations=0,
         seconds=0.0,
-        coordinates=record.coordinates[:, :n],
-        velocity=record.coordinates[:, n : 2 * n],
-        acceleration=record.coordinates[:, 2 * n :],
+        coordinates=coordinates,
+        velocity=velocity,
+        acceleration=acceleration,
         coordinate_time=record.time,
     )

@@ -58,6 +58,24 @@ def simulate(
 
     if isinstance(model, StoredModel):
         model = model.with_scene(scene).model
+    contacts = checked_contacts(model, scene)
+    return integrate(
+        model,
+        contacts,
+        scene.time,
+        scene.period,
+        dimension=scene.geometry.dimension,
+        start=end_of(start) if isinstance(start, Motion) else start,
+        **options,
+    )
+
+
+def checked_contacts(model: Any, scene: Scene) -> Contacts:
+    """The contacts of a scene at the points of a model that can move under the scene.
+
+    Raises:
+        SceneError: as `simulate`.
+    """
     _require_fit(model, scene)
     if scene.static_only:
         raise SceneError(
@@ -68,15 +86,7 @@ def simulate(
         )
     contacts = contacts_of(scene, model.points)
     _require_touch(contacts, model.points, scene)
-    return integrate(
-        model,
-        contacts,
-        scene.time,
-        scene.period,
-        dimension=scene.geometry.dimension,
-        start=end_of(start) if isinstance(start, Motion) else start,
-        **options,
-    )
+    return contacts
 
 
 def _require_fit(model: Any, scene: Scene) -> None:

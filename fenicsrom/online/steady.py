@@ -6,18 +6,7 @@ one if three conditions hold:
 
 1. its relative residual is at most `fenicsrom.online.periodic.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
-3. the marched motion tends to it. With z the marched state, z* the periodic one, d = z - z* and A
-   the monodromy matrix, the march must stay near the linear motion about the periodic one,
-
-       |P^k(z) - z* - A^k d| <= NEAR |A^k d|,   k = 1, 2, .., K                                (1)
-
-   in the scaled norm of `Shooting`, or |d| must be below `CLOSE` of the motion. Where (1) fails at
-   a k, it is tried again from the state that the march has reached there. K periods show whether
-   the slow motions are linear (`_horizon`): each part of d with a multiplier mu must have turned
-   `TURNS` times about the periodic motion, or must have decayed to `DECAYED` of itself. One period
-   would not be enough: a lightly damped motion changes so little in a period that any d passes.
-   What (1) misses grows at most with k^2, so k < K periods are enough where it misses only
-   NEAR (k/K)^2. A system with several stable motions thus ends in the same one as the march.
+3. the marched motion tends to it (`fenicsrom.online.tendency`).
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the
@@ -31,6 +20,7 @@ import copy
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -38,7 +28,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.periodic import (
-    STABLE_WITHIN,
     PeriodicMotion,
     Shooting,
     judged,
@@ -62,12 +51,9 @@ from fenicsrom.online.state import (
     State,
 )
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.online.tendency import MarchedPath
 
 FIRST_ATTEMPT = 5  # marched periods before the first attempt; each further attempt doubles them
-# Part of |A^k d| that (1) may miss. The linear map A then describes the march to 30 %: z is in the
-# region where the periodic motion attracts, not only near the border to another motion.
-NEAR = 0.3
-CLOSE = 1e-6  # |d| relative to the motion, below which rounding decides about (1)
 LARGEST_MULTIPLE = 8  # periods of the loads in one of a subharmonic motion that is looked for
 RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state repeats after m
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
@@ -75,11 +61,6 @@ ATTEMPT_ITERATIONS = 12  # of Newton's method; it needs 4 to 8 where it converge
 ATTEMPT_DAMPING = (
     0.25  # smallest part of a Newton step; where less is needed, marching on is cheaper
 )
-# Around another motion, or around none, the frequency depends on the amplitude and the phase: the
-# march leaves the linear motion within a turn or two. A part that does not turn must decay.
-TURNS = 2.0
-DECAYED = 0.1
-SIGNIFICANT = 0.01  # parts of d below this part of |d| do not count
 LOOK_AHEAD = 40  # least number of periods in which (1) must be shown
 LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
@@ -182,24 +163,24 @@ class _Problem:
         found.stop = self.stop
         return found, found.scaled(start_variables(found, self.start))
 
+    @cached_property
+    def path(self) -> MarchedPath:
+        """The march from the marched state, period by period."""
+        return MarchedPath(*self.shooting(1))
+
     def recurrences(self) -> list[int]:
         """The first number of periods after which the state nearly repeats, if there is one."""
-        shooting, s = self.shooting(1)
-        gaps: list[float] = []
-        here = s
-        for _ in range(LARGEST_MULTIPLE):
-            found = shooting.march(here, derive=False)
-            if found is None:
-                return []
-            here = here + found[0]
-            gaps.append(float(np.linalg.norm(here - s)))
+        if not self.path.reaches(LARGEST_MULTIPLE):
+            return []
+        states = self.path.states
+        gaps = [float(np.linalg.norm(s - states[0])) for s in states[1 : LARGEST_MULTIPLE + 1]]
         repeats = (m for m in range(2, len(gaps) + 1) if gaps[m - 1] <= RECURRENCE * gaps[0])
         return list(itertools.islice(repeats, 1))
 
     def attempt(self, m: int, marched: int, iterations: int) -> Attempt:
         """Look for a motion of m periods."""
-        shooting, s = self.shooting(m)
-        ahead = shooting.march(s)
+        path = self.path if m == 1 else MarchedPath(*self.shooting(m))
+        shooting, s = path.shooting, path.calm_state(LARGEST_MULTIPLE if m == 1 else 0)
         search = PeriodicSearch(
             verdict="not found",
             tends=False,
@@ -211,8 +192,11 @@ class _Problem:
             multipliers=np.zeros(0, dtype=np.complex128),
             free_sliders=0,
         )
+        ahead = shooting.march(s)
         if ahead is None:
             return Attempt(search)
+        if s is path.states[-1]:
+            path.states.append(s + ahead[0])
         try:
             motion = solve(
                 shooting,
@@ -228,7 +212,7 @@ class _Problem:
         state = copy.deepcopy(shooting.map.state)
         search = search._replace(
             verdict=motion.verdict,
-            tends=self._tends(shooting, s, s + ahead[0], motion, marched),
+            tends=self._tends(path, motion, marched),
             iterations=iterations + len(motion.residuals),
             residual=float(motion.residuals[-1]),
             multipliers=judged(motion.multipliers, motion.free_sliders)[:KEPT_MULTIPLIERS],
@@ -236,55 +220,18 @@ class _Problem:
         )
         return Attempt(search, state, motion.record) if search.accepted else Attempt(search)
 
-    def _tends(
-        self, shooting: Shooting, s: Array, ahead: Array, motion: PeriodicMotion, marched: int
-    ) -> bool:
-        """Whether the march from s, which is `ahead` after a period, tends to a motion, by (1)."""
-        found = shooting.scaled(motion.z)
-        if shooting.m > 1 and not self._lasts_several_periods(found):
+    def _tends(self, path: MarchedPath, motion: PeriodicMotion, marched: int) -> bool:
+        """Whether the march along a path tends to a motion, which lasts the periods of the path."""
+        m = path.shooting.m
+        if m > 1 and not self._lasts_several_periods(path.shooting.scaled(motion.z)):
             return False
-        size = float(np.linalg.norm(found))
-        matrix = shooting.scaled_matrix(motion.end.matrix)
-        linear, k, horizon = s - found, 0, _horizon(matrix, s - found)
-        for _ in range(max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // shooting.m):
-            if float(np.linalg.norm(s - found)) <= CLOSE * size:
-                return True
-            linear, k = matrix @ linear, k + 1
-            miss = float(np.linalg.norm(ahead - found - linear) / np.linalg.norm(linear))
-            if miss <= NEAR * min(1.0, k / horizon) ** 2:
-                return True
-            if miss > NEAR:
-                linear, k, horizon = ahead - found, 0, _horizon(matrix, ahead - found)
-            following = shooting.march(ahead, derive=False)
-            if following is None:
-                return False
-            s, ahead = ahead, ahead + following[0]
-        return False
+        return path.tends_to(motion, max(LOOK_AHEAD, LOOK_AHEAD_PART * marched) // m)
 
     def _lasts_several_periods(self, s: Array) -> bool:
         """Whether a motion of several periods does not repeat after one already."""
         one, _ = self.shooting(1)
         ahead = one.march(s, derive=False)
         return ahead is not None and bool(np.linalg.norm(ahead[0]) > GENUINE * np.linalg.norm(s))
-
-
-def _horizon(matrix: Array, d: Array) -> int:
-    """The number K of periods in (1) for a distance d (N,) and a monodromy matrix (N, N).
-
-    d is split into eigenvectors of the matrix. A part with the multiplier mu turns by arg(mu) and
-    shrinks to |mu| in a period. A multiplier 1, that of a slider that is not unique, needs nothing.
-    """
-    multipliers, vectors = np.linalg.eig(matrix)
-    parts = np.abs(np.linalg.lstsq(vectors, d.astype(complex), rcond=None)[0])
-    counts = parts > SIGNIFICANT * np.linalg.norm(d)
-    counts &= np.abs(multipliers - 1.0) > STABLE_WITHIN
-    mu = multipliers[counts]
-    if mu.size == 0:
-        return 1
-    with np.errstate(divide="ignore"):
-        turns = TURNS * 2.0 * np.pi / np.abs(np.angle(mu))
-        decay = np.log(DECAYED) / np.log(np.minimum(np.abs(mu), 1.0 - 1e-12))
-    return int(np.ceil(np.max(np.minimum(turns, np.maximum(decay, 1.0)))))
 
 
 def continued(state: State, marched: State) -> State:

@@ -138,6 +138,14 @@ class StressLaw:
             return identity + start + change
         return np.broadcast_to(identity + start if self.deformed else identity, change.shape)
 
+    def volume_ratio(self, start: Array, change: Array) -> Array:
+        """The ratio det F (...), in plane stress with the thickness; arguments as `strain`."""
+        volume = np.linalg.det(self.deformation_gradient(start, change))
+        if self.plane == "stress" and (self.deformed or not self.linear):
+            thickness = 1.0 + 2.0 * self._across(self.strain(start, change))
+            volume = volume * np.sqrt(np.maximum(thickness, 0.0))
+        return np.asarray(volume)
+
     def second_piola(self, start: Array, change: Array) -> Array:
         """Second Piola-Kirchhoff stress (..., 6), Pa; arguments as `strain`."""
         strain = self.strain(start, change)
@@ -147,9 +155,7 @@ class StressLaw:
         """Cauchy stress (..., 6), Pa; arguments as `strain`."""
         strain = self.strain(start, change)
         f = self.deformation_gradient(start, change)
-        volume = np.linalg.det(f)
-        if self.plane == "stress" and (self.deformed or not self.linear):
-            volume = volume * np.sqrt(1.0 + 2.0 * self._across(strain))
+        volume = self.volume_ratio(start, change)
         pushed = f @ self.of_strain(strain) @ np.swapaxes(f, -1, -2)
         return components(pushed / volume[..., None, None], self._out_of_plane(strain) / volume)
 

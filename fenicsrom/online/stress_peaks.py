@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.deformation import Deformation, deformation_at
 from fenicsrom.online.measures import has_contact
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
@@ -61,6 +62,7 @@ class Stresses:
         modes: of the modes about the equilibrium.
         reactions: of the supports in the equilibrium.
         motion_reactions: the same during the last period; None without a motion.
+        deformations: of the states of the peaks.
     """
 
     measure: str
@@ -68,6 +70,7 @@ class Stresses:
     modes: tuple[Peak, ...]
     reactions: Reactions
     motion_reactions: Reactions | None
+    deformations: tuple[Deformation, ...]
 
     @property
     def largest(self) -> Peak:
@@ -101,7 +104,8 @@ def find_stresses(
         names = [f"mode {k + 1}" for k in range(frequencies.size)]
         modal = modal_peaks(table, frequencies, vectors, names)
     rest = equilibrium_reactions(recovery.reactions, scene)
-    return Stresses(measure, tuple(peaks), modal, rest, moving)
+    deformed = tuple(deformation_at(table, peak.coordinates) for peak in peaks)
+    return Stresses(measure, tuple(peaks), modal, rest, moving, deformed)
 
 
 def peak(

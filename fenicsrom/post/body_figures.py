@@ -44,7 +44,7 @@ def shape_figure(
     surface: Surface,
     fields: Mapping[str, Array],
     titles: Mapping[str, str],
-    moved: Array | None = None,
+    view: View | None = None,
 ) -> Figure:
     """Draw shapes as deformed bodies, coloured by their displacement, one panel each.
 
@@ -55,10 +55,10 @@ def shape_figure(
         surface: the surface.
         fields: label -> displacement (n, 3).
         titles: label -> title of the panel.
-        moved: as in `view_of`.
+        view: the projection; by default the first shape is seen from its side.
     """
-    view, labels = view_of(surface.points, surface.triangles, moved=moved), list(fields)
-    labels, places = labels[:MOST_SHAPES], {}
+    labels, places = list(fields)[:MOST_SHAPES], {}
+    view = view or _view_across(surface, fields[labels[0]])
     for label in labels:
         largest = float(np.linalg.norm(fields[label], axis=1).max()) or 1.0
         places[label] = surface.points + SHAPE * view.length / largest * fields[label]
@@ -91,51 +91,70 @@ def shown_part(view: View, places: Sequence[Array]) -> tuple[Array, Array]:
 
 
 @styled
-def deflection_figure(surface: Surface, displacement: Array, title: str) -> Figure:
-    """Draw a displacement (n, 3) in m, magnified by a stated factor if it is small."""
-    view = view_of(surface.points, surface.triangles, moved=largest_of(displacement))
+def deflection_figure(
+    surface: Surface, displacement: Array, title: str, view: View | None = None
+) -> Figure:
+    """Draw a displacement (n, 3) in m, magnified by a stated factor if it is small.
+
+    By default it is seen from its side.
+    """
+    view = view or _view_across(surface, displacement)
     sizes = np.linalg.norm(displacement, axis=1)
     largest = float(sizes.max())
     colours = triangle_colours(surface, sizes / (largest or 1.0))
-    figure, axis, scale = _deflected(surface, view, displacement, colours)
+    figure, axis, factor = _deflected(surface, view, displacement, colours)
     axis.set_title(title)
-    colour_bar(figure, axis, 1e3 * largest or 1.0, f"displacement, mm ({scale})")
+    colour_bar(figure, axis, 1e3 * largest or 1.0, f"displacement, mm ({scale_text(factor)})")
     return figure
 
 
+def _view_across(surface: Surface, displacement: Array) -> View:
+    """A projection that looks across the largest of displacements (n, 3)."""
+    return view_of(surface.points, surface.triangles, moved=largest_of(displacement))
+
+
 @styled
-def stress_figure(surface: Surface, displacement: Array, stress: Array, title: str) -> Figure:
+def stress_figure(
+    surface: Surface, displacement: Array, stress: Array, title: str, view: View | None = None
+) -> Figure:
     """Draw the von Mises stress on a deformed body and mark its largest value.
 
-    The viewer sees the place of the largest stress, if it is on the boundary.
+    By default the viewer sees the place of the largest stress, if it is on the boundary. In a given
+    projection it may lie on the far side; the title then says so, and the mark is hollow.
 
     Args:
         surface: the surface.
         displacement: (n, 3) m; it is magnified by a stated factor if it is small.
         stress: (n,) Pa.
         title: title of the figure.
+        view: the projection.
     """
     worst = int(np.argmax(stress))
     peak = float(stress[worst]) or 1.0
     around = np.any(surface.triangles == worst, axis=1)
-    facing = normals(surface.points, surface.triangles[around]).sum(axis=0)
-    view = view_of(surface.points, surface.triangles, facing, moved=largest_of(displacement))
+    faces = normals(surface.points, surface.triangles[around])
+    if view is None:
+        most = largest_of(displacement)
+        view = view_of(surface.points, surface.triangles, faces.sum(axis=0), moved=most)
+    far = bool(len(faces) and np.all(faces @ view.towards < 0.0))
+    title = f"{title}, on the far side" if far else title
     colours = triangle_colours(surface, stress / peak, "turbo")
-    figure, axis, scale = _deflected(surface, view, displacement, colours, worst)
+    figure, axis, factor = _deflected(surface, view, displacement, colours)
+    place = surface.points[[worst]] + factor * displacement[[worst]]
+    mark_places(axis, view, place, ["none" if far else "white"])
     axis.set_title(title)
-    colour_bar(figure, axis, 1e-6 * peak, f"von Mises stress, MPa (displacements {scale})", "turbo")
+    label = f"von Mises stress, MPa (displacements {scale_text(factor)})"
+    colour_bar(figure, axis, 1e-6 * peak, label, "turbo")
     return figure
 
 
 def _deflected(
-    surface: Surface, view: View, displacement: Array, colours: Array, mark: int | None = None
-) -> tuple[Figure, Axes, str]:
-    """Draw a deflected body with a mark on a point; return figure, panel and scale in words."""
+    surface: Surface, view: View, displacement: Array, colours: Array
+) -> tuple[Figure, Axes, float]:
+    """Draw a deflected body; return figure, panel and the factor of the displacements."""
     factor = magnification(float(np.linalg.norm(displacement, axis=1).max()), view.length)
     moved = surface.points + factor * displacement
     figure, axis = body_panel(view, *shown_part(view, [surface.points, moved]), 1.3)
     draw_outline(axis, surface, view)
     draw_body(axis, surface, view, moved, colours)
-    if mark is not None:
-        mark_places(axis, view, moved[[mark]], ["white"])
-    return figure, axis, scale_text(factor)
+    return figure, axis, factor

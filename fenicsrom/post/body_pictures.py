@@ -14,7 +14,7 @@ from fenicsrom.online.stress import StressTable, von_mises
 from fenicsrom.online.stress_peaks import Peak
 from fenicsrom.post.body_figures import deflection_figure, shape_figure, stress_figure
 from fenicsrom.post.body_surface import Surface, gathered_surface, surface_of
-from fenicsrom.post.body_view import largest_of
+from fenicsrom.post.body_view import View, largest_of, view_of
 from fenicsrom.post.fields import (
     about_equilibrium,
     contact_points,
@@ -24,8 +24,8 @@ from fenicsrom.post.fields import (
 )
 from fenicsrom.post.film import Dots, Film
 from fenicsrom.post.picture import Picture
-from fenicsrom.post.setup_figure import setup_figure
-from fenicsrom.post.setup_marks import Marked, marked, marks_of
+from fenicsrom.post.setup_figure import setup_figure, setup_view
+from fenicsrom.post.setup_marks import Marks, marked, marks_of
 from fenicsrom.post.surface_detail import (
     LEAST_OF_MANY,
     LEAST_SMOOTH,
@@ -55,7 +55,10 @@ EQUILIBRIUM = "equilibrium"
 
 
 def body_pictures(study: Study) -> list[Picture]:
-    """List the pictures of the body; none on ranks other than the first. Collective."""
+    """List the pictures of the body; none on ranks other than the first. Collective.
+
+    All pictures of the study have the projection of the set-up.
+    """
     solid = study.solid
     named = {
         label: field
@@ -74,18 +77,20 @@ def body_pictures(study: Study) -> list[Picture]:
     surface, values = found
     seen = [EQUILIBRIUM] if solid.loaded else list(named)[:1]
     moved = largest_of(values[seen[0]]) if seen else None
+    marks = marks_of(solid, scene, regions, surface.points, values)
+    view = study.view = setup_view(surface, marks, moved)
 
     def draw_shapes() -> Figure:
         shown = {label: values[label] for label in named}
-        return shape_figure(*for_picture(surface, shown, LEAST_OF_MANY), titles, moved)
+        return shape_figure(*for_picture(surface, shown, LEAST_OF_MANY), titles, view)
 
     def draw_equilibrium() -> Figure:
         shown, found = for_picture(surface, {EQUILIBRIUM: values[EQUILIBRIUM]})
         largest = 1e3 * float(np.linalg.norm(values[EQUILIBRIUM], axis=1).max())
         title = f"equilibrium: largest displacement {largest:.4g} mm"
-        return deflection_figure(shown, found[EQUILIBRIUM], title)
+        return deflection_figure(shown, found[EQUILIBRIUM], title, view)
 
-    pictures = [_setup(solid, scene, regions, surface, values, moved=moved)]
+    pictures = [_setup(scene, surface, marks, view)]
     if named:
         pictures.append(Picture("Shapes", "shapes.png", draw_shapes))
     if solid.loaded:
@@ -97,7 +102,11 @@ def setup_picture(solid: Solid, scene: Scene, name: str) -> Picture | None:
     """The picture of the set-up to a file; None on ranks other than the first. Collective."""
     regions = marked(solid, scene)
     found = gathered_surface(solid.space, _filled(solid, regions.fields))
-    return _setup(solid, scene, regions, *found, name) if found is not None else None
+    if found is None:
+        return None
+    surface, values = found
+    marks = marks_of(solid, scene, regions, surface.points, values)
+    return _setup(scene, surface, marks, setup_view(surface, marks), name)
 
 
 def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
@@ -109,20 +118,13 @@ def setup_pictures(solid: Solid | None, scene: Scene) -> list[Picture]:
 
 
 def _setup(
-    solid: Solid,
-    scene: Scene,
-    regions: Marked,
-    surface: Surface,
-    values: dict[str, Array],
-    name: str = "setup.png",
-    moved: Array | None = None,
+    scene: Scene, surface: Surface, marks: Marks, view: View, name: str = "setup.png"
 ) -> Picture:
-    """The picture of the set-up from the fields of the regions on the whole surface."""
+    """The picture of the set-up from the marks on the whole surface."""
 
     def draw() -> Figure:
-        marks = marks_of(solid, scene, regions, surface.points, values)
         shown, kept = simplified(surface)
-        return setup_figure(shown, marks.at(kept), _title(scene), moved)
+        return setup_figure(shown, marks.at(kept), _title(scene), view)
 
     return Picture("Set-up", name, draw)
 
@@ -156,17 +158,23 @@ def film_of(study: Study) -> Film | None:
     dots = None
     if marks is not None:
         dots = Dots(marks[0], marks[1]["displacement"][some], marks[1]["state"][some])
-    most = largest_of(equilibrium if solid.loaded else moved.reshape(-1, 3))
-    return Film(rest, times, moved, solid.loaded, dots, most)
+    view = study.view
+    if view is None:
+        most = largest_of(equilibrium if solid.loaded else moved.reshape(-1, 3))
+        view = view_of(rest.points, rest.triangles, moved=most)
+    return Film(rest, times, moved, view, solid.loaded, dots)
 
 
-def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
+def stress_picture(
+    table: StressTable, peak: Peak, measure: str, view: View | None = None
+) -> Picture:
     """The picture of the von Mises stress of a state on the deformed body.
 
     Args:
         table: the table of the stresses.
         peak: the state.
         measure: the stress, one of `fenicsrom.online.stress.MEASURES`.
+        view: the projection; by default one in which the largest stress is seen.
     """
     when = "" if peak.time is None else f", t = {peak.time:.6g} s"
     place = ", ".join(f"{x:.4g}" for x in peak.position)
@@ -180,7 +188,7 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
             "von Mises": von_mises(mean @ stress),
         }
         surface, found = for_picture(surface_of(grid), values)
-        return stress_figure(surface, found["displacement"], found["von Mises"], title)
+        return stress_figure(surface, found["displacement"], found["von Mises"], title, view)
 
     return Picture("Von Mises stress", "stress.png", draw)
 

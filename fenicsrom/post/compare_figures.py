@@ -40,7 +40,7 @@ def amplitude_error(outcome: Outcome) -> float:
 
 def _error_label(comparison: Comparison) -> str:
     """The label of an axis with the errors of the amplitude."""
-    return f"error of the {error_names(comparison.scene)[1]} amplitude, %"
+    return f"error of the {error_names(comparison.scene, comparison.points)[1]} amplitude, %"
 
 
 def _colours(outcomes: list[Outcome]) -> dict[str, str]:

@@ -14,7 +14,6 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import NEGLIGIBLE
-from fenicsrom.online.surfaces import frame
 from fenicsrom.scene import Scene
 
 ALIGNED = 1e-6  # largest components across an axis of a unit vector that is named by the axis
@@ -29,39 +28,30 @@ def plain_names(dimension: int, touching: bool) -> list[str]:
     return ["normal", "tangential 1", "tangential 2"]
 
 
-def direction_names(scene: Scene, points: ContactPoints | None = None) -> list[str]:
+def direction_names(scene: Scene, points: ContactPoints) -> list[str]:
     """Name the directions of a motion: the axes of the probe, or those of the contact frames.
 
     A direction that is along the same axis at all points is called by it, such as "tangential y".
 
     Args:
         scene: the scene.
-        points: its contact points; without them, the directions on round surfaces have numbers.
+        points: its contact points.
     """
     d = scene.geometry.dimension
     names = plain_names(d, bool(scene.contacts))
     if not scene.contacts:
         return names
-    frames = _frames(scene, points)
-    for k in range(d if len(frames) else 0):
-        rows = np.abs(frames[:, k])
+    for k in range(d):
+        rows = np.abs(points.frame[:, k])
         axis = int(np.argmax(rows[0]))
         if np.max(np.delete(rows, axis, axis=1)) <= ALIGNED:
             names[k] = f"{names[k].split()[0]} {'xyz'[axis]}"
     return names
 
 
-def _frames(scene: Scene, points: ContactPoints | None) -> Array:
-    """The contact frames (P, d, d), or those of the contacts if all are planes; else none."""
-    if points is not None:
-        return points.frame
-    normals = [contact.normal for contact in scene.contacts]
-    return np.array([frame(np.array(normal)) for normal in normals if None not in normals])
-
-
-def error_names(scene: Scene) -> tuple[str, str]:
+def error_names(scene: Scene, points: ContactPoints) -> tuple[str, str]:
     """Name the first direction and all others together, as the errors of amplitudes are given."""
-    first, *others = direction_names(scene)
+    first, *others = direction_names(scene, points)
     together = "tangential" if scene.contacts and len(others) > 1 else " and ".join(others)
     return first, together
 

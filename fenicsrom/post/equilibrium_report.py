@@ -8,6 +8,7 @@ from typing import Any
 
 from fenicsrom.assess.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.online.archive import provenance
+from fenicsrom.online.deformation import extremes
 from fenicsrom.post.equilibrium_figures import figure
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results
@@ -36,6 +37,9 @@ def _row(point: Equilibrium) -> dict[str, Any]:
         "largest_displacement_m": point.largest,
         "negative_pivots": point.negative_pivots,
         "residual": point.residual,
+        "smallest_volume_ratio": point.deformation.volume_ratio,
+        "smallest_stretch": point.deformation.smallest_stretch,
+        "largest_stretch": point.deformation.largest_stretch,
         "kind": point.kind,
     }
 
@@ -43,6 +47,7 @@ def _row(point: Equilibrium) -> dict[str, Any]:
 def summary(found: EquilibriumPath) -> dict[str, Any]:
     """The contents of `equilibria.json`."""
     table = found.scene.statics
+    strained = extremes([point.deformation for point in found.points])
     return {
         "scene": found.scene.source,
         "unknowns": found.unknowns,
@@ -52,6 +57,8 @@ def summary(found: EquilibriumPath) -> dict[str, Any]:
         "special_points": [_row(point) for point in found.special],
         "last": _row(found.points[-1]),
         "largest_stable_load_factor": largest_stable(found).load_factor,
+        "largest_compressive_strain": 1.0 - strained.smallest_stretch,
+        "largest_tensile_strain": strained.largest_stretch - 1.0,
         "seconds": found.seconds,
         "interrupted": found.interrupted,
         "unfinished": str(found.unfinished) if found.unfinished else None,

@@ -22,7 +22,7 @@ from fenicsrom.post.body_drawing import (
 )
 from fenicsrom.post.body_figures import shown_part
 from fenicsrom.post.body_surface import Surface
-from fenicsrom.post.body_view import View, view_of
+from fenicsrom.post.body_view import View
 from fenicsrom.post.style import STATES, magnification, scale_text, styled
 from fenicsrom.progress import tracked
 
@@ -64,17 +64,17 @@ class Film:
         surface: the body in its state of rest.
         times: (k,) instants, s.
         moved: (k, n, 3) displacements of the points of the surface from the state of rest, m.
+        view: the projection.
         loaded: whether the state of rest is an equilibrium under loads.
         dots: the contact points, if there are any.
-        most: (3,) the displacement that the viewer looks across, m.
     """
 
     surface: Surface
     times: Array
     moved: Array
+    view: View
     loaded: bool = False
     dots: Dots | None = None
-    most: Array | None = None
 
 
 def write_film(path: Path, film: Film) -> Path:
@@ -101,7 +101,7 @@ def film_frames(film: Film) -> Iterator[Pixels]:
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    surface, view = film.surface, _view(film)
+    surface, view = film.surface, film.view
     sizes = np.linalg.norm(film.moved, axis=2)
     largest = float(sizes.max())
     factor = magnification(largest, view.length)
@@ -130,18 +130,12 @@ def film_frames(film: Film) -> Iterator[Pixels]:
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def _view(film: Film) -> View:
-    """The projection of a film."""
-    return view_of(film.surface.points, film.surface.triangles, moved=film.most)
-
-
 @styled
 def _empty_frame(film: Film, part: tuple[Array, Array], largest: float, factor: float) -> Figure:
     """Make the figure of a film without the body: triad, colour bar and legend of the states."""
     from matplotlib.lines import Line2D
 
-    view = _view(film)
-    figure, axis = body_panel(view, *part, 1.4)
+    figure, axis = body_panel(film.view, *part, 1.4)
     figure.set_dpi(FILM_DPI)
     axis.set_title(" ")  # room for the time
     about = "from the equilibrium, " if film.loaded else ""

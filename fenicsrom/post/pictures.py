@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.recovery import Recovery
     from fenicsrom.online.stress_peaks import Stresses
+    from fenicsrom.post.body_view import View
     from fenicsrom.post.record import Study
 
 FEW_POINTS = 4  # largest number of contact points that have one picture each
@@ -307,12 +308,18 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
 
 
 def write_stress_picture(
-    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
+    recovery: Recovery,
+    stresses: Stresses,
+    folder: Path,
+    notes: list[str],
+    view: View | None = None,
 ) -> list[tuple[str, Path]]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+
+    The projection is by default one in which the largest stress is seen.
 
     Raises:
         OSError: the file cannot be written.
     """
-    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
+    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure, view)
     return draw_pictures([picture], folder, notes)

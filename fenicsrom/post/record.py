@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.recovery import Recovery
     from fenicsrom.online.stress_peaks import Stresses
+    from fenicsrom.post.body_view import View
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
@@ -77,6 +78,7 @@ class Study:
         unfinished: the name of the model whose integration or check failed, and its error.
         files: the written files.
         pictures: headings and files of the written pictures.
+        view: the projection of the body in all pictures; None before the first one is made.
     """
 
     scene: Scene
@@ -98,6 +100,7 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[tuple[str, Path]] = field(default_factory=list)
+    view: View | None = None
 
     @property
     def warnings(self) -> list[str]:

@@ -136,7 +136,7 @@ def _results(study: Study) -> list[Any]:
     if study.deflection is not None:
         found.append(equilibrium_sentence(study.deflection))
     if errors := errors_of(study.motions):
-        found.append(error_sentence(errors, study.scene))
+        found.append(error_sentence(errors, study.scene, study.solid.points))
     if study.errors:
         found.append(estimate_rows(study.errors, study.motions["reduced"], names))
     if study.unfinished:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.online.curve import CurvePoint
-from fenicsrom.post.directions import direction_names
 from fenicsrom.post.response_figures import (
     INK,
     curve_name,
+    direction_name,
     draw_curves,
     largest_component,
     parameter_label,
@@ -117,7 +117,7 @@ def harmonics_figure(found: Response) -> Figure:
         axis.set_title(curve_name(found, curve))
         axis.set_xlabel(parameter_label(found))
     axes[0].set_ylim(FLOOR * highest.max(), 2.0 * highest.max())
-    axes[0].set_ylabel(f"{direction_names(found.scene)[direction]} harmonics, mm")
+    axes[0].set_ylabel(f"{direction_name(found)} harmonics, mm")
     handles: list[Any] = [
         Line2D([], [], color=COLOURS[k], label=f"harmonic {k + 1}") for k in drawable
     ]

@@ -65,6 +65,11 @@ def largest_direction(found: Response) -> int:
     return largest_component(found)[1]
 
 
+def direction_name(found: Response) -> str:
+    """The name of the direction with the largest amplitude, as `run` gives it."""
+    return direction_names(found.scene, found.contact_points)[largest_direction(found)]
+
+
 def largest_component(found: Response) -> tuple[int, int]:
     """The contact point and the direction with the largest amplitude on any curve."""
     points = [point for curve in found.curves for point in curve.points]
@@ -133,7 +138,7 @@ def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
 def figure(found: Response) -> Figure:
     """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
     place, direction = largest_component(found)
-    name = direction_names(found.scene)[direction]
+    name = direction_name(found)
 
     shaken = moves_supports(found.scene)
     relative = "\nrelative to the supports" if shaken else ""

@@ -7,8 +7,12 @@ from typing import Any
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.assess.trust import LARGEST, Check
 from fenicsrom.online.curve import COMPLETE, CurvePoint
-from fenicsrom.post.directions import direction_names
-from fenicsrom.post.response_figures import key_label, largest_direction, parameter_label
+from fenicsrom.post.response_figures import (
+    direction_name,
+    key_label,
+    largest_direction,
+    parameter_label,
+)
 from fenicsrom.post.response_motion import largest_point
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
@@ -16,7 +20,7 @@ from fenicsrom.scene.rules import counted
 
 def sentences(found: Response) -> list[str]:
     """The results in sentences, for the terminal and the report."""
-    families, name = found.table.families, direction_names(found.scene)[largest_direction(found)]
+    families, name = found.table.families, direction_name(found)
     lines = []
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
@@ -80,7 +84,7 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [key_label(found, families.key)]
     head = [*first, "bifurcation", parameter_label(found)]
-    head += [f"{direction_names(found.scene)[direction]} amplitude, mm"]
+    head += [f"{direction_name(found)} amplitude, mm"]
     listed = [
         [
             *([] if families is None else [curve.value]),
@@ -100,7 +104,7 @@ def full_table(found: Response) -> list[list[Any]]:
     first = [] if families is None else [key_label(found, families.key)]
     head = [*first, parameter_label(found)]
     head += [
-        f"{direction_names(found.scene)[direction]} amplitude, mm",
+        f"{direction_name(found)} amplitude, mm",
         "full model, mm",
         "difference, %",
     ]

@@ -54,10 +54,15 @@ UNJUDGED_MATRICES = (
     "its matrices knows what they leave out"
 )
 
+UNCHECKED = (
+    "the run was interrupted before its motion was checked: the energy balance and the errors due "
+    "to the time step and the basis are not known"
+)
 
-def error_sentence(errors: Mapping[str, float | None], scene: Scene) -> str:
+
+def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: ContactPoints) -> str:
     """State the errors against the full model; those of the contact only if there is one."""
-    first, others = error_names(scene)
+    first, others = error_names(scene, points)
     names = {
         "amplitude_normal": f"{first} amplitude",
         "amplitude_tangential": f"{others} amplitude",
@@ -231,7 +236,7 @@ def study_sentences(study: Study) -> list[str]:
     if reduced is not None:
         found += out_of_reach(reduced, study.solid.points)
     if errors := errors_of(study.motions):
-        found.append(error_sentence(errors, study.scene))
+        found.append(error_sentence(errors, study.scene, study.solid.points))
     if study.agreement is not None:
         found.append(agreement_sentence(study.agreement))
     found.append(speed_sentence(study.motions))

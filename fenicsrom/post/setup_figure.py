@@ -12,6 +12,12 @@ from fenicsrom.post.body_drawing import GREY, body_panel, draw_body
 from fenicsrom.post.body_surface import Surface, areas, normals
 from fenicsrom.post.body_view import View, frame_of, view_of
 from fenicsrom.post.setup_marks import CLAMPED, Marks
+from fenicsrom.post.setup_surroundings import (
+    draw_numbers,
+    draw_overview,
+    draw_surroundings,
+    surroundings,
+)
 from fenicsrom.post.setup_symbols import (
     REGION_COLOURS,
     attachment_symbols,
@@ -44,13 +50,12 @@ MOST_COLUMNS = 4
 
 
 @styled
-def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None = None) -> Figure:
+def setup_figure(surface: Surface, marks: Marks, title: str, view: View | None = None) -> Figure:
     """Draw the undeformed body with its supports, loads, attachments, contacts and probe.
 
-    The viewer sees the side on which the loads act, and looks across the displacement `moved`
-    (3,) if it is given. Several loads have numbers.
+    Several loads have numbers. The projection is that of `setup_view` by default.
     """
-    view = view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
+    view = view or setup_view(surface, marks)
     reach = REACH * view.length
     arrows = load_arrows(marks.loads, view, reach)
     held = [bars(mark, surface, view, 0.3 * reach) for mark in marks.supports]
@@ -73,6 +78,10 @@ def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None
         draw_bars(axis, lines)
     draw_attachments(axis, symbols)
     draw_contacts(axis, view, marks.contacts, 0.5 * reach)
+    draw_numbers(axis, view, marks.contacts)
+    around = surroundings(marks, surface.points)
+    draw_surroundings(axis, view, marks, around)
+    draw_overview(figure, axis, surface, view, marks, around)
     occupied = np.concatenate([taken, *drawn])
     draw_arrows(axis, arrows, reach, len(marks.loads) > 1, occupied)
     if marks.probe is not None:
@@ -80,6 +89,15 @@ def setup_figure(surface: Surface, marks: Marks, title: str, moved: Array | None
     figure.suptitle(title, x=0.005, ha="left", fontsize=11)
     _add_legend(figure, legend_handles(marks))
     return figure
+
+
+def setup_view(surface: Surface, marks: Marks, moved: Array | None = None) -> View:
+    """The projection of the body in all pictures of a report.
+
+    The viewer sees the side on which the loads act, and looks across the displacement `moved`
+    (3,) if it is given.
+    """
+    return view_of(surface.points, surface.triangles, _loaded_side(surface, marks), moved=moved)
 
 
 def _loaded_side(surface: Surface, marks: Marks) -> Array:

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
+from fenicsrom.errors import SceneError
 from fenicsrom.post.body_surface import Ints
 from fenicsrom.post.fields import contact_places
+from fenicsrom.post.surface_mesh import surface_lines
 from fenicsrom.post.vtk_files import in_space
 from fenicsrom.scene import Load, Place, Scene, Support
 from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
@@ -31,6 +33,10 @@ CLAMPED = "clamped"
 
 WEIGHTY = 0.1
 """Smaller nodal forces of a pressure, relative to the largest, do not show its direction."""
+
+STIFFNESS_UNITS = {"area": "N/m³", "length": "N/m²", "node": "N/m per node"}
+"""What stiffnesses and damping coefficients "per area" of a region refer to -> the unit of the
+stiffness. The area of an edge of a plane body contains its thickness."""
 
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
@@ -91,11 +97,30 @@ class ContactMark:
         label: its name in the legend.
         places: (P, 3) its contact points, m.
         normals: (P, 3) unit normals into the wall.
+        first: number of its first point, from 1 over all contacts.
+        lines: lines (n, 3) that show its round surface, m; none of a plane.
     """
 
     label: str
     places: Array
     normals: Array
+    first: int = 1
+    lines: Sequence[Array] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class RotationMark:
+    """The axis of rotation.
+
+    Attributes:
+        speed_rpm: the speed, at least 0, rev/min.
+        point: (3,) a point of the axis, m.
+        axis: (3,) unit vector; the body turns about it by the right-hand rule.
+    """
+
+    speed_rpm: float
+    point: Array
+    axis: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +130,7 @@ class Marks:
     Attributes:
         supports, loads, attachments, contacts: the marks of each kind.
         probe: (3,) the place where the motion is read, or None.
+        rotation: the axis of rotation, or None.
     """
 
     supports: Sequence[SupportMark] = ()
@@ -112,6 +138,7 @@ class Marks:
     attachments: Sequence[AttachmentMark] = ()
     contacts: Sequence[ContactMark] = ()
     probe: Array | None = None
+    rotation: RotationMark | None = None
 
     def at(self, kept: Ints) -> Marks:
         """The marks on the points of a surface that has only these points of the whole one."""
@@ -130,10 +157,12 @@ class Marked:
         fields: label -> field (local,): 1 at the first component of the nodes of a region, or
             nodal forces of a pressure.
         positions: the centre of each region on which a point is marked, m.
+        measures: how regions with attachments are measured, a key of `STIFFNESS_UNITS`.
     """
 
     fields: dict[str, Array]
     positions: Mapping[Place, Array]
+    measures: Mapping[Place, str]
 
 
 def marked(solid: Solid, scene: Scene) -> Marked:
@@ -143,6 +172,7 @@ def marked(solid: Solid, scene: Scene) -> Marked:
     d = solid.dimension
     fields: dict[str, Array] = {}
     positions: dict[Place, Array] = {}
+    measures: dict[Place, str] = {}
 
     def mark(label: str, nodes: Any) -> None:
         fields[label] = np.zeros(solid.local)
@@ -162,7 +192,16 @@ def marked(solid: Solid, scene: Scene) -> Marked:
     for k, attachment in enumerate(scene.attachments):
         if _is_region(attachment.place):
             positions[attachment.place] = solid.place(attachment.place, f"attachments[{k}]")[1]
-    return Marked(fields, positions)
+            measures[attachment.place] = _measure(solid, attachment.place)
+    return Marked(fields, positions, measures)
+
+
+def _measure(solid: Solid, place: Place) -> str:
+    """How a region is measured: by the area of its facets, the length of its edges, or by nodes."""
+    if solid.mesh.has_facets(place):
+        return "area"
+    edges = solid.mesh.entities(place).get(1)
+    return "length" if solid.comm.allreduce(0 if edges is None else len(edges)) else "node"
 
 
 def marks_of(
@@ -191,16 +230,42 @@ def marks_of(
     attachments = [
         AttachmentMark(kind, label, place_of(attachment.place))
         for attachment in scene.attachments
-        for kind, label in _attached(attachment)
+        for kind, label in _attached(attachment, found.measures.get(attachment.place, "node"))
     ]
     contacts = []
     places = contact_places(solid.points)
     for k in range(len(scene.contacts)):
         mine = solid.points.contact == k
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
-        contacts.append(ContactMark(label, places[mine], in_space(solid.points.frame[mine, 0])))
+        inward, first = in_space(solid.points.frame[mine, 0]), int(np.flatnonzero(mine)[0]) + 1
+        contacts.append(ContactMark(label, places[mine], inward, first, _round(solid, scene, k)))
     hidden = (scene.contacts and scene.probe is None) or np.isnan(solid.probe_position).any()
-    return Marks(supports, loads, attachments, contacts, None if hidden else solid.probe_position)
+    probe = None if hidden else solid.probe_position
+    return Marks(supports, loads, attachments, contacts, probe, _rotation_mark(scene))
+
+
+def _round(solid: Solid, scene: Scene, k: int) -> list[Array]:
+    """The lines of the round surface of contact k; none of a plane.
+
+    A surface that cuts into the undeformed body has none: a run refuses it with a sentence.
+    """
+    if scene.contacts[k].surface is None:
+        return []
+    try:
+        return surface_lines(scene, solid.points, k)
+    except SceneError:
+        return []
+
+
+def _rotation_mark(scene: Scene) -> RotationMark | None:
+    """The axis of rotation, with the sense of the speed."""
+    rotation = scene.rotation
+    if rotation is None:
+        return None
+    point = in_space(np.array([rotation.point or np.zeros(scene.geometry.dimension)]))[0]
+    axis = np.array(rotation.axis or (0.0, 0.0, 1.0)) / np.linalg.norm(rotation.axis or 1.0)
+    sense = -1.0 if rotation.speed_rpm < 0.0 else 1.0
+    return RotationMark(abs(rotation.speed_rpm), point, sense * axis)
 
 
 def _support_marks(scene: Scene, values: Mapping[str, Array]) -> list[SupportMark]:
@@ -271,14 +336,15 @@ def _load_label(load: Load) -> str:
     return f"{kind}{where}, {size}, {history}"
 
 
-def _attached(attachment: Any) -> list[tuple[str, str]]:
-    """The kinds and the legends of the parts of an attachment."""
+def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:
+    """The kinds and the legends of the parts of an attachment at a region with this measure."""
+    per = STIFFNESS_UNITS[measure]
     parts = (
         ("mass", attachment.mass, "kg"),
         ("spring", attachment.stiffness, "N/m"),
-        ("spring", attachment.stiffness_per_area, "N/m³"),
+        ("spring", attachment.stiffness_per_area, per),
         ("dashpot", attachment.damping, "N s/m"),
-        ("dashpot", attachment.damping_per_area, "N s/m³"),
+        ("dashpot", attachment.damping_per_area, per.replace("N", "N s")),
     )
     return [
         (kind, f"{kind}, {size:g} {unit}{' in each direction' * (kind != 'mass')}")

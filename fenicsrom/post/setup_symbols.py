@@ -33,6 +33,7 @@ MARK_COLOURS = {
     "attachment": "#882255",
     "contact": "#0072B2",
     "probe": "#009E73",
+    "rotation": "#332288",
 }
 
 REGION_COLOURS = {"loaded": "#F3C6A5", "clamped": "#56585A", "held": "#9AA1A8"}
@@ -55,6 +56,9 @@ SAME_WAY = 0.9
 
 CONTACT_FORMS = ("o", "s", "D", "^", "v", "P", "X")
 """Markers of the points of the contacts."""
+
+AXIS_LINE: Any = (0, (8, 2, 1.5, 2))
+"""The line style of the axis of rotation."""
 
 ARROW = r"$\rightarrow$"
 """The marker of an arrow in the legend."""
@@ -369,6 +373,12 @@ def legend_handles(marks: Marks) -> list[Any]:
         handles.append(entry(contact.label, "contact", form))
     if marks.contacts:
         handles.append(entry("normal into the wall", "contact", ARROW, 14.0))
+    if any(contact.lines for contact in marks.contacts):
+        handles.append(Line2D([], [], color=MARK_COLOURS["contact"], alpha=0.6, label="round wall"))
+    if marks.rotation is not None:
+        label = f"axis of rotation, {marks.rotation.speed_rpm:g} rpm"
+        look = {"color": MARK_COLOURS["rotation"], "linestyle": AXIS_LINE}
+        handles.append(Line2D([], [], label=label, **look))
     if marks.probe is not None:
         handles.append(entry("probe", "probe", **_RING))
     return handles

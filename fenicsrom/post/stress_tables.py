@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.deformation import extremes
 from fenicsrom.online.reactions import Reactions
 from fenicsrom.online.stress_peaks import Peak, Stresses
 from fenicsrom.post.writers import write_rows
@@ -59,6 +60,7 @@ def stress_summary(stresses: Stresses) -> dict[str, Any]:
     found: dict[str, Any] = {
         "stresses": {
             "measure": stresses.measure,
+            "smallest_volume_ratio": extremes(stresses.deformations).volume_ratio,
             "largest": [peak_record(peak) for peak in stresses.peaks],
             "modes": [peak_record(peak) for peak in stresses.modes],
         },

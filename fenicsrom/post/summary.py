@@ -199,10 +199,16 @@ def write_history(
     return write_arrays(path, arrays)
 
 
-def write_checkpoint(folder: Path, model: ReducedModel, scene: Scene, motion: Motion) -> list[Path]:
-    """Write the final state of a motion of the reduced model; return the file, if there is one."""
+def write_checkpoint(
+    folder: Path, model: ReducedModel, scene: Scene, motion: Motion, whole: bool = False
+) -> list[Path]:
+    """Write the final state of a motion of the reduced model, or the whole motion.
+
+    Returns:
+        The file, if there is one.
+    """
     path = folder / CHECKPOINT
-    return [path] if save_end(path, model, scene, motion) else []
+    return [path] if save_end(path, model, scene, motion, whole=whole) else []
 
 
 def stored_model(study: Study) -> StoredModel:
@@ -221,8 +227,13 @@ def stored_model(study: Study) -> StoredModel:
     )
 
 
-def write_numbers(study: Study, folder: Path) -> list[Path]:
+def write_numbers(study: Study, folder: Path, whole: bool = False) -> list[Path]:
     """Write the summary, the history, the checkpoint and the stresses that the study has.
+
+    Args:
+        study: the study.
+        folder: folder of the files.
+        whole: whether the checkpoint holds the whole motion.
 
     Raises:
         OSError: a file cannot be written.
@@ -234,14 +245,19 @@ def write_numbers(study: Study, folder: Path) -> list[Path]:
         )
     if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
         motion = study.motions["reduced"]
-        files += write_checkpoint(folder, study.model, study.scene, motion)
+        files += write_checkpoint(folder, study.model, study.scene, motion, whole)
     if study.stresses is not None:
         files += write_stresses(study.stresses, folder)
     return files
 
 
-def write_rerun_numbers(found: Rerun, folder: Path) -> list[Path]:
+def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list[Path]:
     """Write the summary, the history, the checkpoint and the stresses of a stored model.
+
+    Args:
+        found: the run.
+        folder: folder of the files.
+        whole: whether the checkpoint holds the whole motion.
 
     Raises:
         OSError: a file cannot be written.
@@ -250,6 +266,6 @@ def write_rerun_numbers(found: Rerun, folder: Path) -> list[Path]:
     return [
         write_summary(folder / SUMMARY, rerun_summary(found)),
         write_history(folder / HISTORY, {"reduced": motion}, stored.scene, stored.model.points),
-        *write_checkpoint(folder, stored.model, stored.scene, motion),
+        *write_checkpoint(folder, stored.model, stored.scene, motion, whole),
         *(() if found.stresses is None else write_stresses(found.stresses, folder)),
     ]

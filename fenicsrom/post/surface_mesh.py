@@ -16,6 +16,7 @@ from fenicsrom.scene import Scene
 AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
 ALONG = 4  # edges along the axis of a cylinder and across a plane
 MARGIN = 0.1  # extent of a cylinder beyond the paths of the contact points, relative to the paths
+LINES = 4  # along a cylinder or the meridians of a sphere, in a picture
 BEYOND = 0.05  # extent of a plane beyond these paths, relative to the distance of the points from 0
 
 
@@ -65,6 +66,31 @@ def surface_grid(
 
     Argument `moved` as for `write_surfaces`.
     """
+    places = _surface(scene, points, k, time, moved)
+    return _line(places) if places.ndim == 2 else _sheet(places)
+
+
+def surface_lines(scene: Scene, points: ContactPoints, k: int) -> list[Array]:
+    """Lines (n, 3) that show the round surface of contact k at the start.
+
+    They are the circles at both ends of a cylinder with four lines along it, the equator and two
+    meridians of a sphere, or a circle in 2D.
+    """
+    places = _surface(scene, points, k, 0.0)
+    if places.ndim == 2:
+        return [in_space(places)]
+    around, last = len(places) - 1, places.shape[1] - 1
+    surface = scene.contacts[k].surface
+    assert surface is not None
+    rings = [last // 2] if surface.kind == "sphere" else [0, last]
+    rows = [places[j * around // LINES] for j in range(LINES)]
+    return [*(places[:, ring] for ring in rings), *rows]
+
+
+def _surface(
+    scene: Scene, points: ContactPoints, k: int, time: float, moved: Array | None = None
+) -> Array:
+    """The points (n, 2) of a line or (n, l, 3) of a sheet; arguments as `surface_grid`."""
     mine = np.flatnonzero(points.contact == k)
     contacts = contacts_of(scene, points)
     p = int(mine[0])
@@ -89,16 +115,16 @@ def surface_grid(
     size = radius - side * (closed + waves)
     ring = size[:, None] * (np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1])
     if d == 2:
-        return _line(centre + ring)
+        return np.asarray(centre + ring)
     axis = np.cross(across[0], across[1])
     heights = (path - centre) @ axis
     spare = MARGIN * max(float(np.ptp(heights)), float(radius) * MARGIN)
     levels = np.linspace(heights.min() - spare, heights.max() + spare, ALONG + 1)
-    return _sheet(centre + ring[:, None] + levels[None, :, None] * axis)
+    return np.asarray(centre + ring[:, None] + levels[None, :, None] * axis)
 
 
-def _plane(position: Array, path: Array, frame: Array, distance: float) -> Grid:
-    """A plane at a distance along the normal from the points (p, d) of a contact.
+def _plane(position: Array, path: Array, frame: Array, distance: float) -> Array:
+    """Points (n, 2) or (n, l, 3) of a plane at a distance along the normal from points (p, d).
 
     It is wider than their path (n, p, d).
     """
@@ -108,14 +134,14 @@ def _plane(position: Array, path: Array, frame: Array, distance: float) -> Grid:
     half = reach + (BEYOND * float(np.linalg.norm(position, axis=1).max()) or 1.0)
     steps = [np.linspace(-size, size, ALONG + 1) for size in half]
     if frame.shape[0] == 2:
-        return _line(centre + steps[0][:, None] * tangents[0])
-    return _sheet(
+        return np.asarray(centre + steps[0][:, None] * tangents[0])
+    return np.asarray(
         centre + steps[0][:, None, None] * tangents[0] + steps[1][None, :, None] * tangents[1]
     )
 
 
-def _ball(centre: Array, radius: float) -> Grid:
-    """A sphere, by longitude and latitude."""
+def _ball(centre: Array, radius: float) -> Array:
+    """Points (n, l, 3) of a sphere, by longitude and latitude."""
     longitude = np.linspace(0.0, 2.0 * np.pi, AROUND // 4 + 1)[:, None]
     latitude = np.linspace(0.0, np.pi, AROUND // 8 + 1)[None, :]
     directions = np.stack(
@@ -126,7 +152,7 @@ def _ball(centre: Array, radius: float) -> Grid:
         ],
         axis=-1,
     )
-    return _sheet(centre + radius * directions)
+    return np.asarray(centre + radius * directions)
 
 
 def _line(points: Array) -> Grid:

@@ -45,7 +45,7 @@ def text_table(rows: Sequence[Sequence[Any]], keys: int = 1) -> str:
 
     Numbers are right-aligned, and columns without content are left out. The header takes several
     lines if the table is too wide otherwise. If this is not enough, the columns are distributed
-    over several tables that all begin with the first columns.
+    over several tables of about the same width, which all begin with the first columns.
 
     Args:
         rows: the table; the first row is the header.
@@ -60,13 +60,32 @@ def text_table(rows: Sequence[Sequence[Any]], keys: int = 1) -> str:
             max(*map(len, column[1:]), *map(len, column[0].split()), 1) if len(column) > 1 else wide
             for column, wide in zip(zip(*cells, strict=True), widths, strict=True)
         ]
-    groups = [list(range(min(keys, len(widths))))]
-    for k in range(len(groups[0]), len(widths)):
+    groups = _balanced_groups(widths, min(keys, len(widths)))
+    return "\n\n".join(_block(cells, widths, right, group) for group in groups)
+
+
+def _balanced_groups(widths: Sequence[int], keys: int) -> list[list[int]]:
+    """The columns of the fewest tables that fit; the widest of them is as narrow as possible."""
+    fewest = len(_groups(widths, keys, TERMINAL_WIDTH))
+    limits = range(1, TERMINAL_WIDTH + 1)
+    return next(g for g in (_groups(widths, keys, most) for most in limits) if len(g) == fewest)
+
+
+def _groups(widths: Sequence[int], keys: int, most: int) -> list[list[int]]:
+    """The columns of tables that are filled one after the other, up to a width if that can be.
+
+    Args:
+        widths: of the columns.
+        keys: number of the first columns, which every table has.
+        most: largest width of a table of more than one other column.
+    """
+    groups = [list(range(keys))]
+    for k in range(keys, len(widths)):
         used = [widths[j] for j in groups[-1]]
-        if len(groups[-1]) > keys and _total([*used, widths[k]]) > TERMINAL_WIDTH:
+        if len(groups[-1]) > keys and _total([*used, widths[k]]) > most:
             groups.append(list(range(keys)))
         groups[-1].append(k)
-    return "\n\n".join(_block(cells, widths, right, group) for group in groups)
+    return groups
 
 
 def _total(widths: Sequence[int]) -> int:

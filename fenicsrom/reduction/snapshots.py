@@ -11,6 +11,7 @@ counts more than the one of the scene.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,8 +25,10 @@ from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import OMEGA
 from fenicsrom.online.march import integrate
 from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import settled_contacts
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.simulate import checked_contacts
+from fenicsrom.online.state import Checkpoint
 from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes
@@ -58,6 +61,9 @@ The number does not depend on `time.periods`: a run that continues with more per
 basis.
 """
 
+
+PIECE = 5
+"""Periods of the linear transient whose rows are held together."""
 
 UNBOUNDED = 1e6
 """A free vibration that grows by this factor leaves nothing of the forced motion to select by."""
@@ -208,24 +214,57 @@ def linear_snapshots(
     scene = replace(scene, time=transient_time(scene))
     require_bounded(model, scene)
     if frequency is None:
-        motion = simulate(model, scene, keep_coordinates=True)
+        moving, contacts, period = model, checked_contacts(model, scene), scene.period
     else:
-        contacts = settled_contacts(contacts_of(scene, model.points))
-        spin = bool(np.any(contacts.height))
+        settled = settled_contacts(contacts_of(scene, model.points))
+        spin = bool(np.any(settled.height))
         assert scene.period is not None
-        problem = frequency_family(model, contacts, scene.period, spin=spin)(frequency)
-        motion = integrate(
-            problem.model,
-            problem.contacts,
-            scene.time,
-            problem.period,
+        problem = frequency_family(model, settled, scene.period, spin=spin)(frequency)
+        moving, contacts, period = problem.model, problem.contacts, problem.period
+
+    def march(time: Time, resume: Checkpoint | None) -> Motion:
+        return integrate(
+            moving,
+            contacts,
+            time,
+            period,
             dimension=scene.geometry.dimension,
+            resume=resume,
             keep_coordinates=True,
         )
+
+    motion = in_pieces(scene.time, period, march)
     assert motion.coordinates is not None
     assert motion.coordinate_time is not None
     rows = snapshot_rows(motion.coordinates, motion.coordinate_time, structure.excitation)
     return np.ascontiguousarray(motion.coordinates[rows].T)
+
+
+def in_pieces(
+    time: Time, period: float | None, march: Callable[[Time, Checkpoint | None], Motion]
+) -> Motion:
+    """March until the motion is steady, a few periods at a time.
+
+    A motion holds the rows of all its periods; a piece keeps only the last one of those before.
+
+    Args:
+        time: the time integration.
+        period: of the loads, s; None marches once, over the whole duration.
+        march: marches with a time integration from a checkpoint, or from rest with None.
+
+    Returns:
+        The motion of the last piece.
+    """
+    if period is None:
+        return march(time, None)
+    motion = None
+    for first in tracked(range(0, SNAPSHOT_PERIODS, PIECE)):
+        piece = time.changed(periods=min(first + PIECE, SNAPSHOT_PERIODS))
+        motion = march(piece, None if motion is None else motion.end)
+        if motion.steady:
+            break
+    assert motion is not None
+    return motion
 
 
 def require_bounded(model: ReducedModel, scene: Scene) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.polynomial import pairs
+from fenicsrom.online.strain_columns import write_strains
 
 Chunks = Iterable[tuple[Array, Array]]
 
@@ -96,36 +97,7 @@ def _summed(chunks: Chunks, count: int, columns_of: Callable[[Array, Array], Arr
 def _strain_columns(scale: Array, gradients: Array) -> Array:
     """The strains in Mandel's notation (s, d (d + 1) / 2, k), times a factor (k,) of each point."""
     k, fields, d, _ = gradients.shape
-    n = fields - 1
-    shears = [(b, c) for b in range(d) for c in range(b + 1, d)]
-    columns = np.empty((1 + n + n * (n + 1) // 2, d + len(shears), k))
+    columns = np.empty((fields + pairs(fields - 1)[0].size, d * (d + 1) // 2, k))
     g = np.ascontiguousarray(np.moveaxis(gradients, 0, -1).transpose(1, 2, 0, 3))  # (d, d, 1+n, k)
-    scaled = g * scale
-    products = np.empty((d, d, fields, k))
-    term = np.empty_like(products)
-
-    def write(first: int, left: Array, right: Array) -> None:
-        """Write sym(leftᵀ right) of some fields, left (d, d, k), right (d, d, fields, k)."""
-        count = right.shape[2]
-        found, more = products[:, :, :count], term[:, :, :count]
-        np.multiply(left[0][:, None, None], right[0][None], out=found)
-        for a in range(1, d):
-            np.multiply(left[a][:, None, None], right[a][None], out=more)
-            found += more
-        mine = columns[first : first + count]
-        for b in range(d):
-            mine[:, b] = found[b, b]
-        for k, (b, c) in enumerate(shears):
-            np.add(found[b, c], found[c, b], out=mine[:, d + k])
-
-    # E₀ = sym ∇u₀ + ½ ∇u₀ᵀ ∇u₀ and ε_i = sym(F₀ᵀ ∇φ_i)
-    identity = np.eye(d)[:, :, None]
-    write(0, identity + 0.5 * g[:, :, 0], scaled[:, :, :1])
-    if n:
-        write(1, identity + g[:, :, 0], scaled[:, :, 1:])
-    row = 1 + n
-    for i in range(1, fields):
-        write(row, g[:, :, i], scaled[:, :, i:])
-        row += fields - i
-    columns[:, d:] *= np.sqrt(0.5)
+    write_strains(g, g * scale, columns)
     return columns

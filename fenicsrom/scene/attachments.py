@@ -21,7 +21,7 @@ class Attachment:
         mass: mass.
         stiffness: stiffness k of the spring, in each direction.
         stiffness_per_area: stiffness of the spring per area of a region of facets, per length of
-            edges, or per node of a group of nodes.
+            edges (N/m²), or per node of a group of nodes (N/m).
         damping: damping coefficient c of the dashpot, in each direction; modes and Campbell
             diagrams leave it out.
         damping_per_area: damping coefficient per area, length or node, as `stiffness_per_area`.

@@ -12,6 +12,7 @@ from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import offline_stages, stages
 from fenicsrom.study.stage import Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
+from fenicsrom.study.writing import keep_motion
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh_data import Mesh
@@ -168,7 +169,8 @@ def build_model(
 def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) -> None:
     """Run the needed stages in their order.
 
-    After a failed motion or check, only the stages that write files run.
+    After a failed motion or check, only the stages that write files run. An interrupted run keeps
+    a motion that is finished.
 
     Args:
         run: the run.
@@ -182,18 +184,22 @@ def execute(run: Run, listed: list[Stage], cache: OfflineCache | None = None) ->
         for item in (stage, *stage.parts)
         if not item.needed
     ]
-    for stage in listed:
-        if not stage.needed or (study.unfinished and not stage.writes):
-            continue
-        if cache is not None and cache.has(stage.name):
-            continue
-        stop_where_asked(run.stop)
-        with run.watch(stage.name):
-            stage.run(run)
-        if not stage.writes:
-            study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
-        if cache is not None:
-            cache.keep(stage.name)
+    try:
+        for stage in listed:
+            if not stage.needed or (study.unfinished and not stage.writes):
+                continue
+            if cache is not None and cache.has(stage.name):
+                continue
+            stop_where_asked(run.stop)
+            with run.watch(stage.name):
+                stage.run(run)
+            if not stage.writes:
+                study.seconds.setdefault(stage.name, run.watch.seconds[stage.name])
+            if cache is not None:
+                cache.keep(stage.name)
+    except KeyboardInterrupt:
+        keep_motion(run)
+        raise
 
 
 def _cache(run: Run, fresh: bool) -> OfflineCache | None:

@@ -21,14 +21,17 @@ def integrate(run: Run, name: str) -> None:
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
     try:
-        motion = simulate(
-            _model(study, name),
-            scene,
-            keep_coordinates=name == "reduced",
-            progress=run.watch.progress(name, scene.time.steady_tolerance),
-            stop=run.stop,
-            **options,
-        )
+        if isinstance(options.get("resume"), Motion):  # only its checks are missing
+            motion = options["resume"]
+        else:
+            motion = simulate(
+                _model(study, name),
+                scene,
+                keep_coordinates=name == "reduced",
+                progress=run.watch.progress(name, scene.time.steady_tolerance),
+                stop=run.stop,
+                **options,
+            )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (name, error)
         if not isinstance(error.partial, Motion):  # it failed before the first step
@@ -76,14 +79,14 @@ def _model(study: Study, name: str) -> Any:
 
 
 def _checkpoints(run: Run) -> dict[str, Any]:
-    """Load the checkpoint to resume from, write the model, and prepare the next checkpoints.
+    """Load what the run resumes from, write the model, and prepare the next checkpoints.
 
     Raises:
         SceneError: the checkpoint does not belong to this model and scene.
         OSError: a file cannot be written.
     """
     from fenicsrom.online.archive import save_model
-    from fenicsrom.online.checkpoints import keeper, load_checkpoint
+    from fenicsrom.online.checkpoints import keeper, load_start
     from fenicsrom.online.model import ReducedModel
     from fenicsrom.post.origin import MODEL
     from fenicsrom.post.summary import CHECKPOINT, stored_model
@@ -93,7 +96,7 @@ def _checkpoints(run: Run) -> dict[str, Any]:
         return {}
     options: dict[str, Any] = {}
     if run.resume is not None:
-        options["resume"] = load_checkpoint(run.resume, model, study.scene)
+        options["resume"] = load_start(run.resume, model, study.scene)
     if run.folder is not None and run.comm.rank == 0:
         save_model(run.folder / MODEL, stored_model(study))
         study.files.append(run.folder / MODEL)

@@ -45,7 +45,7 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.online.archive import SUPERELEMENT
-    from fenicsrom.online.checkpoints import load_checkpoint
+    from fenicsrom.online.checkpoints import load_start
     from fenicsrom.post.record import Rerun
     from fenicsrom.post.sentences import (
         UNJUDGED,
@@ -58,11 +58,10 @@ def rerun(
     from fenicsrom.scene.excitation import highest_frequency
 
     watch, model, scene = Stopwatch(say), stored.model, stored.scene
-    begin = load_checkpoint(resume, model, scene) if resume is not None else None
+    begin = load_start(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
     warnings = rerun_warnings(scene, given)
-    errors: dict[str, MotionErrors] = {}
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     if unfinished is None:
@@ -70,16 +69,33 @@ def rerun(
         if stored.candidates is None:
             imported = stored.method == SUPERELEMENT
             warnings.append(UNJUDGED_MATRICES if imported else UNJUDGED)
-        stop_where_asked(stop)
-        with watch("checks"):
-            unfinished = _check(stored, motion, errors)
-    stresses = None
-    if unfinished is None:
-        stresses = _stresses(stored, motion, warnings, watch)
     left_out = rerun_left_out(stored, motion)
-    found = Rerun(stored, motion, errors, unfinished, warnings, stresses, left_out)
+    found = Rerun(stored, motion, {}, unfinished, warnings, left_out=left_out)
+    if unfinished is None:
+        _judge(found, folder, watch, stop)
     _write(found, folder, watch, stop)
     return found
+
+
+def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:
+    """Check a motion and find its stresses; an interrupt keeps its numbers.
+
+    Raises:
+        KeyboardInterrupt: `stop` returned True, or the run was interrupted.
+    """
+    from fenicsrom.post.sentences import UNCHECKED
+    from fenicsrom.post.summary import write_rerun_numbers
+
+    try:
+        stop_where_asked(stop)
+        with watch("checks"):
+            found.unfinished = _check(found.stored, found.motion, found.errors)
+        if found.unfinished is None:
+            found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
+    except KeyboardInterrupt:
+        found.warnings.extend([] if "checks" in watch.seconds else [UNCHECKED])
+        write_rerun_numbers(found, folder, whole=True)
+        raise
 
 
 def _check(
@@ -101,6 +117,7 @@ def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
     """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    from fenicsrom.assess.large_strains import state_warnings
     from fenicsrom.online.stress_peaks import find_stresses
 
     scene = stored.scene
@@ -113,20 +130,24 @@ def _stresses(
         )
         return None
     with watch("stresses"):
-        return find_stresses(
+        found = find_stresses(
             stored.recovery, scene, stored.model, motion, stored.frequencies_hz.size
         )
+    warnings += state_warnings(found)
+    return found
 
 
 def _integrate(
     model: Any,
     scene: Scene,
     folder: Path,
-    begin: Checkpoint | None,
+    begin: Checkpoint | Motion | None,
     watch: Stopwatch,
     stop: Callable[[], bool],
 ) -> tuple[Motion, ConvergenceError | AccuracyError | None]:
     """Integrate the model from the checkpoint `begin`, or from its start, and write checkpoints.
+
+    A finished motion `begin` is taken as it is.
 
     Returns:
         The motion, up to the failure if there was one, and the failure.
@@ -136,6 +157,8 @@ def _integrate(
     from fenicsrom.online.simulate import simulate
     from fenicsrom.post.summary import CHECKPOINT
 
+    if isinstance(begin, Motion):
+        return begin, None
     try:
         motion = simulate(
             model,

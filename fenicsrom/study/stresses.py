@@ -32,6 +32,7 @@ def evaluate(run: Run) -> None:
 
     import numpy as np
 
+    from fenicsrom.assess.large_strains import state_warnings
     from fenicsrom.online.stress_peaks import find_stresses, modal_peaks
 
     study = run.study
@@ -44,3 +45,4 @@ def evaluate(run: Run) -> None:
         modal = modal_peaks(study.recovery.stress, study.modes.frequencies_hz, np.eye(count), names)
         found = replace(found, modes=modal)
     study.stresses = found
+    study.warnings.extend(state_warnings(found))

@@ -25,6 +25,19 @@ def numbers(run: Run) -> None:
         run.study.files = [*write_numbers(run.study, _output(run)), *run.study.files]
 
 
+def keep_motion(run: Run) -> None:
+    """Write the numbers of a finished motion of a run that was interrupted before its numbers."""
+    from fenicsrom.post.sentences import UNCHECKED
+    from fenicsrom.post.summary import write_numbers
+
+    study, done = run.study, run.watch.seconds
+    if run.folder is None or run.comm.rank or study.unfinished or "numbers" in done:
+        return
+    if "reduced" in study.motions:
+        study.warnings.extend([] if "checks" in done else [UNCHECKED])
+        write_numbers(study, run.folder, whole=True)
+
+
 def paraview_modes(run: Run) -> None:
     """Write the shapes for ParaView."""
     from fenicsrom.post.fields import write_shapes
@@ -78,7 +91,7 @@ def stress_picture(run: Run) -> None:
     if run.comm.rank == 0 and study.stresses is not None:
         assert study.recovery is not None
         study.pictures += write_stress_picture(
-            study.recovery, study.stresses, _output(run), study.warnings
+            study.recovery, study.stresses, _output(run), study.warnings, study.view
         )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support import STOCKY, beam_scene, make_solid
+from support import STOCKY, beam_scene, contact_points, make_solid
 
 from fenicsrom.assess import agreement, compare, full_cache, residual
 from fenicsrom.assess.compare import Combination, Comparison, Outcome
@@ -390,8 +390,27 @@ def handmade(**changes):
     }
     given = {"full": motion(seconds=4.2), "full_run": full_run} | changes
     return Comparison(
-        scene=scene, outcomes=outcomes, unknowns=240, compilation=3.0, warnings=[], **given
+        scene=scene,
+        outcomes=outcomes,
+        unknowns=240,
+        points=contact_points([1.0, 0.0]),
+        compilation=3.0,
+        warnings=[],
+        **given,
     )
+
+
+def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
+    """The scene of a round surface gives no normal."""
+    from fenicsrom.post.compare_figures import pareto_figure
+    from fenicsrom.post.compare_report import error_heads
+
+    found = replace(handmade(), points=contact_points([0.0, 1.0], [0.0, -1.0]))
+    heads = error_heads(found)
+    assert heads["amplitude_normal"] == "normal y amplitude"
+    assert heads["amplitude_tangential"] == "tangential x amplitude"
+    labels = [axis.get_ylabel() for axis in pareto_figure(found).axes]
+    assert "error of the tangential x amplitude, %" in labels
 
 
 def test_write_comparison_makes_tables_pictures_and_report(tmp_path):

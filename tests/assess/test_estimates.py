@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model
+from support import beam_scene, first, linear_model
 
 from fenicsrom.assess import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.measures import has_settled
+from fenicsrom.online.measures import amplitude, has_settled
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import pairs
+from fenicsrom.online.polynomial import ElasticPolynomial, pairs
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
@@ -71,6 +71,44 @@ def two_directions(part: float) -> Motion:
 def scaled(motion: Motion, factors: list[float]) -> Motion:
     """The motion with other sizes of its directions."""
     return replace(motion, displacement=motion.displacement * np.array(factors))
+
+
+def double_well(force: float) -> tuple[ReducedModel, Scene]:
+    """x'' + 0.3 x' - x + x^3 = force sin(1.2 t). A period of the motion near x = 1 doubles between
+    the forces 0.265 and 0.27, by the Floquet multipliers of the motion of one period."""
+    scene = beam_scene(
+        2,
+        (f"loads.0.frequency={0.6 / np.pi!r}", "loads.0.force=1.0", "material.mass_damping=0.3"),
+        contacts=None,
+        probe={"group": "tip"},
+        time={"steps_per_period": 100, "periods": 300},
+    )
+    one = np.ones((1, 1))
+    elastic = ElasticPolynomial(np.zeros(1), -one, 0.0 * one, 3.0 * one)
+    probe = np.eye(2, 1), np.zeros(2)
+    load, contact = load_histories(scene), first(0, 1)
+    return reduced_model(one, 0.3, elastic, force * one, load, *contact, *probe), scene
+
+
+@pytest.mark.parametrize(
+    ("force", "checked", "nearby", "multiple"),
+    [(0.24, 0.245, True, 1), (0.20, 0.225, False, 1), (0.265, 0.272, False, 2)],
+)
+def test_check_takes_only_a_stable_motion_nearby_without_a_march(
+    force: float, checked: float, nearby: bool, multiple: int
+) -> None:
+    """The second check is too far away, and nearby the third there is an unstable motion only."""
+    model, scene = double_well(force)
+    start = np.array([1.0]), np.array([0.0])
+    motion = simulate(model, scene, start=start)
+    assert motion.newton_from is not None and motion.period == scene.period
+    check, _ = double_well(checked)
+    found = estimates.check_motion(check, scene, motion)
+    marched = simulate(check, scene, start=start)
+    assert scene.period is not None and found.steady
+    assert found.period == pytest.approx(multiple * scene.period)
+    assert (found.search is None) == nearby
+    np.testing.assert_allclose(amplitude(found), amplitude(marched), rtol=1e-5)
 
 
 def test_rule_refuses_an_estimate_above_its_limit() -> None:

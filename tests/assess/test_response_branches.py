@@ -17,7 +17,8 @@ from fenicsrom.assess import branches, trust
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response import response
 from fenicsrom.assess.response_results import Response, ResponseCurve
-from fenicsrom.assess.trust import SPREAD, richer_model
+from fenicsrom.assess.stability_search import EXTRA
+from fenicsrom.assess.trust import SPREAD, richer_model, spread
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
@@ -200,6 +201,35 @@ def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
     assert {row["stability_with_a_richer_basis"] for row in rows if row["where"] != "fold"} == {
         "fold"
     }
+
+
+def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The multipliers at the two compared motions beside the stretch are 0.993."""
+    stored = oscillator("time.steps_per_period=50")
+    (piece,) = response(stored, ignore).curves[0].pieces
+    *_, last, end = sorted(point.parameter for _, point in spread([piece]))
+    middle, width = 0.5 * (last + end), 0.7 * (end - last)
+
+    def motion(point: CurvePoint, *_: Any) -> Any:
+        size = 0.96 + 0.05 / (1.0 + ((point.parameter - middle) / width) ** 2)
+        verdict = "stable" if size < 1.0 else "torus"
+        multipliers = np.array([size + 0.0j])
+        return SimpleNamespace(
+            amplitude=point.amplitude, multipliers=multipliers, free_sliders=0, verdict=verdict
+        )
+
+    monkeypatch.setattr(trust, "_richer_motion", motion)
+    found = compared(stored, 30.0)
+    added = [check for check in found.curves[0].checks if check.where == trust.NEAR_CHANGE]
+    assert 0 < len(added) <= EXTRA
+    contradicted = [check for check in found.curves[0].checks if check.contradicted]
+    assert contradicted and {check.where for check in contradicted} == {trust.NEAR_CHANGE}
+    for check in added:
+        assert check.point.stable and check.step_error is not None
+    (warning,) = found.warnings
+    assert f"{contradicted[0].point.parameter:.6g}" in warning
 
 
 def test_richer_basis_of_the_same_stability_is_no_warning() -> None:

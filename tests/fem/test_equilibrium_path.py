@@ -88,6 +88,20 @@ def test_limit_points_and_bifurcations_of_a_block_are_those_in_closed_form(tmp_p
         assert point.probe[0] == pytest.approx(LENGTH * (stretch - 1.0), abs=5e-5)
 
 
+def test_path_says_from_where_on_a_block_is_turned_inside_out(tmp_path: Path) -> None:
+    """The volume ratio of the block is its stretch; its other stretches are 1."""
+    found = follow(block(tmp_path))
+    stretch = np.array([1.0 + point.probe[0] / LENGTH for point in found.points])
+    deformed = [point.deformation for point in found.points]
+    np.testing.assert_allclose([each.volume_ratio for each in deformed], stretch, atol=1e-9)
+    smallest = [each.smallest_stretch for each in deformed]
+    np.testing.assert_allclose(smallest, np.minimum(abs(stretch), 1.0))
+    assert found.reason == "end of the range" and deformed[-1].is_inverted
+    first = next(point for point, s in zip(found.points, stretch, strict=True) if s <= 0.0)
+    (warning,) = found.warnings[-1:]
+    assert "inside out" in warning and f"{first.load_factor:.6g} " in warning
+
+
 def test_large_last_load_factor_misses_nothing_at_the_start(tmp_path: Path) -> None:
     """The path to a load of 250 million E A has the same limit points and bifurcations."""
     near, far = (follow(block(tmp_path, statics={"last": last})) for last in (1.0, 1e9))

@@ -17,7 +17,7 @@ from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.march import integrate
 from fenicsrom.online.measures import amplitude
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.periodic import periodic_motion
+from fenicsrom.online.periodic import Shooting, periodic_motion, solve, start_variables
 from fenicsrom.online.surfaces import no_contacts
 from fenicsrom.scene import Time
 
@@ -82,6 +82,16 @@ def test_rubbing_motion_repeats_and_m_periods_square_its_multipliers() -> None:
     np.testing.assert_allclose(two.z, one.z, rtol=1e-8)
     largest = np.sort(np.abs(one.multipliers))[-4:] ** 2
     np.testing.assert_allclose(np.sort(np.abs(two.multipliers))[-4:], largest, rtol=1e-6)
+
+
+def test_iteration_ends_before_a_small_step() -> None:
+    model, contacts, period = rubbing(0.4)
+    shooting = Shooting(model, contacts, period_steps(100), period)
+    s = shooting.scaled(start_variables(shooting, START))
+    exact, near = solve(shooting, s), solve(shooting, s, step_tolerance=1e-3)
+    assert len(near.residuals) < len(exact.residuals)
+    apart = np.linalg.norm(shooting.scaled(near.z - exact.z))
+    assert 1e-10 < apart / np.linalg.norm(shooting.scaled(exact.z)) <= 1e-3
 
 
 def test_stable_points_of_a_curve_equal_the_marched_steady_state() -> None:

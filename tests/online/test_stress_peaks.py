@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, refusal, uncoupled
 
+from fenicsrom import study
 from fenicsrom.errors import ErrorKind
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.archive import FORMAT, StoredModel, load_model, save_model
@@ -108,6 +109,25 @@ def test_largest_stress_of_motion_is_that_of_every_instant(stored: StoredModel) 
     )
     assert found.motion_reactions is not None
     assert found.motion_reactions.values.shape == (time.size - 1, 1, 3)
+
+
+def test_run_warns_of_a_state_that_is_turned_inside_out(
+    stored: StoredModel, tmp_path: Path
+) -> None:
+    assert stored.recovery is not None
+    short = ("time.periods=1", "geometrically_nonlinear=true", "output.pictures=false")
+    scene = scene_with(*short, "loads.0.force=111.0")
+    for gradient, warned in ((0.0, False), (-1.1, True)):
+        gradients = 0.0 * stored.recovery.stress.gradients
+        gradients[0, 3] = np.diag([gradient, 0.0])
+        table = replace(stored.recovery.stress, law=StressLaw.of(scene), gradients=gradients)
+        model = replace(stored, scene=scene, recovery=replace(stored.recovery, stress=table))
+        found = study.rerun(model, tmp_path)
+        assert found.stresses is not None
+        (smallest,) = {each.volume_ratio for each in found.stresses.deformations}
+        assert (smallest <= 0.0) == warned
+        said = [text for text in found.warnings if "inside out in equilibrium" in text]
+        assert len(said) == warned and all("(0.7887, 0.7887)" in text for text in said)
 
 
 def test_modal_stress_is_that_of_unit_displacement(stored: StoredModel) -> None:

@@ -20,6 +20,7 @@ from fenicsrom.post.setup_marks import (
 )
 from fenicsrom.post.setup_symbols import (
     APART,
+    MARK_COLOURS,
     MOST_BARS,
     NUMBER,
     REGION_COLOURS,
@@ -129,7 +130,8 @@ def test_setup_shows_every_mark_in_its_legend(plate, tmp_path):
         "probe",
     ]
     (axis,) = figure.axes
-    numbers = [text for text in axis.texts if text.get_text() in "12" and text.get_text()]
+    loads = [text for text in axis.texts if text.get_color() == MARK_COLOURS["load"]]
+    numbers = [text for text in loads if text.get_text()]
     boxes = [text.get_window_extent() for text in numbers]
     assert len(boxes) == 2 and not boxes[0].overlaps(boxes[1])
     from matplotlib.colors import to_rgba
@@ -260,6 +262,18 @@ def test_stress_marks_its_largest_value_on_the_side_that_is_seen(plate, tmp_path
     red, _, blue, _ = faces.get_facecolors()[near].mean(axis=0)
     assert red > 2.0 * blue  # the stressed side, not its back, where the stress is zero
     drawn(figure, tmp_path)
+
+
+@pytest.mark.parametrize(("side", "far"), [(1.0, False), (-1.0, True)])
+def test_stress_on_the_side_that_is_not_seen_says_so(plate, side, far):
+    surface, normal = plate
+    view = view_of(surface.points, surface.triangles, normal)
+    across = surface.points @ normal
+    away = np.linalg.norm(surface.points - surface.points.mean(axis=0), axis=1)
+    stress = 2.0 + np.sign(side * (across - across.mean())) - away
+    figure = body_figures.stress_figure(surface, 0.01 * surface.points, stress, "bending", view)
+    title = figure.axes[0].get_title(loc="left")
+    assert title == ("bending, on the far side" if far else "bending")
 
 
 def test_groups_are_drawn_in_their_colours_with_small_ones_in_front(plate, tmp_path):

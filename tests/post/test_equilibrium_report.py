@@ -14,6 +14,7 @@ from test_figures import illegible
 
 from fenicsrom.assess.equilibrium_path import Equilibrium, EquilibriumPath
 from fenicsrom.cli import main
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.post.equilibrium_figures import figure
 from fenicsrom.post.equilibrium_report import rows, sentences, special_table, summary
 
@@ -36,7 +37,8 @@ def found() -> EquilibriumPath:
     path = EquilibriumPath(beam_scene(loads=[push], contacts=None), 100, reason="end of the range")
     for factor, along, negative, kind in listed:
         probe = np.array([0.1 * along, along])
-        path.points.append(Equilibrium(factor, probe, abs(along), negative, 1e-12, kind))
+        deformed = Deformation(1.0 + 50.0 * along, np.zeros(2), 1.0 + 50.0 * along, 1.1)
+        path.points.append(Equilibrium(factor, probe, abs(along), negative, 1e-12, deformed, kind))
     return path
 
 
@@ -69,6 +71,14 @@ def test_sentences_name_the_first_instability(found: EquilibriumPath) -> None:
 def test_summary_has_the_largest_load_factor_before_an_instability(found: EquilibriumPath) -> None:
     assert summary(found)["largest_stable_load_factor"] == 1.0
     assert [row["kind"] for row in rows(found) if row["kind"]] == ["limit point", "bifurcation"]
+
+
+def test_summary_has_the_largest_strains_of_the_path(found: EquilibriumPath) -> None:
+    written = summary(found)
+    assert written["largest_compressive_strain"] == pytest.approx(0.25)
+    assert written["largest_tensile_strain"] == pytest.approx(0.1)
+    ratios = [row["smallest_volume_ratio"] for row in rows(found)]
+    assert ratios == pytest.approx([1.0, 0.95, 0.9, 0.85, 0.8, 0.75])
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from test_body_surface import beam_surface
 
 from fenicsrom.post import style
 from fenicsrom.post.body_drawing import DARKEST
+from fenicsrom.post.body_view import view_of
 from fenicsrom.post.film import (
     FILM_SECONDS,
     Dots,
@@ -31,7 +32,8 @@ def swing(size, name="quadrilateral", shift=0.0):
     tip = np.zeros((4, 1, 3))
     tip[:, 0, 1] = size * phase
     dots = Dots(np.array([[LENGTH, 0.05, 0.0]]), tip, np.array(STATES)[:, None])
-    return Film(surface, np.linspace(0.1, 0.4, 4), moved, dots=dots)
+    view = view_of(surface.points, surface.triangles)
+    return Film(surface, np.linspace(0.1, 0.4, 4), moved, view, dots=dots)
 
 
 def heights(frames):

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene
+from support import beam_scene, contact_points
 from test_figures import illegible
 
 from fenicsrom.assess.branches import Piece
@@ -89,12 +89,21 @@ def response_of(*forces: float) -> Response:
     families = {"families": {"key": "loads.0.force", "values": list(forces)}}
     scene = beam_scene(2, contacts=[contact], response=table | (families if forces[1:] else {}))
     curves = [duffing(force) for force in forces]
-    return Response(scene, 2, 2, 1, 100, curves)
+    return Response(scene, 2, 2, contact_points([1.0, 0.0]), 100, curves)
 
 
 @pytest.fixture(scope="module")
 def found() -> Response:
     return response_of(0.02, 0.1, 0.2)
+
+
+def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points() -> None:
+    """The scene of a round surface gives no normal."""
+    found = response_of(0.1)
+    found.contact_points = contact_points([0.0, 1.0], [0.0, -1.0])
+    assert "tangential x amplitude, mm" in bifurcation_table(found)[0]
+    assert "tangential x amplitude, mm" in figure(found).axes[0].get_ylabel()
+    assert "tangential x harmonics, mm" == harmonics_figure(found).axes[0].get_ylabel()
 
 
 DRAWINGS = (figure, contact_map, multiplier_figure, harmonics_figure)

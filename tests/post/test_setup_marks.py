@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene
+from support import STEEL, beam_scene
 
 pytest.importorskip("dolfinx")
 
@@ -16,6 +17,7 @@ from fenicsrom.fem.mesh import build_mesh
 from fenicsrom.fem.solid import UNDEFORMED, solid_of
 from fenicsrom.post.body_surface import gathered_surface
 from fenicsrom.post.setup_marks import CLAMPED, Marks, marked, marks_of
+from fenicsrom.scene import make_scene
 
 SMALL = (
     "geometry.parameters.length=1.0",
@@ -64,6 +66,65 @@ def test_supports_that_hold_the_same_are_one_mark() -> None:
     np.testing.assert_allclose(slanted.directions, [[0.6, 0.8, 0.0]])
     np.testing.assert_array_equal(slanted.on, points[:, 0] > 0.999)
     assert roller.on.sum() == 2
+
+
+@pytest.mark.parametrize("speed", [-30.0, 30.0])
+def test_axis_of_rotation_has_the_sense_of_the_speed(speed: float) -> None:
+    turning = {"speed_rpm": speed, "axis": [0.0, 3.0, 0.0], "point": [-0.3, 0.0, 0.1]}
+    found, _ = marks(beam_scene(3, SMALL, contacts=None, probe={"group": "tip"}, rotation=turning))
+    assert found.rotation is not None and found.rotation.speed_rpm == 30.0
+    np.testing.assert_allclose(found.rotation.axis, [0.0, np.sign(speed), 0.0])
+    np.testing.assert_allclose(found.rotation.point, [-0.3, 0.0, 0.1])
+
+
+def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
+    """A casing has lines, and a plane has none."""
+    friction = {"normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
+    casing = {"kind": "cylinder", "point": [0.0, 0.0]}
+    contacts = [
+        {"group": "tip", "at": "nodes", "normal": [1.0, 0.0], **friction},
+        {"plane": TOP, "at": "nodes", "surface": casing, "gap": 1e-3, **friction},
+    ]
+    found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
+    first, second = found.contacts
+    assert first.first == 1 and second.first == 1 + len(first.places) and not first.lines
+    (circle,) = second.lines
+    assert np.linalg.norm(circle, axis=1).min() > np.linalg.norm(second.places, axis=1).max()
+
+
+BOX = """\
+Point(1) = {0, 0, 0}; Point(2) = {1, 0, 0}; Point(3) = {1, 1, 0}; Point(4) = {0, 1, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1, 2, 3, 4}; Plane Surface(1) = {1};
+Transfinite Curve {1, 2, 3, 4} = 2; Transfinite Surface {1}; Recombine Surface {1};
+v() = Extrude {0, 0, 1} { Surface{1}; Layers{1}; Recombine; };
+Physical Volume("solid") = {v(1)}; Physical Surface("root") = {v(0)};
+Physical Surface("base") = {1}; Physical Curve("edge") = {1}; Physical Point("corner") = {1};
+"""
+
+
+@pytest.mark.parametrize(
+    ("group", "unit"), [("base", "N/m³"), ("edge", "N/m²"), ("corner", "N/m per node")]
+)
+def test_stiffness_per_area_has_the_unit_of_its_region(
+    group: str, unit: str, tmp_path: Path
+) -> None:
+    (tmp_path / "box.geo").write_text(BOX)
+    attachment = {"group": group, "stiffness_per_area": 2.0, "damping_per_area": 3.0}
+    scene = make_scene(
+        folder=tmp_path,
+        geometry={"mesh": "box.geo", "dimension": 3, "degree": 1},
+        material=STEEL,
+        supports=[{"group": "root"}],
+        loads=[{"group": "base", "direction": [1.0, 0.0, 0.0], "force": 1.0, "frequency": 1.0}],
+        attachments=[attachment],
+        probe={"group": "base"},
+    )
+    found, _ = marks(scene)
+    assert [mark.label for mark in found.attachments] == [
+        f"spring, 2 {unit} in each direction",
+        f"dashpot, 3 {unit.replace('N', 'N s')} in each direction",
+    ]
 
 
 def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:

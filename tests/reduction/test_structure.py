@@ -12,10 +12,16 @@ import pytest
 from support import beam_scene
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.reduction import snapshots
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.modes import close_frequency_groups, component_modes
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.snapshots import Deflections, linear_model, linear_snapshots
+from fenicsrom.reduction.snapshots import (
+    SNAPSHOT_PERIODS,
+    Deflections,
+    linear_model,
+    linear_snapshots,
+)
 from fenicsrom.reduction.stages import Reduction, choose
 from fenicsrom.scene import Basis, Scene
 
@@ -86,6 +92,28 @@ def test_snapshots_do_not_depend_on_the_end_of_the_run() -> None:
         found.append(linear_snapshots(beam, scene, model))
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
+
+
+def test_transient_in_pieces_is_bitwise_that_of_one_march(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = scene_with(modes=2, elastic_force="projection")
+    scene = replace(scene, time=scene.time.changed(steps_per_period=40))
+    beam = beam_structure(scene)
+    model = linear_model(beam, component_modes(beam, scene.basis))
+    found, spans, march = [], [], snapshots.integrate
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        motion = march(*arguments, **options)
+        spans.append(round(np.ptp(motion.time) / scene.period))
+        return motion
+
+    monkeypatch.setattr(snapshots, "integrate", counted)
+    for piece in (1, 3, SNAPSHOT_PERIODS):
+        monkeypatch.setattr(snapshots, "PIECE", piece)
+        found.append(linear_snapshots(beam, scene, model))
+    whole = spans.pop()
+    assert whole > 6 and max(spans) == 4  # three periods and the one before
+    for other in found[:-1]:
+        np.testing.assert_array_equal(other, found[-1])
 
 
 def test_nonlinear_statics_select_derivatives_in_mmi_nls_only() -> None:

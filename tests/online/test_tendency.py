@@ -1,0 +1,64 @@
+"""Marches that tend to a periodic motion, and others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support import duffing
+
+from fenicsrom.online.periodic import PeriodicMotion, Shooting, solve, start_variables
+from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.tendency import CALM, MarchedPath
+from fenicsrom.scene import Time
+
+UPPER, LOWER = (1.30722027, 0.87306771), (-0.24849689, 0.02338837)
+
+
+def path_from(x: float, v: float) -> MarchedPath:
+    """A march of the oscillator with two stable motions."""
+    model, period = duffing(0.05, 1.0, 0.3, 1.5)
+    shooting = Shooting(model, no_contacts(), Time.of(periods=3, steps_per_period=100), period)
+    start = np.array([x]), np.array([v]), np.zeros((0, 2))
+    return MarchedPath(shooting, shooting.scaled(start_variables(shooting, start)))
+
+
+def motion_at(x: float, v: float) -> PeriodicMotion:
+    """The periodic motion near a state."""
+    path = path_from(x, v)
+    return solve(path.shooting, path.states[0])
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (2.0, -1.0), (-1.0, 1.5), (0.5, -2.0)])
+def test_march_tends_to_one_of_two_motions_from_a_state_that_it_reaches_later(
+    start: tuple[float, float],
+) -> None:
+    upper, lower = motion_at(*UPPER), motion_at(*LOWER)
+    path = path_from(*start)
+    assert not path.tends_to(upper, 2) and not path.tends_to(lower, 2)
+    found = [path.tends_to(upper, 60), path.tends_to(lower, 60)]
+    assert path.reaches(300)
+    ends = [np.linalg.norm(path.states[-1] - path.shooting.scaled(m.z)) for m in (upper, lower)]
+    assert min(ends) < 1e-3 < max(ends)
+    assert found == [ends[0] < ends[1], ends[1] < ends[0]]
+
+
+def test_states_after_the_first_are_tried() -> None:
+    """(1) holds as soon as for a march that begins where the first one is after 30 periods."""
+    motion = motion_at(*LOWER)
+    whole = path_from(0.0, 0.0)
+    assert whole.reaches(60)
+    late = MarchedPath(whole.shooting, whole.states[30])
+    needed = next(k for k in range(1, 40) if late.tends_to(motion, k))
+    assert whole.tends_to(motion, 30 + needed)
+
+
+def test_calm_state_is_the_first_that_changes_little_in_a_period() -> None:
+    path = path_from(0.0, 0.0)
+    assert path.calm_state(0) is path.states[0] and len(path.states) == 1
+    assert path.calm_state(3) is path.states[3]
+    calm = path.calm_state(300)
+    changes = [
+        np.linalg.norm(b - a) / np.linalg.norm(b)
+        for a, b in zip(path.states, path.states[1:], strict=False)
+    ]
+    assert calm is path.states[-1] and changes[-1] <= CALM < min(changes[:-1])

@@ -1,0 +1,138 @@
+"""Runs that are interrupted in their checks keep the motion, and repeat only the checks."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import beam_scene, refusal, uncoupled
+
+from fenicsrom import study
+from fenicsrom.assess import verdicts
+from fenicsrom.cli import main
+from fenicsrom.errors import ErrorKind
+from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online import simulate
+from fenicsrom.online.archive import StoredModel
+from fenicsrom.online.checkpoints import FORMAT, load_checkpoint, load_start
+from fenicsrom.online.motion import Motion
+from fenicsrom.post.sentences import UNCHECKED
+
+SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
+SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
+SPANS = {
+    "period": ("time.periods=3", "time.steady='march'", "time.steps_per_period=40"),
+    "duration": (
+        "time={duration=0.3, step=0.002}",
+        "loads.0={group='tip', direction=[0, 1], force=1, pulse={duration=0.1}}",
+    ),
+}
+
+
+def stored(*overrides: str) -> StoredModel:
+    """A linear model of one coordinate."""
+    scene = beam_scene(2, (*SHORT, *overrides), contacts=None, probe={"group": "tip"})
+    return StoredModel(
+        uncoupled(scene, 500.0), scene, "rubin", ("1V",), 9, np.array([3.6, 22.0]), {}
+    )
+
+
+def interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def assert_same(motion: Motion, whole: Motion) -> None:
+    """Every array and number of two motions is the same, bit for bit."""
+    for entry in fields(Motion):
+        if entry.name not in ("seconds", "end"):
+            np.testing.assert_array_equal(getattr(motion, entry.name), getattr(whole, entry.name))
+    assert motion.end is not None and whole.end is not None
+    np.testing.assert_array_equal(motion.end.state.q, whole.end.state.q)
+
+
+@pytest.mark.parametrize("span", ["period", "duration"])
+def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
+    span: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, folder = stored(*SPANS[span]), tmp_path / "interrupted"
+    whole = study.rerun(model, tmp_path / "whole")
+    estimate = verdicts.estimate_errors
+    monkeypatch.setattr(verdicts, "estimate_errors", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        study.rerun(model, folder)
+    told = json.loads((folder / "summary.json").read_text())
+    assert UNCHECKED in told["warnings"] and not told["estimated_error_percent"]
+    assert (folder / "history.npz").read_bytes() == (tmp_path / "whole/history.npz").read_bytes()
+    monkeypatch.setattr(verdicts, "estimate_errors", estimate)
+    path = folder / "checkpoint.npz"
+    found = study.rerun(model, tmp_path / "resumed", resume=path)
+    assert_same(found.motion, whole.motion)
+    assert isinstance(load_start(path, model.model, model.scene), Motion)
+    assert found.errors == whole.errors and UNCHECKED not in found.warnings
+    with refusal(ErrorKind.RANGE, f"time.{span}{'s' if span == 'period' else ''}"):
+        load_checkpoint(path, model.model, model.scene)
+
+
+def test_command_says_how_an_unchecked_motion_is_checked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("dolfinx")
+    monkeypatch.setattr(verdicts, "estimate_errors", interrupt)
+    sets = ("basis.modes=1", "basis.derivatives='none'", "time.periods=2")
+    sets += ("reference.full=false", "reference.beam=false", "geometry.parameters.elements_along=4")
+    sets += ("output.pictures=false", "time.steady='march'")
+    call = ["run", str(SCENE), *(word for value in sets for word in ("--set", value)), "--output"]
+    assert main([*call, str(tmp_path)]) == 130
+    said = capsys.readouterr().err
+    again = f"--resume {tmp_path / 'checkpoint.npz'} --output {tmp_path}"
+    assert "not checked" in said and again in said
+    told = json.loads((tmp_path / "summary.json").read_text())
+    assert UNCHECKED in told["warnings"] and (tmp_path / "history.npz").exists()
+    monkeypatch.setattr(verdicts, "estimate_errors", lambda *_: None)
+    monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
+    resume = ["--resume", str(tmp_path / "checkpoint.npz")]
+    assert main([*call, str(tmp_path), *resume]) == 0
+    kept = json.loads((tmp_path / "summary.json").read_text())
+    assert kept["response"] == told["response"] and UNCHECKED not in kept["warnings"]
+
+
+def test_longer_run_continues_from_the_end_of_an_unchecked_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = stored(*SPANS["period"])
+    monkeypatch.setattr(verdicts, "estimate_errors", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        study.rerun(model, tmp_path)
+    longer = model.with_overrides("time.periods=5")
+    begin = load_start(tmp_path / "checkpoint.npz", longer.model, longer.scene)
+    motion = simulate.simulate(longer.model, longer.scene, resume=begin)
+    whole = simulate.simulate(longer.model, longer.scene)
+    np.testing.assert_array_equal(motion.displacement, whole.displacement[-motion.time.size :])
+    assert motion.periods == 5
+
+
+def test_damaged_motion_of_a_checkpoint_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, path = stored(*SPANS["period"]), tmp_path / "checkpoint.npz"
+    monkeypatch.setattr(verdicts, "estimate_errors", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        study.rerun(model, tmp_path)
+    with read_archive(path, "a checkpoint", FORMAT) as (header, arrays):
+        names = [name for name in arrays if name.startswith("motion_")]
+    assert len(names) == 17
+    damages = [{name: np.zeros((1, 1, 1, 1))} for name in names] + [dict.fromkeys(names)]
+    damages += [{"motion_work": np.full_like(arrays["motion_work"], np.nan)}]
+    damages += [{"motion_time": arrays["motion_time"] + 1.0}]
+    for damage in damages:
+        kept = {name: array for name, array in {**arrays, **damage}.items() if array is not None}
+        write_archive(path, header, kept)
+        with refusal(ErrorKind.FORMAT, file=path.name):
+            load_start(path, model.model, model.scene)
+    for wrong in ({}, {**header["motion"], "periods": None}, "motion"):
+        write_archive(path, {**header, "motion": wrong}, arrays)
+        with refusal(ErrorKind.FORMAT, file=path.name):
+            load_start(path, model.model, model.scene)
