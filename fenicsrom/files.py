@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import re
-import secrets
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping
@@ -250,7 +249,7 @@ def _together(temporary: Path, path: Path, comm: Any) -> Iterator[None]:
 
 def _beside(path: Path) -> Path:
     """A hidden name in the same folder, unused, with the same suffix."""
-    return path.with_name(f".{path.stem}.{secrets.token_hex(6)}{path.suffix}")
+    return path.with_name(f".{path.stem}.{os.urandom(6).hex()}{path.suffix}")
 
 
 def _flush(file: Path) -> None:

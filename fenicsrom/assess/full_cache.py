@@ -20,16 +20,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.full import full_model
 from fenicsrom.files import (
     cache_is_off,
     read_archive,
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.contact_points import contacts_of
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.provenance import provenance
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene, scene_table
 
@@ -60,6 +59,8 @@ def full_motion(
     if found is not None:
         say(f"full model: taken from {path}")
         return found[0], found[1] | {"cached": True}
+    from fenicsrom.fem.full import full_model  # slow to import
+
     say("full model ..")
     last = clock.perf_counter()
 

@@ -13,12 +13,14 @@ part of the kinetic energy of φᵢ that the basis can represent.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.reduction.protocols import Structure
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
 
 MOST_COMPARED = 12
 """Largest number of modes of the full model that are compared."""
@@ -62,6 +64,8 @@ def mode_agreement(structure: Structure, vectors: Array) -> ModeAgreement:
         ConvergenceError: the eigensolver did not find all modes of the structure.
         AccuracyError: a mode failed its residual check.
     """
+    import scipy.linalg  # slow to import, and runs of stored models compare no modes
+
     size = vectors.shape[1]
     squares, full = structure.eigenmodes(structure.factor, min(size, MOST_COMPARED))
     stiffness = structure.inner(vectors, structure.stiffness_times(vectors))

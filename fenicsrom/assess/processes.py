@@ -22,7 +22,7 @@ from typing import Any
 
 from fenicsrom.errors import ConvergenceError
 
-POLL = 0.1  # s between two looks at the messages of the processes
+POLL = 0.02  # s between two looks at the messages of the processes
 SERVER = "fenicsrom.assess.worker_server"  # module that the server process imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 

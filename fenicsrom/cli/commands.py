@@ -15,7 +15,16 @@ from typing import Any
 from fenicsrom import study
 from fenicsrom.cli.output import opened, require_lasting
 from fenicsrom.cli.printing import print_results, progress
-from fenicsrom.cli.starting import changed_model, end, given_keys, ranks, require_scene, start
+from fenicsrom.cli.ranks import is_ranked
+from fenicsrom.cli.starting import (
+    changed_model,
+    end,
+    given_keys,
+    importing,
+    ranks,
+    require_scene,
+    start,
+)
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
@@ -56,9 +65,10 @@ def _rerun(options: argparse.Namespace) -> int:
     """Integrate a stored model again."""
     from dataclasses import replace
 
-    from fenicsrom.online import archive, checkpoints
-    from fenicsrom.post import motion_table, sentences
-    from fenicsrom.post.directions import direction_names
+    with importing():
+        from fenicsrom.online import archive, checkpoints
+        from fenicsrom.post import motion_table, sentences
+        from fenicsrom.post.directions import direction_names
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -275,15 +285,16 @@ def sweep(options: argparse.Namespace) -> int:
     from fenicsrom.scene.variations import make_axes
 
     axes = make_axes(options.over, options.together)
-    comm, workers = ranks(), available_cores()
-    if workers > 1 and (comm is None or comm.size == 1):
+    workers = available_cores()
+    if workers > 1 and not is_ranked():  # it imports the program while MPI starts
         start_server()
-    from fenicsrom.assess.sweep_runs import FAILED
-    from fenicsrom.post import sweep_report
+    comm = ranks()
+    with importing():
+        from fenicsrom.assess.sweep_runs import FAILED
+        from fenicsrom.online import archive
+        from fenicsrom.post import sweep_report
 
     if options.stored:
-        from fenicsrom.online import archive
-
         model = archive.load_model(Path(options.stored))
         scene = changed_model(options, model).scene
         source: str | None = options.stored

@@ -39,6 +39,11 @@ def refuse(sentence: str, code: int) -> int:
     return code
 
 
+def is_ranked() -> bool:
+    """Whether mpirun started this process."""
+    return any(name in os.environ for name in RANKS)
+
+
 def is_idle() -> bool:
     """Whether mpirun started this process beside a first one, which runs a stored model alone."""
     ranks = (os.environ[name] for name in RANKS if name in os.environ)

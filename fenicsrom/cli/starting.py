@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from fenicsrom.cli.printing import progress
@@ -10,6 +13,22 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, read_scene
 from fenicsrom.scene.overrides import names_of
 from fenicsrom.scene.reading import read_toml
+
+
+@contextmanager
+def importing() -> Iterator[None]:
+    """Import modules in the body while the collector of garbage waits.
+
+    It would look at all imported objects again and again, which takes a tenth of a short command.
+    Afterwards it leaves them out, because they are never garbage.
+    """
+    gc.disable()
+    try:
+        yield
+    finally:
+        if gc.get_freeze_count() == 0:  # once in a process: results may be garbage later
+            gc.freeze()
+        gc.enable()
 
 
 def require_scene(options: argparse.Namespace) -> None:

@@ -46,7 +46,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -191,19 +190,6 @@ def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = ""
     changed = override_table(scene_table(scene), overrides, source)
     found = parse_scene(titled(changed, overrides, scene.source), source, None)
     return replace(found, source=scene.source)
-
-
-def provenance(
-    modules: Sequence[str] = ("numpy", "numba", "fenics-dolfinx", "petsc4py", "slepc4py"),
-) -> dict[str, str]:
-    """Versions of this program and of the libraries it uses, as far as they are installed."""
-    found = {}
-    for name in ("fenicsrom", *modules):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def save_model(path: Path, stored: StoredModel) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
@@ -115,15 +114,15 @@ class DenseModel:
         directions: NDArray[np.int64],
     ) -> tuple[Array, Array, Compliance]:
         """Solve S [y, Z] = [-residual, B], as `ReducedModel.solve_effective`."""
+        from scipy.linalg import lu_factor, lu_solve  # slow to import, and few runs need it
+
         key = mass_coefficient, velocity_coefficient, tangent.coefficient
         if not (self.linear and key == self._key):
             effective = mass_coefficient * self.mass + tangent.matrix
             if self.velocity_forces:
                 effective += velocity_coefficient * self._velocity_matrix
             self._factor = (
-                scipy.linalg.lu_factor(effective, check_finite=False)
-                if np.all(np.isfinite(effective))
-                else None
+                lu_factor(effective, check_finite=False) if np.all(np.isfinite(effective)) else None
             )
             self._key = key
         rows = self._rows[directions]
@@ -131,7 +130,7 @@ class DenseModel:
         if self._factor is None or np.any(np.diag(self._factor[0]) == 0.0):
             block[:] = np.nan
         else:
-            block = scipy.linalg.lu_solve(self._factor, block, check_finite=False)
+            block = lu_solve(self._factor, block, check_finite=False)
         return block[:, 0].copy(), block[:, 1:].copy(), given_compliance(rows @ block[:, 1:])
 
     def negative_directions(self, tangent: Tangent) -> int:

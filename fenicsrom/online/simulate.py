@@ -12,6 +12,7 @@ from fenicsrom.online.contact_points import ContactPoints, contacts_of
 from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.march import end_of, integrate
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.stored_code import load_code_only
 from fenicsrom.online.support_motion import histories_of
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Scene
@@ -56,6 +57,7 @@ def simulate(
     """
     from fenicsrom.online.archive import StoredModel
 
+    load_code_only()
     if isinstance(model, StoredModel):
         model = model.with_scene(scene).model
     contacts = checked_contacts(model, scene)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.backbone import Backbone, ModePoint
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import STATE_NAMES
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.backbone_figures import NO_DAMPING, figure
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.assess.campbell import Campbell
-from fenicsrom.online.archive import provenance
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results
 from fenicsrom.post.style import COLOURS, new_figure, styled

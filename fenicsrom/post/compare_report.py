@@ -8,8 +8,8 @@ from typing import Any
 
 from fenicsrom.assess.compare import Comparison
 from fenicsrom.assess.full_cache import machine
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.measures import response_summary
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.compare_figures import (
     METHODS,
     amplitude_error,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.equilibrium_path import Equilibrium, EquilibriumPath
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.deformation import extremes
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.equilibrium_figures import figure
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results

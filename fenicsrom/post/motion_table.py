@@ -1,4 +1,4 @@
-"""The table of the responses of the models, and the notes below it."""
+"""The table of the responses of the models, and the notes on the contact points in it."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ RESPONSE_HEAD = (
     "steady",
     "imbalance",
 )
+FEW_POINTS = 4  # largest number of contact points that have one picture each
 PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
 RESPONSE_NOTE = (
     "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
@@ -102,3 +103,24 @@ def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
         f"Amplitudes are those of contact point 1{probe}; open, slip and stick are means over "
         f"{count} points; the peak force is that of point {peak}."
     )
+
+
+def touching_points(motions: Mapping[str, Motion]) -> list[int]:
+    """The numbers of the contact points that some motion presses in its last period."""
+    pressed = [np.any(m.force[m.last_period(), :, 0] > 0.0, axis=0) for m in motions.values()]
+    return sorted({int(point) for points in pressed for point in np.flatnonzero(points)})
+
+
+def open_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """Name the contact points that have no picture because they do not touch; None without any."""
+    count = max((motion.force.shape[1] for motion in motions.values()), default=0)
+    touching = touching_points(motions)
+    if len(touching) == count or (touching and count > FEW_POINTS):
+        return None
+    listed = ", ".join(str(point + 1) for point in range(count) if point not in touching)
+    which = (
+        f"Contact points {listed} do"
+        if count - len(touching) > 1
+        else f"Contact point {listed} does"
+    )
+    return f"{which} not touch in the last period: there is no picture of the contact."

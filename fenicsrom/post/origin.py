@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.files import atomic_write
-from fenicsrom.online.archive import provenance
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 

@@ -34,6 +34,7 @@ from fenicsrom.post.motion_figures import (
     plot_section,
     plot_transient,
 )
+from fenicsrom.post.motion_table import FEW_POINTS, touching_points
 from fenicsrom.post.optional import missing_module
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.writers import write_figure
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from fenicsrom.post.body_view import View
     from fenicsrom.post.record import Study
 
-FEW_POINTS = 4  # largest number of contact points that have one picture each
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 NO_FREQUENCIES = np.zeros(0)
 LEAST_SECTION = 20  # fewer periods make no section
@@ -139,27 +139,6 @@ def _contact_pictures(
         Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
         for point in touching
     ]
-
-
-def touching_points(motions: Mapping[str, Motion]) -> list[int]:
-    """The numbers of the contact points that some motion presses in its last period."""
-    pressed = [np.any(m.force[m.last_period(), :, 0] > 0.0, axis=0) for m in motions.values()]
-    return sorted({int(point) for points in pressed for point in np.flatnonzero(points)})
-
-
-def open_sentence(motions: Mapping[str, Motion]) -> str | None:
-    """Name the contact points that have no picture because they do not touch; None without any."""
-    count = max((motion.force.shape[1] for motion in motions.values()), default=0)
-    touching = touching_points(motions)
-    if len(touching) == count or (touching and count > FEW_POINTS):
-        return None
-    listed = ", ".join(str(point + 1) for point in range(count) if point not in touching)
-    which = (
-        f"Contact points {listed} do"
-        if count - len(touching) > 1
-        else f"Contact point {listed} does"
-    )
-    return f"{which} not touch in the last period: there is no picture of the contact."
 
 
 def not_drawn(names: Sequence[str]) -> str | None:

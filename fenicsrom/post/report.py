@@ -13,8 +13,7 @@ from fenicsrom.online.stress_peaks import Stresses
 from fenicsrom.post.directions import direction_names, direction_note
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
-from fenicsrom.post.motion_table import RESPONSE_NOTE, points_note, response_rows
-from fenicsrom.post.pictures import open_sentence
+from fenicsrom.post.motion_table import RESPONSE_NOTE, open_sentence, points_note, response_rows
 from fenicsrom.post.record import Rerun, Study
 from fenicsrom.post.sentences import (
     MULTIPLIER_NOTE,

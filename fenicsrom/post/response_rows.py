@@ -12,9 +12,9 @@ from fenicsrom.assess.response_results import (
     ResponseCurve,
     judged_multiplier,
 )
-from fenicsrom.online.archive import provenance
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.response_figures import directions, in_order, largest_component, unit_of
 from fenicsrom.post.response_motion import largest_point
 
@@ -55,7 +55,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "damping_dissipation_per_period_J": point.damping_dissipation,
         "stability": point.verdict,
         "bifurcation": point.kind,
-        "contact_point": None if point.contact < 0 else point.contact,
+        "contact_point": None if point.contact < 0 else point.contact + 1,
         "periods": point.periods,
         "multiplier_size": abs(multiplier),
         "multiplier_real": multiplier.real,

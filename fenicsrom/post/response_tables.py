@@ -88,7 +88,7 @@ def bifurcation_table(found: Response) -> list[list[Any]]:
     listed = [
         [
             *([] if families is None else [curve.value]),
-            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact}",
+            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact + 1}",
             f"{point.parameter:.7g}",
             f"{1e3 * float(point.amplitude[:, direction].max()):.5g}",
         ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.stability import NEGLIGIBLE, Finding, Matrix, Verdict
-from fenicsrom.online.archive import provenance
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.pictures import draw_pictures

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.estimates import MotionErrors
-from fenicsrom.online.archive import StoredModel, provenance
+from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.checkpoints import save_end
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.history import HISTORY_ARRAYS, JUMP
@@ -22,6 +22,7 @@ from fenicsrom.online.measures import (
 )
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.motion import Motion
+from fenicsrom.online.provenance import provenance
 from fenicsrom.online.support_motion import (
     absolute_displacement,
     moves_supports,

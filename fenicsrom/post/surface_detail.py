@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array, eye_array, vstack
 
 from fenicsrom.arrays import Array
 from fenicsrom.post.body_surface import Ints, Surface, areas
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 MOST = 12000
 """About the largest number of triangles: one takes about 0.01 ms in each picture of the body."""
@@ -96,6 +99,8 @@ def refined(surface: Surface, least: int) -> tuple[Surface, csr_array]:
     Returns:
         The surface, and the matrix of the means that give the values at its points.
     """
+    from scipy.sparse import csr_array, eye_array, vstack  # slow to import
+
     mean = eye_array(len(surface.points), format="csr")
     while 0 < len(surface.triangles) < least:
         triangles = surface.triangles

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
-from fenicsrom.online.archive import provenance
+from fenicsrom.online.provenance import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.pictures import draw_pictures

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,17 +214,22 @@ def _write_vtk(
         stream.write(b"\n</AppendedData></VTKFile>\n")
 
 
+def _quoted(text: str) -> str:
+    """A text as the value of an attribute. The module `xml.sax.saxutils` is slow to import."""
+    return f'"{html.escape(text)}"'
+
+
 def _type(values: Values, name: str) -> str:
     """The attributes of an array: its type, name and number of components."""
     components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    return f'type="{TYPES[values.dtype.str[1:]]}" Name={quoteattr(name)}{components}'
+    return f'type="{TYPES[values.dtype.str[1:]]}" Name={_quoted(name)}{components}'
 
 
 def _note(name: str, text: str) -> str:
     """A text of the field data, as the codes of its characters."""
     codes = " ".join(str(code) for code in [*text.encode(), 0])
     return (
-        f'<DataArray type="String" Name={quoteattr(name)} NumberOfTuples="1" format="ascii">'
+        f'<DataArray type="String" Name={_quoted(name)} NumberOfTuples="1" format="ascii">'
         f"{codes}</DataArray>"
     )
 
@@ -232,7 +237,7 @@ def _note(name: str, text: str) -> str:
 def write_series(path: Path, entries: Iterable[tuple[float, str]]) -> None:
     """Write the `.pvd` file that lists the instants (s) and their files."""
     lines = [
-        f'<DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>' for time, file in entries
+        f'<DataSet timestep="{time!r}" part="0" file={_quoted(file)}/>' for time, file in entries
     ]
     head, tail = (
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0"><Collection>',
@@ -244,7 +249,7 @@ def write_series(path: Path, entries: Iterable[tuple[float, str]]) -> None:
 def write_blocks(path: Path, blocks: Iterable[tuple[str, str]]) -> None:
     """Write the `.vtm` file that lists names of blocks and their files."""
     lines = [
-        f'<DataSet index="{k}" name={quoteattr(name)} file={quoteattr(file)}/>'
+        f'<DataSet index="{k}" name={_quoted(name)} file={_quoted(file)}/>'
         for k, (name, file) in enumerate(blocks)
     ]
     head, tail = (
@@ -272,7 +277,7 @@ def write_pieces(
         "</PCellData><PPoints>",
         '<PDataArray type="Float64" Name="Points" NumberOfComponents="3"/>',
         "</PPoints>",
-        *(f"<Piece Source={quoteattr(piece)}/>" for piece in pieces),
+        *(f"<Piece Source={_quoted(piece)}/>" for piece in pieces),
         "</PUnstructuredGrid></VTKFile>",
     ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -20,7 +20,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
@@ -156,18 +155,20 @@ def _normalised(block: Array, gram: Array) -> Array:
     The first vector is taken, and all after it whose independent part is at least `WELL_DEFINED`
     of their own norm and well above `DEPENDENCE`, up to the first one for which this fails.
     """
+    from scipy.linalg import solve_triangular  # slow to import, and reused bases do not need it
+
     size, taken = gram.shape[0], 1
     least = np.maximum(WELL_DEFINED**2 * np.diag(gram), (DEPENDENCE / WELL_DEFINED) ** 2)
     lower = np.zeros((size, size))
     lower[0, 0] = np.sqrt(gram[0, 0])
     for k in range(1, size):
-        lower[k, :k] = scipy.linalg.solve_triangular(lower[:k, :k], gram[:k, k], lower=True)
+        lower[k, :k] = solve_triangular(lower[:k, :k], gram[:k, k], lower=True)
         square = gram[k, k] - float(lower[k, :k] @ lower[k, :k])
         if not square >= least[k]:
             break
         lower[k, k] = np.sqrt(square)
         taken = k + 1
-    inverse = scipy.linalg.solve_triangular(lower[:taken, :taken], np.eye(taken), lower=True)
+    inverse = solve_triangular(lower[:taken, :taken], np.eye(taken), lower=True)
     return np.asarray(block[:, :taken] @ inverse.T)
 
 

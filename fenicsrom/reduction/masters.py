@@ -6,12 +6,16 @@ place: the eigenvectors of the contact flexibility Bᵀ K⁻¹ B with the larges
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.reduction.protocols import Structure
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 INDEPENDENCE = 1e-12
 """Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""

@@ -10,15 +10,16 @@ Vectors hold the unknowns that this rank owns: shape (local,), or (local, k) for
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
-
-from scipy.sparse import csr_array
+from typing import TYPE_CHECKING, Any, Protocol
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.load_histories import LoadHistories
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.pressure import PressurePolynomial
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 class Communicator(Protocol):

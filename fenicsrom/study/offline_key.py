@@ -98,7 +98,7 @@ def keys_of(scene: Scene) -> tuple[str, str] | None:
 def _program() -> dict[str, str]:
     """The code of this package, the versions of the libraries, and the options of PETSc."""
     from fenicsrom.assess.full_cache import PACKAGE, package_digest
-    from fenicsrom.online.archive import provenance
+    from fenicsrom.online.provenance import provenance
 
     found = provenance(LIBRARIES)
     found["package"] = package_digest(PACKAGE)

@@ -203,6 +203,7 @@ def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
     }
 
 
+@pytest.mark.slow
 def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warning(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -9,7 +9,8 @@ from motions import PERIOD, jenkins, motion, side_by_side
 from test_figures import drawn, texts
 
 from fenicsrom.post import motion_figures
-from fenicsrom.post.pictures import motion_pictures, open_sentence, working
+from fenicsrom.post.motion_table import open_sentence
+from fenicsrom.post.pictures import motion_pictures, working
 from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"

@@ -76,6 +76,7 @@ def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
         load_checkpoint(path, model.model, model.scene)
 
 
+@pytest.mark.slow
 def test_command_says_how_an_unchecked_motion_is_checked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

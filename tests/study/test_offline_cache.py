@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import pickle
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -295,6 +298,24 @@ def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path
     again = run(rough, fresh=True)
     assert "modes" in again.seconds
     assert_equal_runs(again, third)
+
+
+REUSING = """
+import pickle, sys
+from fenicsrom import study
+study.run(pickle.load(sys.stdin.buffer))
+print([name for name in ("dolfinx", "gmsh", "petsc4py", "scipy.linalg") if name in sys.modules])
+"""
+
+
+@pytest.mark.slow
+def test_run_that_reuses_all_stages_imports_no_finite_elements(folder: Path) -> None:
+    scene = loaded_scene()
+    run(scene)
+    done = subprocess.run(
+        [sys.executable, "-c", REUSING], input=pickle.dumps(scene), capture_output=True, check=True
+    )
+    assert done.stdout == b"[]\n"
 
 
 def test_run_names_the_stages_that_it_did_not_compute(folder: Path) -> None:

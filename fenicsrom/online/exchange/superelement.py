@@ -17,7 +17,7 @@ import scipy.linalg
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import SUPERELEMENT, StoredModel, provenance
+from fenicsrom.online.archive import SUPERELEMENT, StoredModel
 from fenicsrom.online.contact_points import ContactPoints, no_points
 from fenicsrom.online.exchange.abaqus import read_mtx
 from fenicsrom.online.exchange.arrays import read_mat, read_npz
@@ -28,6 +28,7 @@ from fenicsrom.online.exchange.superelement_damping import damping_parts, table_
 from fenicsrom.online.load_histories import of_loads
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.provenance import provenance
 from fenicsrom.online.surfaces import frame, surface_normal
 from fenicsrom.scene import Place, Region, Scene
 from fenicsrom.scene.superelement import InterfaceNode, SuperelementScene

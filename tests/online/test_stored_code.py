@@ -1,0 +1,86 @@
+"""Machine code that is loaded without what only compilation needs."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+
+from fenicsrom.online.compiled import PRIVATE, compiled
+from fenicsrom.online.stored_code import StoredLibrary, load_code_only
+
+pytestmark = pytest.mark.skipif(not PRIVATE, reason="numba is of another version")
+EMPTY = "an array without entries"
+
+
+def sum_of_squares(values):  # type: ignore[no-untyped-def]
+    """The inner product of a vector with itself, by BLAS."""
+    if values.size == 0:
+        raise ValueError(EMPTY)
+    return np.dot(values, values)
+
+
+PROGRAM = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import test_stored_code
+test_stored_code.compiled(test_stored_code.sum_of_squares)(test_stored_code.np.ones(3))
+"""
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which another process stored the compiled function."""
+    folder = tmp_path_factory.mktemp("numba")
+    subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(Path(__file__).parent)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
+        check=True,
+    )
+    return folder
+
+
+@pytest.fixture
+def stored(store: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The function, loaded from the store."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(store))
+    load_code_only()
+    loaded = compiled(sum_of_squares)
+    loaded(np.ones(3))
+    assert sum(loaded.stats.cache_hits.values()) == 1
+    return loaded
+
+
+def library_of(function: Any) -> StoredLibrary:
+    """The library of the only signature of a function."""
+    (result,) = function.overloads.values()
+    assert isinstance(result.library, StoredLibrary)
+    return result.library
+
+
+def test_stored_function_runs_without_its_intermediate_code(stored: Any) -> None:
+    assert stored(np.array([3.0, 4.0])) == 25.0
+    assert library_of(stored)._shared_module is None
+
+
+def test_stored_function_raises_its_errors(stored: Any) -> None:
+    with pytest.raises(ValueError, match=EMPTY):
+        stored(np.zeros(0))
+
+
+def test_function_compiled_later_calls_a_stored_one(stored: Any) -> None:
+    @numba.njit
+    def norm(values):  # type: ignore[no-untyped-def]
+        return np.sqrt(stored(values))
+
+    assert norm(np.array([3.0, 4.0])) == 5.0
+    name = next(iter(stored.overloads.values())).fndesc.llvm_func_name
+    assert not library_of(stored)._shared_module.get_function(name).is_declaration
+    with pytest.raises(ValueError, match=EMPTY):
+        norm(np.zeros(0))
