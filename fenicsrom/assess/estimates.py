@@ -18,6 +18,7 @@ from fenicsrom.online.measures import (
     at_rest,
     has_settled,
     interpolated,
+    is_unsteady,
     peak_normal_force,
     rms,
     times_before_end,
@@ -44,6 +45,9 @@ CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 
 BASIS_SAFETY = 1.5
 PARTS = 4  # of a run without a period, whose root mean squares are compared
 SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
+# a step whose peak force may be wrong by half of itself does not resolve the contact: the order of
+# the scheme is then one at most
+UNRESOLVED_FORCE = 0.5
 
 
 class MotionErrors(NamedTuple):
@@ -76,11 +80,14 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     The estimate is twice the distance of the two motions. That is six times the error of a scheme
     of second order, and twice the error of a scheme of first order; contacts that switch may reduce
     the order to one. Impacts may make the difference of the amplitudes small by chance. The
-    estimate of a motion that has settled is therefore at least a third of the distance between the
-    last periods of both runs. If a stiff contact lasts only a few steps, its peak force is not
-    resolved. The error of this force counts as unknown if a contact has a blending weight of a half
-    or more (`fenicsrom.online.contact_step`). A motion with such a contact may repeat for this step
-    only. There is then no estimate unless the motion repeats with half the step too.
+    estimate of a motion that has settled is therefore at least the error of its last period: a
+    third of the distance between the last periods of both runs for a scheme of second order, and
+    the whole distance for one of first order. The order counts as one if the estimated error of the
+    peak force is above `UNRESOLVED_FORCE`. If a stiff contact lasts only a few steps, its peak
+    force is not resolved. The error of this force counts as unknown if a contact has a blending
+    weight of a half or more (`fenicsrom.online.contact_step`). A motion with such a contact may
+    repeat for this step only, or fail to repeat for this step only. There is then no estimate
+    unless the motion with half the step does the same.
 
     Args:
         model: the model that was integrated.
@@ -101,10 +108,15 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force = _force_error(motion, other)
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
-    if np.isinf(force) and motion.steady and not _settles_with_half_step(model, scene, motion):
+    if (
+        np.isinf(force)
+        and (motion.steady or is_unsteady(motion))
+        and motion.steady != _settles_with_half_step(model, scene, motion)
+    ):
         return unknown
     found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
-    least = _shape_distance(motion, other) / 3.0 if has_settled(motion) else 0.0
+    order = 1 if force > UNRESOLVED_FORCE else 2
+    least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
     return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
 
 

@@ -242,7 +242,7 @@ def _examine(
         numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
     verdict, why = verdict_of(motion, fine, numbers)
     if verdict is Verdict.UNSTEADY and not has_settled(motion):
-        why = why_unsteady(model, scene, motion)
+        why = why_unsteady(model, scene, motion, fine)
     return verdict, why
 
 

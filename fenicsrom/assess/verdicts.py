@@ -85,7 +85,8 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
         run = "eight times the tolerance" if name == "tolerance" else "twice the step"
         found, other = f"{run} gives an error of about {100.0 * estimate:.2g} %", ""
     else:
-        found = "another step gives a motion that does not settle, or no motion"
+        differs = "settles" if unsteady else "does not settle"
+        found = f"another step gives a motion that {differs}, or no motion"
         other = f"{other_scheme(scene)}; or add modes that the loads may excite, basis.modes"
     raise AccuracyError(
         f"time.{name} = {given:g}: the steps are too long: a run with {found} "

@@ -85,19 +85,29 @@ def has_settled(motion: Motion) -> bool:
         return True
     if motion.period is None:
         return False
-    now, slack = amplitude(motion), 1e-9 * motion.period
-    for back in range(1, 4):
+    now, *before = period_amplitudes(motion, 4)
+    apart = [float(np.linalg.norm(now - then)) for then in before]
+    return len(apart) == 3 and max(apart) <= SETTLED * float(np.linalg.norm(now))
+
+
+def period_amplitudes(motion: Motion, count: int) -> list[Array]:
+    """Amplitudes (P d,) of the last periods of a motion, m, the last period first.
+
+    Args:
+        motion: a motion with a period.
+        count: largest number of periods; a motion of fewer periods gives fewer.
+    """
+    assert motion.period is not None
+    found, slack = [amplitude(motion)], 1e-9 * motion.period
+    for back in range(1, min(count, motion.periods)):
         end = motion.time[-1] - back * motion.period
         then = motion.displacement[
             (motion.time <= end + slack) & (motion.time >= end - motion.period - slack)
         ]
-        if motion.periods < back + 1 or then.size == 0:
-            return False
-        if np.linalg.norm(now - np.ptp(then, axis=0).reshape(-1) / 2.0) > SETTLED * np.linalg.norm(
-            now
-        ):
-            return False
-    return True
+        if then.size == 0:
+            break
+        found.append(np.ptp(then, axis=0).reshape(-1) / 2.0)
+    return found
 
 
 def is_unsteady(motion: Motion) -> bool:

@@ -27,6 +27,7 @@ from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.step_size import refined, step_key
 
 if TYPE_CHECKING:
     from fenicsrom.assess.estimates import MotionErrors
@@ -325,12 +326,17 @@ def buckled_sentence(name: str, motion: Motion) -> str:
 
 def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
     """Warn that a motion did not become periodic, and say what to try."""
-    remedy = "increase time.periods"
+    key = step_key(scene)
+    remedies = [
+        "increase time.periods",
+        f"take shorter steps (time.{key} = {getattr(refined(scene).time, key):g})",
+    ]
     if scene.time.scheme == "discrete-gradient":
-        remedy += (
-            ' or use time.scheme = "generalised-alpha", which damps waves that the time step does '
-            "not resolve"
+        remedies.append(
+            'use time.scheme = "generalised-alpha", which damps waves that the time step does not '
+            "resolve"
         )
+    remedy = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
     return (
         f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
         f"its amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"

@@ -115,6 +115,26 @@ def test_unresolved_impact_is_refused_and_its_peak_force_is_unknown() -> None:
     assert stiff.imbalance is not None and stiff.imbalance < 1e-9
 
 
+@pytest.mark.slow
+def test_estimate_covers_the_error_where_the_step_does_not_resolve_a_stiff_casing() -> None:
+    """The peak force is unknown, so the estimate assumes first order; with half the step the motion
+    of average acceleration loses its stability, and small waves persist."""
+    casing = AXES["curved surface"]["casing of 2.54 m, 1e8 N/m"]
+    found = examine(Case("casing", "", (*casing, "time.scheme='average-acceleration'")))
+    assert found.force_estimate is not None and found.force_estimate > 1.0
+    assert found.verdict == CONVERGED, found.why
+
+
+@pytest.mark.slow
+def test_wall_that_is_too_stiff_for_the_step_is_refused() -> None:
+    """The motion of 200 steps is unstable; those of 400 and 800 steps are stable."""
+    stiff = AXES["contact stiffness"]["1e+10 N/m"]
+    found = examine(Case("wall", "", stiff))
+    assert found.verdict == REFUSED and "try steps_per_period = 800" in found.why
+    finer = examine(Case("wall", "", (*stiff, "time.steps_per_period=800")))
+    assert finer.verdict == CONVERGED, finer.why
+
+
 def distorted(folder: Path, shift: float) -> Finding:
     path = stability_matrix.zigzag_mesh(folder / "zigzag.msh", shift)
     geometry = f"geometry={{mesh={str(path)!r}, dimension=2, thickness=0.0254}}"
@@ -141,3 +161,5 @@ def test_matrix_has_unique_cases_for_every_model(tmp_path: Path) -> None:
         (axis, value) for axis, values in stability_matrix.RICHER_AXES.items() for value in values
     }
     assert named == {(case.axis, case.value) for case in wanted if case.richer}
+    unsteady = {case.value for case in wanted if stability_matrix.is_unsteady(case)}
+    assert unsteady == {value for values in stability_matrix.UNSTEADY.values() for value in values}

@@ -212,6 +212,47 @@ def test_distance_of_periods_counts_where_amplitudes_agree(
     assert found.amplitude == pytest.approx(2.0 / 3.0, rel=1e-6)
 
 
+@pytest.mark.parametrize(("peak", "order"), [(0.9, 2), (0.5, 1)])
+def test_distance_of_periods_counts_whole_where_the_peak_force_is_unresolved(
+    peak: float, order: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A scheme of order p misses 1 / (2^p - 1) of the distance from the run of twice the step."""
+    model, scene, motion = oscillator()
+    touching = replace(motion, force=np.ones((motion.time.size, 1, 2)))
+    other = replace(motion, displacement=-motion.displacement, force=peak * touching.force)
+    monkeypatch.setattr(estimates, "check_motion", lambda *_: other)
+    found = estimates.step_errors(model, scene, touching)
+    assert found.peak_force == pytest.approx(2.0 * (1.0 - peak))
+    assert found.amplitude == pytest.approx(2.0 / (2**order - 1), rel=1e-6)
+
+
+@pytest.mark.parametrize("settles", [True, False])
+def test_unresolved_contact_has_an_estimate_only_if_half_the_step_does_the_same(
+    settles: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whether the motion settles must not depend on the step, in both directions."""
+    model, scene, steady = oscillator()
+    growth = (1.0 + 0.05 * steady.time / steady.period)[:, None, None]
+    unsteady = replace(steady, steady=False, displacement=growth * steady.displacement)
+    motion, contrary = (steady, unsteady) if settles else (unsteady, steady)
+    assert measures.has_settled(motion) is settles
+    monkeypatch.setattr(estimates, "_force_error", lambda *_: np.inf)
+    half = scene.time.steps_per_period * 2
+
+    def estimate(fine: Motion) -> float:
+        monkeypatch.setattr(
+            estimates,
+            "check_motion",
+            lambda _, s, *__: fine if s.time.steps_per_period == half else motion,
+        )
+        return estimates.step_errors(model, scene, motion).amplitude
+
+    assert estimate(motion) == 0.0 and estimate(contrary) == np.inf
+    with pytest.raises(AccuracyError) as refusal:
+        verdicts.check_time_error(scene, np.inf, unsteady=not settles)
+    assert ("motion that settles" in str(refusal.value)) is not settles
+
+
 def test_full_model_that_gains_energy_is_refused() -> None:
     model, scene, motion = oscillator()
     growing = motion.kinetic * np.linspace(1.0, 1.5, motion.time.size)

@@ -18,7 +18,7 @@ from fenicsrom.post.motion_table import (
     response_table,
 )
 from fenicsrom.post.record import Study
-from fenicsrom.post.sentences import basis_sentences, estimate_rows
+from fenicsrom.post.sentences import basis_sentences, estimate_rows, motion_warnings
 from fenicsrom.reduction.selection import Selection
 
 
@@ -79,3 +79,13 @@ def test_row_of_responses_has_the_order_of_the_directions() -> None:
     head, row = response_rows({"full": jenkins(normal=1e-3)}, {}, ["normal x", "tangential y"])
     assert head[2:4] == ["normal x mm", "tangential y mm"]
     assert float(row[3]) == pytest.approx(8.0, rel=1e-3) and float(row[2]) < 2.0
+
+
+def test_warning_of_an_unsteady_motion_names_shorter_steps() -> None:
+    """With the key of the scene, and with the other scheme only where it helps."""
+    motion: Any = SimpleNamespace(steady=False, buckled=0, search=None, periods=100)
+    (told,) = motion_warnings("reduced", motion, beam_scene(2, ("time.steps_per_period=200",)))
+    assert "time.steps_per_period = 400" in told and "generalised-alpha" in told
+    other = ("time.tolerance=8e-3", "time.scheme='generalised-alpha'")
+    (told,) = motion_warnings("reduced", motion, beam_scene(2, other))
+    assert "time.tolerance = 0.001" in told and "generalised-alpha" not in told
