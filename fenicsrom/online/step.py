@@ -37,9 +37,7 @@ from fenicsrom.online.state import (
     WORK,
 )
 
-# Of the error of a step relative to the motion. Rounding alone makes a decrement of 1e-18 of the
-# energy or so; the square of this tolerance is a million times smaller.
-NEWTON_TOLERANCE = 1e-12
+NEWTON_TOLERANCE = 1e-14
 NEWTON_ROUNDING = 1e-13  # part of the energy; a smaller decrement that stops decreasing is rounding
 CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
 NEWTON_ITERATIONS = 15

@@ -16,11 +16,11 @@ def iterations(decrements: list[float], quadratic: bool) -> int:
 
 
 def test_linear_convergence_ends_where_the_next_decrement_is_small() -> None:
-    """The error falls to 1e-2 in each iteration, its square to 1e-4; 1e-12 of it is enough."""
-    assert iterations([0.5 * 10.0 ** (-4 * k) for k in range(12)], quadratic=False) == 6
+    """The error falls to 1e-2 in each iteration, its square to 1e-4; 1e-14 of it is enough."""
+    assert iterations([0.5 * 10.0 ** (-4 * k) for k in range(12)], quadratic=False) == 7
 
 
 def test_quadratic_convergence_ends_one_iteration_before() -> None:
-    """Errors of 3e-2, 3e-4, 3e-8 are followed by 3e-16."""
-    assert iterations([1e-3, 1e-7, 1e-15, 1e-31], quadratic=True) == 3
-    assert iterations([1e-3, 1e-7, 1e-15, 1e-31], quadratic=False) == 4
+    """Errors of 1e-2, 1e-4, 1e-8 are followed by 1e-16."""
+    assert iterations([1e-4, 1e-8, 1e-16, 1e-32], quadratic=True) == 3
+    assert iterations([1e-4, 1e-8, 1e-16, 1e-32], quadratic=False) == 4
