@@ -1,9 +1,7 @@
 """Derivative of the weight of the implicit blending (`contact_step.implicit_blending`).
 
 The weight b = r^2/(1 + r^2), r = k_n n^T G n, uses the G = B^T S^-1 B of the first guess of a step.
-Where the G of the converged step gives weights below `BLENDING_RESOLVED`, these serve, which saves
-another evaluation of the tangent: both differ by a part of the weight of the size of the error of
-the guess.
+The march records it. The changes of weights below `BLENDING_RESOLVED` are neglected.
 """
 
 from __future__ import annotations
@@ -11,15 +9,26 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
-from fenicsrom.online.model import ReducedModel, Tangent
+from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
 from fenicsrom.online.step import step_coefficients
 from fenicsrom.online.surfaces import Contacts, gap_discrete_gradient
+
+
+@kernel
+def is_resolved(weights: Array) -> bool:
+    """Whether the changes of any of the weights (rows, P) matter."""
+    for row in range(weights.shape[0]):
+        for p in range(weights.shape[1]):
+            if weights[row, p] > BLENDING_RESOLVED:
+                return True
+    return False
 
 
 @kernel
@@ -32,47 +41,6 @@ def solve_at_guess(
         q0, q0, guess, scheme.start_weight, scheme.points, scheme.weights
     )
     model.solve_effective(coefficients.mass, coefficients.velocity_dq, tangent, q0, directions)
-
-
-@kernel
-def solve_at_end(
-    model: ReducedModel, s: Sensitivity, mass: float, directions: NDArray[np.int64]
-) -> None:
-    """Write S^-1 B and G of the converged step to the workspace; s.by_step holds S.
-
-    `mass` is the coefficient of M in S, by which a linear model keeps its factor.
-    """
-    model.solve_effective(0.0, 0.0, Tangent(s.by_step, mass), s.before[0], directions)
-
-
-@kernel
-def write_weights(
-    model: ReducedModel,
-    contacts: Contacts,
-    drift: Drift,
-    s: Sensitivity,
-    behind: complex,
-    points: NDArray[np.int64],
-) -> bool:
-    """Write the weights of the points (c,) that touch to s.weight; True if one is resolved."""
-    d, law, resolved = s.x0.shape[1], s.law, False
-    point, delassus = law.scratch.point, model.work.compliance.delassus
-    n, bend = point.gradient, point.gradient_derivative
-    for place in range(points.size):
-        p, row = points[place], place * d
-        perturb(law.contacts, p, contacts, drift.contacts, 0.0)
-        for i in range(d):
-            law.start.x[p, i] = s.x0[p, i]
-        x0 = law.start.x[p]
-        gap_discrete_gradient(law.contacts, p, x0, x0, behind, n, bend, point.work)
-        flexibility = 0.0
-        for i in range(d):
-            for j in range(d):
-                flexibility += n[i].real * delassus[row + i, row + j] * n[j].real
-        ratio = contacts.normal_stiffness[p] * flexibility
-        s.weight[p] = ratio**2 / (1.0 + ratio**2)
-        resolved = resolved or s.weight[p] > BLENDING_RESOLVED
-    return resolved
 
 
 @kernel

@@ -27,7 +27,7 @@ from fenicsrom.online.scene_changes import END_KEYS, changed_run_key
 from fenicsrom.online.state import TIME, Checkpoint, PeriodicSearch, no_record, no_state
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
-FORMAT = "fenicsrom checkpoint 2"
+FORMAT = "fenicsrom checkpoint 3"
 TIME_TOLERANCE = 1e-6  # of the time after a number of periods, relative to the period
 INTERVAL = 10.0  # least time between two checkpoints, s of wall time
 

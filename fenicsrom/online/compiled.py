@@ -1,7 +1,8 @@
-"""Compilation with numba, and the only use of numba's private interfaces.
+"""Compilation with numba.
 
-Three private interfaces make the kernels fast. Each was checked with the versions of numba from
-`FIRST` to `LAST`; any other version runs without them, slower and with the same results:
+Three private interfaces of numba make the kernels fast; those in `fenicsrom.online.stored_code`
+load them fast. Each was checked with the versions of numba from `FIRST` to `LAST`; any other
+version runs without them, slower and with the same results:
 
 - `_source_stamp` of a cache file decides whether stored machine code is still valid. Without it
   nothing is stored, because numba's own rule misses changes in other files.

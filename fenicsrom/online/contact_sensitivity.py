@@ -151,6 +151,18 @@ def state_of(
             here.friction[p, k] = 0.0
 
 
+@part
+def is_constant(contacts: Contacts, drift: Contacts, p: int) -> bool:
+    """Whether the law of point p does not depend on the parameter: nor data, nor the surface."""
+    found = contacts.times.size == 0 and contacts.spin[p] == 0.0 and drift.spin[p] == 0.0
+    found = found and drift.preload[p] == 0.0 and drift.friction[p] == 0.0
+    found = found and drift.normal_stiffness[p] == 0.0 and drift.tangential_stiffness[p] == 0.0
+    found = found and drift.radius[p] == 0.0
+    for k in range(contacts.order.size):
+        found = found and drift.height[p, k] == 0.0 and drift.phase[p, k] == 0.0
+    return found
+
+
 @kernel
 def differentiate_law(
     law: LawDerivative,
@@ -197,7 +209,11 @@ def differentiate_law(
     for c in range(3 * d + 2):
         plane = c == 2 * d and contacts.kind[p] == PLANE
         without_effect = 2 * d <= c < 3 * d and (follows or plane)
-        if without_effect or (c == 3 * d and not blending > BLENDING_RESOLVED):
+        if (
+            without_effect
+            or (c == 3 * d and not blending > BLENDING_RESOLVED)
+            or (c == 3 * d + 1 and is_constant(contacts, drift, p))
+        ):
             for k in range(d):
                 law.force[p, k, c] = 0.0
                 law.slider[p, k, c] = 0.0
@@ -212,7 +228,7 @@ def differentiate_law(
             start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
         scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
         state_of(law.contacts, p, interval.begin, start, scratch)
-        contact_force(law.contacts, interval, p, start, finish, scratch)
+        contact_force(law.contacts, interval, p, start, finish, scratch, False)
         commit_contact_state(law.contacts, interval, p, start, finish, scratch)
         for k in range(d):
             law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP

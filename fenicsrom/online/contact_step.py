@@ -234,8 +234,11 @@ def contact_force(
     start: ContactState,
     end: ContactState,
     scratch: ContactScratch,
+    derive: bool,
 ) -> bool:
     """Mean force of point p over a step to end.x[p], its derivative and its parts, in `scratch`.
+
+    Without `derive`, the derivative lacks the friction.
 
     Returns:
         False if the point does not touch during the step.
@@ -264,7 +267,7 @@ def contact_force(
     _tangential_stretch(contacts, interval, p, start, end, scratch)
     for k in range(d):  # from the gradient of the penetration to the gradient of `after`
         scratch.point.gradient[k] *= contacts.normal_stiffness[p]
-    friction_force(contacts, interval, p, before, after, force, force_by_end, scratch)
+    friction_force(contacts, interval, p, before, after, force, force_by_end, scratch, derive)
     for k in range(d):
         scratch.mean_force[p, k] += scratch.mean_friction[p, k]
     return True
@@ -394,5 +397,5 @@ def at_rest(
     here.friction[:] = 0.0
     interval = Interval(time, time, 0.0, False)
     for p in range(x.shape[0]):
-        contact_force(contacts, interval, p, here, here, scratch)
+        contact_force(contacts, interval, p, here, here, scratch, False)
         commit_contact_state(contacts, interval, p, here, here, scratch)

@@ -177,13 +177,15 @@ class Corrector:
         displacement = record.displacement
         if displacement.shape[1] == 0:
             displacement = record.probe[:, None, :]
-        multipliers, verdict = floquet(monodromy, free)
+        values, vectors = np.linalg.eig(monodromy)
+        multipliers, verdict = floquet(values, free)
         s = y[:-1] * self.size
         problem = self.family(float(y[-1] * self.range))
         bits = state_bits(record, problem.contacts)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         turning, turn_rates = turning_pairs(
-            monodromy,
+            values,
+            vectors,
             problem.model.size,
             self.shooting.omega,
             m * problem.period,

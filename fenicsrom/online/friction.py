@@ -459,6 +459,7 @@ def friction_force(
     force: float,
     force_by_end: float,
     scratch: ContactScratch,
+    derive: bool,
 ) -> None:
     """Mean friction of point p over a step and motion of its slider, equations (3) to (11).
 
@@ -471,8 +472,8 @@ def friction_force(
         force: mean normal force of the step, N.
         force_by_end: derivative of `force` by y1.
         scratch: in: `point.normal`, `point.gradient` (of y1) and the stretches with their
-            derivatives; out: `mean_friction`, `slider_motion` and `mode` of the point; its
-            derivative is added to `force_derivative`.
+            derivatives; out: `mean_friction`, `slider_motion` and `mode` of the point.
+        derive: whether its derivative is added to `force_derivative`.
     """
     kt, mu = contacts.tangential_stiffness[p], contacts.friction[p]
     limits = FrictionLimits(
@@ -488,6 +489,7 @@ def friction_force(
     event = slip_event(kt, interval, limits, scratch)
     scratch.mode[p] = event.mode
     mean_friction(kt, interval, event, p, scratch)
-    add_friction_derivative(kt, interval, limits, event, p, scratch)
+    if derive:
+        add_friction_derivative(kt, interval, limits, event, p, scratch)
     for k in range(len(scratch.space)):
         scratch.mean_friction[p, k] *= limits.fraction

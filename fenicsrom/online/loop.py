@@ -33,6 +33,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     for p in range(points):
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]
+        record.blending[row, p] = state.trial.scratch.blending[p]
         record.gap[row, p] = -penetration(contacts, p, contact.x[p], s[TIME])
         # in the frame of the point, turned the shortest way so that its first axis is the current
         # normal

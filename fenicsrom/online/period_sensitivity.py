@@ -1,9 +1,8 @@
 """Derivatives carried over the recorded steps of a period.
 
-The march records the accepted steps; what else the derivative of a step needs follows from them:
-the first guess and the weight of the implicit blending from the motion before the step, and the
-sliders from the contact law. No type depends on the dimension of space, so one compilation serves
-all models.
+The march records the accepted steps. What else the derivative of a step needs follows from them:
+the first guess from the motion before the step, and the sliders from the contact law. No type
+depends on the dimension of space, so one compilation serves all models.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.blending_sensitivity import (
     differentiate_blending,
-    solve_at_end,
+    is_resolved,
     solve_at_guess,
-    write_weights,
 )
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
@@ -97,6 +95,7 @@ def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitiv
             s.x1[p, i] = record.displacement[row, p, i]
             if record.mean_force[row, p, i] != 0.0:
                 s.is_open[p] = False
+        s.weight[p] = record.blending[row, p]
         s.law.scratch.is_candidate[p] = not s.is_open[p]
     return list_candidates(s.law.scratch)
 
@@ -151,6 +150,7 @@ def carry_derivatives(
         False if the matrix of a step is singular.
     """
     law, points, d, by, begin = s.law, s.is_open.size, s.x0.shape[1], drift.contacts, 0.0
+    blends = is_resolved(record.blending[:rows])
     for p in range(points):
         x, w = s.x0[p], sliders[p]
         differentiate_law(law, contacts, by, rest, p, x, x, w, 0.0, rest.discrete_gradient)
@@ -163,11 +163,8 @@ def carry_derivatives(
         count = begin_step(record, row, h, last_step, s)
         touching, directions = law.scratch.candidates[:count], law.scratch.directions[: count * d]
         by_mass = add_structure(model, scheme, drift, moved, behind, ahead, s)
-        if count > 0 and scheme.discrete_gradient:
-            solve_at_end(model, s, by_mass.real, directions)
-            if write_weights(model, contacts, drift, s, behind, touching):
-                solve_at_guess(model, scheme, s, h, directions)
-                write_weights(model, contacts, drift, s, behind, touching)
+        if blends and is_resolved(record.blending[row : row + 1]):
+            solve_at_guess(model, scheme, s, h, directions)
         for place in range(count):
             p = touching[place]
             differentiate_blending(
@@ -180,7 +177,8 @@ def carry_derivatives(
         if not solve_step(s):
             return False
         advance_derivatives(scheme, moved, s)
-        advance_extrapolation(drift.period, h, last_step, s)
+        if blends:
+            advance_extrapolation(drift.period, h, last_step, s)
         advance_sliders(model, s)
         end_step(record, row, h, last_step, s)
         begin, last_step = record.time[row], h

@@ -246,12 +246,12 @@ def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex
     return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
 
 
-def floquet(matrix: Array, free: int) -> tuple[NDArray[np.complex128], str]:
-    """Multipliers (N,) of a monodromy matrix, the largest first, and the verdict.
+def floquet(eigenvalues: Any, free: int) -> tuple[NDArray[np.complex128], str]:
+    """Multipliers (N,), the largest first, and the verdict, from those of a monodromy matrix.
 
     The `free` multipliers nearest to 1 belong to sliders that are not unique and do not count.
     """
-    found: NDArray[np.complex128] = np.linalg.eigvals(matrix).astype(np.complex128)
+    found = np.asarray(eigenvalues, dtype=np.complex128)
     found = found[np.argsort(-np.abs(found))]
     worst = largest_multiplier(found, free)
     if abs(worst) <= 1.0 + STABLE_WITHIN:
@@ -370,7 +370,7 @@ def _motion(
     # belong to motions that are nearly unstable
     stuck = stuck_points(end.record)
     free = min(free, len(stuck) * (shooting.map.dimension - 1))
-    multipliers, verdict = floquet(matrix, free)
+    multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
     return PeriodicMotion(
         shooting.unscaled(s),
         shooting.m * shooting.period,

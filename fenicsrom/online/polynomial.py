@@ -181,6 +181,56 @@ def elastic_mean(
     return moved
 
 
+@kernel
+def write_tangents(
+    elastic: ElasticPolynomial,
+    columns: Array,
+    q: Array,
+    products: Array,
+    shares: Array,
+    first: Array,
+    second: Array,
+) -> None:
+    """Write two weighted sums of the tangents at k points, in one pass over the coefficients.
+
+    Args:
+        elastic: the coefficients.
+        columns: (n, p) the columns of the quadratic ones.
+        q: (k, n) the points, k at most 2.
+        products: (3, 2, p) scratch.
+        shares: (2, 2) out of which k columns are the weights of the points in both sums.
+        first: (n, n) out.
+        second: (n, n) out.
+    """
+    count, n = q.shape
+    total, moved = 0.0, 0.0
+    for g in range(count):
+        total += shares[0, g]
+        moved += shares[1, g]
+    for i in range(n):
+        for j in range(n):
+            first[i, j] = total * elastic.stiffness[i, j]
+            second[i, j] = moved * elastic.stiffness[i, j]
+    if elastic.cubic.shape[0] == 0:
+        return
+    s, a, b = products[0, :count], products[1, :count], products[2, :count]
+    elastic_products(columns, elastic.cubic, q, s, a, b)
+    for g in range(count):
+        weight, lever, row = shares[0, g], shares[1, g], 0
+        for i in range(n):
+            both = a[g, row] + 2.0 * b[g, row]
+            first[i, i] += weight * both
+            second[i, i] += lever * both
+            row += 1
+            for j in range(i + 1, n):
+                both = a[g, row] + b[g, row]
+                first[i, j] += weight * both
+                first[j, i] += weight * both
+                second[i, j] += lever * both
+                second[j, i] += lever * both
+                row += 1
+
+
 @compiled
 def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: Array) -> float:
     """Write force f (n,) and tangent T (n, n) at q; returns the energy, zero at q = 0, in J."""

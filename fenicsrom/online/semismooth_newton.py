@@ -151,7 +151,7 @@ def semismooth_newton(
     for _ in range(CONTACT_ITERATIONS):
         count = 0
         for place in range(candidates.size):
-            if contact_force(contacts, interval, candidates[place], start, end, scratch):
+            if contact_force(contacts, interval, candidates[place], start, end, scratch, True):
                 scratch.touching[count] = place
                 count += 1
         scale = _write_residual(candidates, compliance, free, start, end, count, scratch)

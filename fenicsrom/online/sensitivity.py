@@ -62,6 +62,7 @@ class Sensitivity(NamedTuple):
         by_start: (n, n) derivative of the mean elastic force by q0.
         by_step: (n, n) by dq; then the matrix S of the step.
         tangent: (n, n) tangent at a point of the step.
+        shares: (2, 2) weights of the tangents at two points, for `by_start` and `by_step`.
         vectors: (2, n) scratch.
         rows: (m, n) of the contact displacements, weighted.
         column: (d,) scratch.
@@ -96,6 +97,7 @@ class Sensitivity(NamedTuple):
     by_start: Array
     by_step: Array
     tangent: Array
+    shares: Array
     vectors: Array
     rows: Array
     column: Array
@@ -151,6 +153,7 @@ def no_sensitivity(
         by_start=np.zeros((n, n)),
         by_step=np.zeros((n, n)),
         tangent=np.zeros((n, n)),
+        shares=np.zeros((2, 2)),
         vectors=np.zeros((2, n)),
         rows=np.zeros((points * dimension, n)),
         column=np.zeros(dimension),

@@ -111,6 +111,7 @@ class Record(NamedTuple):
         force: (rows, P, d) contact forces [N, T], N.
         mean_force: (rows, P, d) mean contact force of the step, N.
         gap: (rows, P) m.
+        blending: (rows, P) weight of the implicit blending in the step.
         friction_dissipation: (rows, P) J.
         state: (rows, P) OPEN, SLIP or STICK.
         energies: (rows, 6) the entries `LEDGER` of the scalars, J.
@@ -123,6 +124,7 @@ class Record(NamedTuple):
     force: Array
     mean_force: Array
     gap: Array
+    blending: Array
     friction_dissipation: Array
     state: NDArray[np.int8]
     energies: Array
@@ -221,6 +223,7 @@ def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
         force=np.zeros((rows, points, dimension)),
         mean_force=np.zeros((rows, points, dimension)),
         gap=np.zeros((rows, points)),
+        blending=np.zeros((rows, points)),
         friction_dissipation=np.zeros((rows, points)),
         state=np.zeros((rows, points), dtype=np.int8),
         energies=np.zeros((rows, 6)),

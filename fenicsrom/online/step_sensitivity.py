@@ -28,7 +28,7 @@ from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.dense import add_combined_rows, lu_factor, lu_solve
 from fenicsrom.online.load_histories import write_factors
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.polynomial import elastic_force_with
+from fenicsrom.online.polynomial import write_tangents
 from fenicsrom.online.pressure import write_pressure
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
@@ -87,26 +87,19 @@ def with_damping(scheme: Scheme, damping: complex) -> Scheme:
 @kernel
 def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> None:
     """Write the derivatives of the mean elastic force by q0 and by dq: by_start and by_step."""
-    q0, dq, work, q, force = s.before[0], s.step, model.work, s.vectors[0], s.vectors[1]
-    n, by_start, by_step, tangent = q0.size, s.by_start, s.by_step, s.tangent
-    for i in range(n):
-        for j in range(n):
-            by_start[i, j] = 0.0
-            by_step[i, j] = 0.0
+    q0, dq, elastic, work, shares = s.before[0], s.step, model.elastic, model.work, s.shares
+    n, count = q0.size, 0
     for g in range(-1, scheme.points.size):
         weight = scheme.start_weight if g < 0 else scheme.weights[g]
         if weight == 0.0:
             continue
         point = 0.0 if g < 0 else scheme.points[g]
+        shares[0, count], shares[1, count] = weight, weight * point
         for i in range(n):
-            q[i] = q0[i] + point * dq[i]
-        elastic_force_with(
-            model.elastic, work.columns, work.points, work.products, q, force, tangent
-        )
-        for i in range(n):
-            for j in range(n):
-                by_start[i, j] += weight * tangent[i, j]
-                by_step[i, j] += weight * point * tangent[i, j]
+            work.points[count, i] = q0[i] + point * dq[i]
+        count += 1
+    q = work.points[:count]
+    write_tangents(elastic, work.columns, q, work.products, shares, s.by_start, s.by_step)
 
 
 @kernel

@@ -57,7 +57,7 @@ class Crossing(NamedTuple):
 
 
 def turning_pairs(
-    monodromy: Array, n: int, omega: float, period: float, steps: int
+    values: Any, vectors: Any, n: int, omega: float, period: float, steps: int
 ) -> tuple[NDArray[np.complex128], Array]:
     """The multipliers of lightly damped vibrations, and how they turn with the period.
 
@@ -66,7 +66,8 @@ def turning_pairs(
     most the number of steps.
 
     Args:
-        monodromy: (N, N) of variables that begin with (L^T q, L^T v / omega).
+        values: (N,) eigenvalues of the monodromy matrix.
+        vectors: (N, N) its eigenvectors, in variables that begin with (L^T q, L^T v / omega).
         n: number of coordinates.
         omega: by which the velocities are scaled, 1/s.
         period: T of the motion, s.
@@ -75,7 +76,6 @@ def turning_pairs(
     Returns:
         The multipliers (K,), one of each pair, and their rates d theta / d log T (K,).
     """
-    values, vectors = np.linalg.eig(monodromy)
     light = (np.abs(values) > LIGHT) & (np.abs(values.imag) > REAL)
     q, v = vectors[:n, light], vectors[n : 2 * n, light]
     turns = np.sum((q.conj() * v).imag, axis=0)

@@ -83,7 +83,7 @@ def step(
     found.blending[:] = blending
     sums = np.zeros(2)
     for p in range(points):
-        contact_force(contacts, interval, p, start, end, found)
+        contact_force(contacts, interval, p, start, end, found, True)
         sums += commit_contact_state(contacts, interval, p, start, end, found)[:2]
     return end, found, *sums
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contact_cases import SURFACES, casing
+from contact_cases import RUB, SURFACES, casing
 
 from fenicsrom.online.complex_step import as_complex
-from fenicsrom.online.contact_sensitivity import PARAMETERS, perturb, state_of
+from fenicsrom.online.contact_sensitivity import PARAMETERS, is_constant, perturb, state_of
 from fenicsrom.online.contact_state import STICK, contact_scratch, zero_contact_state
 from fenicsrom.online.contact_step import at_rest
 
@@ -42,3 +42,20 @@ def test_state_of_sticking_point_is_that_of_a_point_at_rest(surface: Any, d: int
         np.testing.assert_allclose(found.trial_normal_force, rest.trial_normal_force, rtol=1e-12)
         np.testing.assert_allclose(found.normal, rest.normal, rtol=1e-12, atol=1e-12)
         np.testing.assert_allclose(found.friction, rest.friction, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_law_depends_on_each_parameter_that_changes(name: str) -> None:
+    base = casing(3, waves=True)._replace(times=np.zeros(0), approach=np.zeros((1, 0)))
+    nothing = base._replace(**{each: np.zeros_like(getattr(base, each)) for each in PARAMETERS})
+    assert is_constant(base, nothing, 0)
+    changed = nothing._replace(**{name: np.ones_like(getattr(base, name))})
+    assert is_constant(base, changed, 0) == (name == "approach")  # there is none
+
+
+def test_law_of_a_surface_that_moves_depends_on_the_period() -> None:
+    nothing = RUB._replace(**{each: np.zeros_like(getattr(RUB, each)) for each in PARAMETERS})
+    assert is_constant(RUB, nothing, 0)
+    assert not is_constant(RUB._replace(spin=np.ones(1)), nothing, 0)
+    approaching = RUB._replace(times=np.array([0.0]), approach=np.array([[1e-3]]))
+    assert not is_constant(approaching, nothing._replace(approach=np.zeros((1, 1))), 0)

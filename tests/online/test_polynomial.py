@@ -24,6 +24,7 @@ from fenicsrom.online.polynomial import (
     elastic_force,
     elastic_polynomial,
     pairs,
+    write_tangents,
 )
 from fenicsrom.online.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
@@ -92,6 +93,19 @@ def test_compiled_polynomial_equals_plain_python() -> None:
     assert energy == pytest.approx(plain, rel=1e-13)
     np.testing.assert_allclose(force, plain_force, rtol=1e-13)
     np.testing.assert_allclose(tangent, plain_tangent, rtol=1e-13)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_weighted_tangents_of_several_points_are_sums_of_single_ones(count: int) -> None:
+    elastic, rng = random_polynomial(4), np.random.default_rng(4)
+    n, p = 4, elastic.cubic.shape[0]
+    q, shares = rng.standard_normal((count, n)), rng.uniform(0.2, 1.0, (2, 2))
+    found = np.full((2, n, n), np.nan)
+    columns = np.ascontiguousarray(elastic.quadratic.T)
+    write_tangents(elastic, columns, q, np.zeros((3, 2, p)), shares, *found)
+    tangents = np.array([evaluate(elastic, point)[1] for point in q])
+    expected = np.einsum("kg,gij->kij", shares[:, :count], tangents)
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-13 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("method", METHODS)

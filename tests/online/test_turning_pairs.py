@@ -83,7 +83,7 @@ def test_rates_of_turning_pairs_match_differences_at_any_frequency(scheme: str) 
         shooting = Shooting(model, no_contacts(), period_steps(steps, scheme), factor * period)
         marched = shooting.march(np.zeros(shooting.map.size))
         assert marched is not None
-        found = turning_pairs(marched[1], 4, shooting.omega, factor * period, steps)
+        found = turning_pairs(*np.linalg.eig(marched[1]), 4, shooting.omega, factor * period, steps)
         return tuple(part[np.argsort(found[1])] for part in found)  # type: ignore[return-value]
 
     change = 1e-5
