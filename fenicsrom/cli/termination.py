@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import time as clock
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+REPEATED = 1.0  # s after a SIGTERM in which another one is the same request, as of a process group
 
 _termination = {"requested": False}
 
@@ -19,12 +23,17 @@ def terminable() -> Iterator[None]:
     """Note SIGTERM for `is_terminated`, if this is the main thread.
 
     The handler does not raise: numba drops exceptions that are raised while it compiles. A second
-    SIGTERM ends the process at once; files are complete at any moment.
+    SIGTERM, `REPEATED` later, ends the process at once; files are complete at any moment.
     """
+    first = float("inf")
 
     def note(number: int, frame: object) -> None:
+        nonlocal first
+        if clock.monotonic() > first + REPEATED:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            os.kill(os.getpid(), signal.SIGTERM)
+        first = min(first, clock.monotonic())
         _termination["requested"] = True
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     _termination["requested"] = False
     try:

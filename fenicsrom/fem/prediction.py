@@ -10,8 +10,11 @@ where p are the loads with the centrifugal force on the undeformed body. The vec
 the modes in which p moves the body, and the static derivatives θ_kl describe how the body stretches
 as these vectors bend it (Idelsohn and Cardona, Comput. Methods Appl. Mech. Eng. 49, 1985). The
 equilibrium of the elastic polynomial in this basis is within a few percent of that of the body, for
-less than the cost of a factorisation. Newton's method for the full equations starts there, so the
-result does not depend on the prediction.
+less than the cost of a factorisation. Newton's method for the full equations starts there.
+
+The equilibrium in the basis is followed from rest in `LOAD_STEPS` steps. It is therefore the one
+that the body reaches as it spins up, also above a critical speed. If it loses its stability on this
+path, there is no prediction.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.newton import Correction, in_load_steps, newton, small_against_load
+from fenicsrom.online.dense import negative_eigenvalues
+from fenicsrom.online.newton import Correction, newton, small_against_load
 from fenicsrom.online.polynomial import elastic_force
 
 if TYPE_CHECKING:
@@ -44,10 +48,10 @@ ITERATIONS = 20
 """Largest number of Newton iterations of a load step in the basis."""
 
 GROWTH = 1e8
-"""A load step in the basis is halved if Newton's decrement grows by this factor."""
+"""There is no prediction if Newton's decrement grows by this factor."""
 
-SMALLEST_LOAD_STEP = 1e-2
-"""Without an equilibrium by load steps of this part of the load, there is no prediction."""
+LOAD_STEPS = 10
+"""Number of steps in which load and Ω² grow; Newton's method needs few iterations in each."""
 
 
 def predicted_equilibrium(body: Solid) -> Array | None:
@@ -57,7 +61,8 @@ def predicted_equilibrium(body: Solid) -> Array | None:
         body: the undeformed body with its factor; no static follower pressures act.
 
     Returns:
-        (local,) a state near the equilibrium, or None if the basis has no equilibrium.
+        (local,) a state near the equilibrium, or None if the basis has no path of stable equilibria
+        from rest.
     """
     rotation = body.rotation
     assert rotation is not None
@@ -86,8 +91,16 @@ def predicted_equilibrium(body: Solid) -> Array | None:
 
         return newton(start, correct, converged, ITERATIONS, GROWTH)
 
-    found, reached = in_load_steps(np.zeros(pushing.size), solve, SMALLEST_LOAD_STEP)
-    return vectors @ found if reached == 1.0 else None
+    q = np.zeros(pushing.size)
+    for part in np.arange(1, LOAD_STEPS + 1) / LOAD_STEPS:
+        found = solve(q, float(part))
+        if found is None:
+            return None
+        q = found
+        elastic_force(elastic, q, force, tangent)
+        if negative_eigenvalues(tangent - part * softening):
+            return None
+    return np.asarray(vectors @ q)
 
 
 def _basis(body: Solid, load: Array) -> Array:

@@ -124,6 +124,7 @@ class Statics:
             found = self._newton(predicted, load)
             if found is not None:
                 return found
+            self.approach(u)
 
         def solve(u: Array, part: float) -> Array | None:
             if rotation:

@@ -56,6 +56,7 @@ def differentiate_blending(
     h: float,
     last_step: float,
     by_mass: complex,
+    by_velocity: complex,
 ) -> None:
     """Write the derivatives of the weight of point p to s.blending.
 
@@ -65,10 +66,11 @@ def differentiate_blending(
 
         d(n^T G n) = 2 dn^T G n - u^T dS u
 
-    (G is taken as symmetric, which it is without gyroscopic forces and without follower pressures,
-    whose change is left out). The elastic part of u^T dS u
-    needs the second derivative of the force along u. As the force is cubic, A u = (T(u) - T(-u))/2
-    and B u u = T(u) + T(-u) - 2 K give it exactly.
+    G is taken as symmetric, which it is without gyroscopic forces and without follower pressures,
+    whose change is left out. With strong gyroscopic forces and weights above 0.1 the largest
+    multiplier was off by up to 1e-2. The elastic part of u^T dS u needs the second derivative of
+    the force along u. As the force is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K
+    give it exactly.
     """
     n, k = s.q.shape
     d = s.x0.shape[1]
@@ -103,6 +105,8 @@ def differentiate_blending(
     for a in range(n):
         for b in range(n):
             quadratic += by_mass.imag * u[a] * model.mass[a, b] * u[b]
+            if scheme.velocity_forces:
+                quadratic += by_velocity.imag * u[a] * model.velocity_matrix[a, b] * u[b]
     s.blending[p, last] -= quadratic / STEP
     if not scheme.linear:
         add_elastic_blending(model, drift, s, p, h, last_step)

@@ -213,7 +213,7 @@ def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Mo
     end = _checkpoint(path, header, made, data, model, scene)
     try:
         return finished_motion(header["motion"], data, end)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise _damaged(path, str(error)) from None
 
 

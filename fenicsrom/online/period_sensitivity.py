@@ -162,13 +162,24 @@ def carry_derivatives(
         step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
         count = begin_step(record, row, h, last_step, s)
         touching, directions = law.scratch.candidates[:count], law.scratch.directions[: count * d]
-        by_mass = add_structure(model, scheme, drift, moved, behind, ahead, s)
+        by_mass, by_velocity = add_structure(model, scheme, drift, moved, behind, ahead, s)
         if blends and is_resolved(record.blending[row : row + 1]):
             solve_at_guess(model, scheme, s, h, directions)
         for place in range(count):
             p = touching[place]
             differentiate_blending(
-                model, contacts, scheme, drift, s, p, place, behind, h, last_step, by_mass
+                model,
+                contacts,
+                scheme,
+                drift,
+                s,
+                p,
+                place,
+                behind,
+                h,
+                last_step,
+                by_mass,
+                by_velocity,
             )
             follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
             x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]

@@ -341,7 +341,7 @@ def solve(
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
-        if np.linalg.norm(step) <= step_tolerance * np.linalg.norm(s):
+        if step_tolerance and np.linalg.norm(step) <= step_tolerance * np.linalg.norm(s):
             return _motion(shooting, s, matrix, end, residuals)
         damping = 1.0
         trial = found = shooting.march(s + step)

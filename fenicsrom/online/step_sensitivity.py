@@ -177,7 +177,7 @@ def add_structure(
     behind: complex,
     ahead: complex,
     s: Sensitivity,
-) -> complex:
+) -> tuple[complex, complex]:
     """Write S and the right-hand side of a step of size h, without the contact.
 
     Args:
@@ -190,7 +190,8 @@ def add_structure(
         s: in: the step; out: S and the right-hand side.
 
     Returns:
-        The coefficient of M dq, with its derivative by the parameter as imaginary part.
+        The coefficients of M dq and of D dq, with their derivatives by the parameter as imaginary
+        parts.
     """
     n, k = s.q.shape
     damping = complex(scheme.damping, STEP * drift.damping)
@@ -218,7 +219,7 @@ def add_structure(
     for i in range(n):
         start, end = s.load_derivative[0, i], s.load_derivative[1, i]
         s.dq[i, k - 1] -= scheme.alpha_f * start + (1.0 - scheme.alpha_f) * end
-    return g.mass
+    return g.mass, g.velocity_dq
 
 
 @kernel

@@ -158,7 +158,7 @@ def figure(found: Response) -> Figure:
         panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
     panels.append(
         (
-            "dissipated in\na period, J",
+            "friction and\ndamping, J per period",
             each(lambda p: p.friction_dissipation + p.damping_dissipation),
         )
     )

@@ -104,13 +104,15 @@ def test_peak_force_estimate_of_a_resolved_impact_covers_the_error() -> None:
 
 @pytest.mark.slow
 def test_unresolved_impact_is_refused_and_its_peak_force_is_unknown() -> None:
-    """Newton's method finds a stable motion of two periods of the load, but it belongs to the step:
-    with twice the step nothing settles, so the run is refused."""
+    """Newton's method finds a stable motion of two periods of the load, with half and with twice
+    the step too. Its amplitude has an estimate, which covers the error against 800 steps, 0.2 %.
+    The peak force has none, and the basis is too small for the impact."""
     stiff = examine(
         Case("impact", "stiff", (*WALL, "contacts.0.gap=0.15", "contacts.0.normal_stiffness=1e8"))
     )
     assert stiff.force_estimate == np.inf
-    assert stiff.verdict is REFUSED and "steps are too long" in stiff.why
+    assert stiff.estimate is not None and 2e-3 < stiff.estimate < 0.1
+    assert stiff.verdict is REFUSED and "basis is too small" in stiff.why
     assert stiff.steady and stiff.periods is not None and stiff.periods < 100
     assert stiff.imbalance is not None and stiff.imbalance < 1e-9
 

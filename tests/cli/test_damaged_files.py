@@ -655,7 +655,8 @@ def test_full_disk_leaves_only_complete_files(
 def test_terminated_rerun_leaves_only_complete_files(
     stored: Path, finished: dict[str, bytes], tmp_path: Path, delay: float
 ) -> None:
-    """SIGTERM during the integration or while files are written."""
+    """SIGTERM during the integration (twice, as from a process group) or while files are
+    written."""
     periods = PERIODS if delay else 100_000
     text = finished["scene.toml"].decode()
     assert f"\nperiods = {PERIODS}\n" in text
@@ -671,6 +672,9 @@ def test_terminated_rerun_leaves_only_complete_files(
         process.stdout.read(5)
         time.sleep(0.2 + delay)
         process.send_signal(signal.SIGTERM)
+        if not delay:
+            time.sleep(0.05)
+            process.send_signal(signal.SIGTERM)
         error = process.stderr.read()
         code = process.wait(60)
     assert code in (0, 143) and (delay or code == 143)

@@ -104,6 +104,32 @@ def test_predicted_equilibrium_at_speed_saves_factorisations(
     assert len(factorisations) - without == 3 < without
 
 
+def test_shaft_above_its_critical_speed_is_predicted_where_it_gets_as_it_spins_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It has several equilibria. Newton's method from rest reaches an unstable one in one step."""
+    changes = ("geometry.parameters.length=1", "geometry.parameters.elements_along=8")
+    changes += ("geometry.parameters.load_at=0.5", "geometry.parameters.height=0.05")
+    changes += ("geometry.parameters.width=0.1", "material.young=1e8")
+    rotation = {"speed_rpm": 100.0, "axis": [1.0, 0.0, 0.0], "point": [0.0, 0.1, 0.001]}
+    scene = beam_scene(3, changes, contacts=None, probe={"group": "tip"}, rotation=rotation)
+    assert make_solid(scene).unstable == 1
+    monkeypatch.setattr(prediction, "UNKNOWNS", 0)
+    found, ramped = make_solid(scene), make_solid(scene)
+    assert found.unstable == 0
+    assert ramped.rotation is not None
+    u, keep, goal = np.zeros(ramped.local), free_unknowns(ramped), ramped.rotation.omega_squared
+    for part in np.linspace(0.0, 1.0, 41)[1:]:
+        ramped.rotation.omega_squared = part * goal
+        for _ in range(20):
+            residual = ramped.residual(u, part * ramped.static_load)[keep]
+            change = np.linalg.solve(dense(ramped.tangent(u), keep), residual)
+            u[keep] -= change
+            if np.abs(change).max() < 1e-11:
+                break
+    np.testing.assert_allclose(found.equilibrium, u, rtol=0, atol=1e-8 * np.abs(u).max())
+
+
 def test_load_path_gives_the_equilibria_of_its_parts(
     bent2d: Any, factorisations: list[None]
 ) -> None:

@@ -242,3 +242,21 @@ def test_derivative_by_parameter_matches_differences(name: str, parameter: str) 
     differences = (ahead - behind) / (2.0 * h)
     assert np.abs(differences).max() > 0.0
     assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
+
+
+def test_derivative_by_frequency_of_stiff_contact_with_dashpots_matches_differences() -> None:
+    """The weight of the implicit blending, here about a half, depends on the viscous forces."""
+    model = shaken(nonlinear=False)
+    root = np.random.default_rng(4).standard_normal((4, 4))
+    model = model._replace(velocity_matrix=np.ascontiguousarray(2.0 * (root @ root.T + np.eye(4))))
+    contacts = one_contact(**RUB | {"preload": 50.0, "normal_stiffness": 600.0})
+    pmap = period_map(model, contacts, "discrete-gradient")
+    at, value = family("frequency", model, contacts)
+    z = run_in(pmap, model, contacts)
+    found = pmap(*at(value)[:3], z, drift=at(value).drift)[1]
+    assert found.record.blending.max() > 0.1
+    h = 1e-6
+    ahead = pmap(*at(value + h)[:3], z, derive=False)[1].z
+    behind = pmap(*at(value - h)[:3], z, derive=False)[1].z
+    differences = (ahead - behind) / (2.0 * h)
+    assert np.abs(found.by_parameter - differences).max() <= 3e-6 * np.abs(differences).max()
