@@ -66,7 +66,8 @@ def follow_curve(
         other = None
         if richer is not None:
             other = Richer(family_of(richer.stored), richer.transfer)
-        curve.checks = checks(curve.pieces, family, stored.scene.time, other)
+        walk("checking the curve with half the step and a richer basis")
+        curve.checks = checks(curve.pieces, family, stored.scene.time, other, lambda: walk(""))
     finally:
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)

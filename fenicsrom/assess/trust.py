@@ -14,7 +14,7 @@ move.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -156,7 +156,11 @@ def _next_to_change(pieces: Sequence[Piece]) -> set[int]:
 
 
 def checks(
-    pieces: Sequence[Piece], family: Family, settings: Any, richer: Richer | None = None
+    pieces: Sequence[Piece],
+    family: Family,
+    settings: Any,
+    richer: Richer | None = None,
+    ask: Callable[[], None] = lambda: None,
 ) -> list[Check]:
     """Estimate the errors of a curve at selected points.
 
@@ -165,12 +169,14 @@ def checks(
         family: its problems by the parameter.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
         richer: a model with a richer basis, if there is one.
+        ask: called before each point; it may raise KeyboardInterrupt.
     """
     found: list[Check] = []
     changing = _next_to_change(pieces)
 
     def compare(where: str, point: CurvePoint) -> float:
         """Add the check of a point; give the size of the largest multiplier of the richer basis."""
+        ask()
         judged = id(point) not in changing
         found.append(_check(where, point, family, settings, richer, judged))
         return found[-1].richer_multiplier

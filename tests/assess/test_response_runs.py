@@ -173,6 +173,17 @@ def test_interrupted_processes_keep_their_curves(tmp_path: Path) -> None:
         assert kept is not None and len(kept.curve.points) == len(curve.points)
 
 
+def test_run_that_is_stopped_in_its_checks_keeps_its_curve() -> None:
+    lines: list[str] = []
+
+    def is_checking() -> bool:
+        return any("checking the curve" in line for line in lines)
+
+    found = response(oscillator("response.points=5"), lines.append, stop=is_checking)
+    assert is_checking() and found.interrupted
+    assert len(found.curves[0].points) == 5 and not found.curves[0].checks
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_signal_ends_all_processes_with_files_and_state(
