@@ -14,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
+import scipy.sparse
 import ufl
 from dolfinx import fem
 from dolfinx.fem.petsc import assemble_matrix
 from petsc4py import PETSc
-from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.forms import compiled_form
@@ -58,7 +57,7 @@ class Inertia:
         matrix.assemble()
         starts, columns, values = matrix.getValuesCSR()
         size = matrix.getLocalSize()[0], matrix.getSize()[1]
-        self._nodes = csr_array((values, columns, starts), shape=size)
+        self._nodes = scipy.sparse.csr_array((values, columns, starts), shape=size)
         matrix.destroy()
         self._comm, self._clamped, self._slanted = space.mesh.comm, clamped, slanted
 
@@ -77,8 +76,12 @@ class Inertia:
             kg, if A has no unit.
         """
         # slanted supports couple all components of a node
-        kept = np.ones(between.shape, dtype=bool) if self._slanted else between != 0.0
-        product = _kronecker(self._nodes, between, kept)
+        entries = between != 0.0 if self._slanted is None else np.ones_like(between)
+        rows, columns = np.nonzero(entries)
+        block = scipy.sparse.coo_array((between[rows, columns], (rows, columns)), between.shape)
+        product = scipy.sparse.kron(self._nodes, block, format="csr")
+        if self._slanted is None:
+            product.eliminate_zeros()
         local, size = product.shape
         starts, columns = (a.astype(PETSc.IntType) for a in (product.indptr, product.indices))
         found = PETSc.Mat().createAIJ(
@@ -95,29 +98,3 @@ class Inertia:
         if self._slanted is not None:
             self._slanted.project_matrix(found, diagonal)
         return found
-
-
-def _kronecker(nodes: csr_array, between: Array, kept: npt.NDArray[np.bool_]) -> csr_array:
-    """The Kronecker product of a sparse matrix with a small one, without a list of all entries.
-
-    Args:
-        nodes: sparse (k, l).
-        between: (d, d).
-        kept: (d, d) entries of `between` that the product stores.
-
-    Returns:
-        Sparse (k d, l d).
-    """
-    d, counts = len(between), np.diff(nodes.indptr)
-    row_sizes = np.outer(counts, kept.sum(axis=1)).ravel()
-    starts = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(row_sizes, dtype=np.int64)])
-    columns = np.empty(starts[-1], dtype=nodes.indices.dtype)
-    values = np.empty(starts[-1])
-    inside = np.arange(nodes.nnz) - np.repeat(nodes.indptr[:-1], counts)
-    for a in range(d):
-        used = np.flatnonzero(kept[a])
-        places = np.repeat(starts[a:-1:d], counts) + used.size * inside
-        for k, b in enumerate(used):
-            columns[places + k] = d * nodes.indices + b
-            values[places + k] = between[a, b] * nodes.data
-    return csr_array((values, columns, starts), shape=(d * nodes.shape[0], d * nodes.shape[1]))
