@@ -22,8 +22,9 @@ def is_terminated() -> bool:
 def terminable() -> Iterator[None]:
     """Note SIGTERM for `is_terminated`, if this is the main thread.
 
-    The handler does not raise: numba drops exceptions that are raised while it compiles. A second
-    SIGTERM, `REPEATED` later, ends the process at once; files are complete at any moment.
+    The handler does not raise: numba drops exceptions that are raised while it compiles. A SIGTERM
+    that comes more than `REPEATED` after the first one ends the process at once; files are complete
+    at any moment.
     """
     first = float("inf")
 
