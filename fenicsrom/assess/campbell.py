@@ -26,13 +26,16 @@ from fenicsrom.assess.critical_speeds import (
     FrequencyCurve,
     critical_speeds,
 )
+from fenicsrom.assess.large_strains import strain_warnings
 from fenicsrom.assess.mode_names import mode_names
 from fenicsrom.assess.rotating_modes import Shapes, follow, modes_at_speed
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene
 
 if TYPE_CHECKING:
+    from fenicsrom.fem.deformation import DeformationGauge
     from fenicsrom.fem.solid import Solid
 
 DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
@@ -129,10 +132,13 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         SceneError: no rotation, no speed, or more modes than unknowns.
         ConvergenceError, AccuracyError: the first speed failed.
     """
+    from fenicsrom.fem.deformation import DeformationGauge
+
     begin = clock.perf_counter()
     speeds, count = speeds_rpm(scene), scene.campbell.modes
     solid = _solid_at(float(speeds[0]), scene, comm, say)
-    tracked = _Tracked(min(count + EXTRA_MODES, solid.free))
+    gauge = DeformationGauge(solid, _at_speed(scene, float(speeds.max())))
+    tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
     unfinished: Exception | None = None
     for k, speed in enumerate(speeds):
         try:
@@ -167,6 +173,12 @@ def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
         solid,
     )
     found.warnings += _warnings(found)
+    found.warnings += strain_warnings(
+        [
+            (f"at {speed:g} rpm", deformed)
+            for speed, deformed in zip(reached, tracked.deformations, strict=True)
+        ]
+    )
     _find_critical_speeds(found, _Between(solid, reached, tracked), say)
     found.seconds = clock.perf_counter() - begin
     return found
@@ -194,6 +206,12 @@ def _find_critical_speeds(found: Campbell, between: _Between, say: Callable[[str
             found.warnings.append(f"no margins at {speed:g} rpm: {error}")
 
 
+def _at_speed(scene: Scene, speed_rpm: float) -> Scene:
+    """The scene at another speed."""
+    assert scene.rotation is not None
+    return replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm))
+
+
 def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
     """Make the mesh and the solid about its equilibrium at this speed.
 
@@ -204,11 +222,10 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], No
     from fenicsrom.fem.mesh import build_mesh
     from fenicsrom.fem.solid import solid_of
 
-    assert scene.rotation is not None
     say("mesh ..")
     mesh = build_mesh(scene.geometry, comm)
     say("solid ..")
-    solid = solid_of(replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm)), mesh)
+    solid = solid_of(_at_speed(scene, speed_rpm), mesh)
     if scene.campbell.modes > solid.free:
         raise SceneError(
             f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
@@ -223,11 +240,12 @@ def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], No
 class _Tracked:
     """The modes of a body at successive speeds, in the order of the modes at the first speed."""
 
-    def __init__(self, count: int):
-        self.count = count
+    def __init__(self, count: int, gauge: DeformationGauge):
+        self.count, self.gauge = count, gauge
         self.squares: list[Array] = []
         self.mac: list[Array] = []
         self.largest: list[float] = []
+        self.deformations: list[Deformation] = []
         self.changes: list[float] = []
         self.shapes: list[Shapes] = []
 
@@ -247,6 +265,7 @@ class _Tracked:
         self.squares.append(values)
         self.mac.append(common)
         self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
+        self.deformations.append(self.gauge.measure(solid.equilibrium))
         self.changes.append(change)
 
     def names(self, solid: Solid, scene: Scene) -> list[str]:

@@ -22,6 +22,7 @@ import numpy as np
 
 from fenicsrom.assess.agreement import break_even, motion_errors, rank_correlation
 from fenicsrom.assess.full_cache import full_motion
+from fenicsrom.assess.large_strains import equilibrium_warnings
 from fenicsrom.assess.residual import indicators
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints
@@ -347,6 +348,7 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
+    solid.warnings += equilibrium_warnings(solid, scene)
     full: Motion | None = None
     full_run: dict[str, Any] = {}
     if scene.compare.full:

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from fenicsrom.online.deformation import Deformation
+from fenicsrom.online.stress import StressLaw
 from fenicsrom.online.stress_peaks import Stresses
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid import Solid
+
+EQUILIBRIUM = "in equilibrium"
 
 LARGE_STRAIN = 0.1
 """Compression from which the user is warned. At a stretch of 0.9, the slope of the law under
@@ -41,11 +49,27 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
     return []
 
 
-def state_warnings(stresses: Stresses) -> list[str]:
-    """The sentences of `strain_warnings` on the states whose stresses were found."""
+def equilibrium_warnings(solid: Solid, scene: Scene) -> list[str]:
+    """The sentences of `strain_warnings` on the equilibrium of a solid. Collective."""
+    from fenicsrom.fem.deformation import DeformationGauge
+
+    if not solid.loaded or not StressLaw.of(scene).deformed:
+        return []
+    found = DeformationGauge(solid, scene).measure(solid.equilibrium)
+    return strain_warnings([(EQUILIBRIUM, found)])
+
+
+def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:
+    """The sentences of `strain_warnings` on the states whose stresses were found.
+
+    Args:
+        stresses: the stresses with these states.
+        motion_only: leave out the equilibrium, which `equilibrium_warnings` judged.
+    """
     return strain_warnings(
         [
-            ("in equilibrium" if peak.time is None else f"at t = {peak.time:.6g} s", deformed)
+            (EQUILIBRIUM if peak.time is None else f"at t = {peak.time:.6g} s", deformed)
             for peak, deformed in zip(stresses.peaks, stresses.deformations, strict=True)
+            if peak.time is not None or not motion_only
         ]
     )

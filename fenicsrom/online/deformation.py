@@ -62,12 +62,23 @@ def deformation(law: StressLaw, position: Array, start: Array, change: Array) ->
         return NOWHERE
     volume = law.volume_ratio(start, change)
     f = law.deformation_gradient(start, change)
-    squares = np.linalg.eigvalsh(np.swapaxes(f, -1, -2) @ f)
+    squares = np.linalg.eigvalsh(_extreme(np.swapaxes(f, -1, -2) @ f))
     first = int(np.argmin(volume))
     smallest = float(np.sqrt(max(squares.min(), 0.0)))
     return Deformation(
         float(volume[first]), position[first], smallest, float(np.sqrt(squares.max()))
     )
+
+
+def _extreme(c: Array) -> Array:
+    """Those matrices of FᵀF (P, d, d) that may have the smallest or the largest eigenvalue of all.
+
+    The eigenvalues of C are within ‖C − I‖ of 1, and the diagonal of C is between them.
+    """
+    diagonal = np.diagonal(c, axis1=-2, axis2=-1)
+    distance = np.linalg.norm(c - np.eye(c.shape[-1]), axis=(-2, -1))
+    chosen = (1.0 - distance <= diagonal.min()) | (1.0 + distance >= diagonal.max())
+    return np.asarray(c[chosen])
 
 
 def extremes(parts: Sequence[Deformation]) -> Deformation:

@@ -45,4 +45,4 @@ def evaluate(run: Run) -> None:
         modal = modal_peaks(study.recovery.stress, study.modes.frequencies_hz, np.eye(count), names)
         found = replace(found, modes=modal)
     study.stresses = found
-    study.warnings.extend(state_warnings(found))
+    study.warnings.extend(state_warnings(found, motion_only=True))

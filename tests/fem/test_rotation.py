@@ -47,7 +47,7 @@ from fenicsrom.online.polynomial import elastic_force
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, read_scene, scene_table
-from fenicsrom.study import plan
+from fenicsrom.study import plan, run
 
 Array = NDArray[np.float64]
 
@@ -522,6 +522,29 @@ def test_critical_speeds_of_blade_from_two_speeds_agree_with_nine() -> None:
     np.testing.assert_allclose(
         two.margins, two.frequencies_hz[-1][:, None] / lines - 1.0, rtol=1e-12
     )
+
+
+@pytest.mark.parametrize(("speed_rpm", "said"), [(5e4, ""), (8e4, "24.7 %"), (1e5, "det F is -1")])
+def test_modes_and_campbell_warn_of_a_block_that_is_crushed_at_speed(
+    speed_rpm: float, said: str
+) -> None:
+    """The axis lies beyond the free end, so that the inertia forces press the block on its root."""
+    sizes = {"length": 0.2, "height": 0.4, "elements_along": 2, "load_at": 0.5}
+    parameters = tuple(f"geometry.parameters.{name}={size}" for name, size in sizes.items())
+    scene = beam_scene(
+        2,
+        parameters,
+        contacts=None,
+        rotation={"speed_rpm": speed_rpm, "point": [0.4, 0.0]},
+        output={"stresses": "cauchy"},
+        campbell={"speeds_rpm": [0.0, 3e4, speed_rpm], "modes": 1, "engine_orders": [1]},
+    )
+    modes = run(scene, modes_only=True).warnings
+    assert len(modes) == bool(said) and all(said in text for text in modes)
+    found = diagram.campbell(scene, world(), lambda line: None)
+    warnings = [text for text in found.warnings if "Kirchhoff" in text]
+    assert len(warnings) == bool(said)
+    assert all(said in text and f" at {speed_rpm:g} rpm" in text for text in warnings)
 
 
 def world() -> Any:

@@ -31,6 +31,16 @@ def test_stretches_of_a_rotated_body_are_those_of_its_stretching() -> None:
     assert (both.smallest_stretch, both.largest_stretch) == pytest.approx((0.5, 1.3))
 
 
+@pytest.mark.parametrize(("mean", "size"), [(0.0, 0.01), (-0.2, 0.005), (0.5, 0.1), (0.0, 3.0)])
+def test_extreme_stretches_are_those_of_all_points(mean: float, size: float) -> None:
+    gradients = size * np.random.default_rng(1).standard_normal((200, 3, 3))
+    gradients[:, 0, 0] += mean
+    found = deformation(law(), np.zeros((200, 3)), gradients, 0.0 * gradients)
+    stretches = np.linalg.svd(np.eye(3) + gradients, compute_uv=False)
+    assert found.smallest_stretch == pytest.approx(stretches.min(), rel=1e-7)
+    assert found.largest_stretch == pytest.approx(stretches.max(), rel=1e-12)
+
+
 def test_volume_ratio_in_plane_stress_has_the_thickness() -> None:
     """E_zz = -λ / (λ + 2 μ) tr E; a large extension leaves no thickness."""
     gradient = np.diag([0.2, 0.0])[None]

@@ -300,6 +300,16 @@ def test_cached_results_are_the_fresh_ones_bit_for_bit(method: str, folder: Path
     assert_equal_runs(again, third)
 
 
+def test_run_from_the_cache_warns_of_a_crushed_equilibrium_again(folder: Path) -> None:
+    sizes = ("length=0.2", "height=0.4", "elements_along=2")
+    parameters = [f"geometry.parameters.{size}" for size in sizes]
+    spin = "rotation={speed_rpm=8e4, point=[0.4, 0.0]}"
+    scene = loaded_scene(*parameters, spin, "basis.derivatives='none'", "time.periods=1")
+    first, second = run(scene), run(scene)
+    assert "solid" not in second.seconds and first.warnings == second.warnings
+    assert len([text for text in second.warnings if "24." in text and "strain" in text]) == 1
+
+
 REUSING = """
 import pickle, sys
 from fenicsrom import study
