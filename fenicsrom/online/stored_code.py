@@ -3,8 +3,9 @@
 With each stored function, numba parses the function's intermediate code, fills the tables of its
 compiler, and imports all of `scipy.linalg` at the first call of BLAS or LAPACK. Here the first two
 wait until numba compiles a function, and only the two modules with the addresses of the routines
-are imported. Beside `fenicsrom.online.compiled`, this is the only module that uses private
-interfaces of numba; another version than those that were checked loads as numba does.
+are imported. A damaged file of a stored function counts as missing. Beside
+`fenicsrom.online.compiled`, this is the only module that uses private interfaces of numba; another
+version than those that were checked loads as numba does.
 """
 
 from __future__ import annotations
@@ -75,10 +76,25 @@ def _rebuild(self: Any, target: Any, payload: tuple[Any, ...]) -> Any:
 
 
 def _load_overload(self: Any, signature: Any, target: Any) -> Any:
-    """Load a stored function; None if there is none; for `Cache.load_overload`."""
+    """Load a stored function; None if there is none, or a damaged one; for `Cache.load_overload`.
+
+    A function that is not loaded is compiled, and stored in place of a damaged one.
+    """
     rtsys.initialize(target)  # the tables of the compiler are filled before it compiles
     with self._guard_against_spurious_io_errors():
-        return self._load_overload(signature, target)
+        try:
+            return self._load_overload(signature, target)
+        except Exception:  # damaged bytes let unpickling raise almost any error
+            _drop_damaged_index(self._cache_file)
+            return None
+
+
+def _drop_damaged_index(stored: Any) -> None:
+    """Empty the index of the stored signatures of a function if it cannot be read."""
+    try:
+        stored._load_index()
+    except Exception:  # as above
+        stored.flush()
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -84,3 +85,19 @@ def test_function_compiled_later_calls_a_stored_one(stored: Any) -> None:
     assert not library_of(stored)._shared_module.get_function(name).is_declaration
     with pytest.raises(ValueError, match=EMPTY):
         norm(np.zeros(0))
+
+
+@pytest.mark.parametrize("content", [slice(0, 0), slice(0, -20), slice(40, None)])
+@pytest.mark.parametrize("suffix", ["nbc", "nbi"])
+def test_damaged_stored_function_is_compiled_and_stored_again(
+    suffix: str, content: slice, store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(store, tmp_path / "numba")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
+    load_code_only()
+    (damaged,) = folder.rglob(f"*.{suffix}")
+    damaged.write_bytes(damaged.read_bytes()[content])
+    for hits in (0, 1):
+        function = compiled(sum_of_squares)
+        assert function(np.array([3.0, 4.0])) == 25.0
+        assert sum(function.stats.cache_hits.values()) == hits
