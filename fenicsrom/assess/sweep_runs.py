@@ -212,6 +212,7 @@ def _numbers(motion: Motion) -> dict[str, Any]:
     known = search is not None and search.multipliers.size > 0
     return {
         **found,
+        "steady": bool(motion.steady),
         "settled": has_settled(motion),
         "periodic_motion": search_verdict(search) if search is not None else None,
         "largest_multiplier": float(abs(search.multipliers[0])) if search and known else None,

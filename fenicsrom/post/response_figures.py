@@ -16,6 +16,7 @@ from fenicsrom.online.support_motion import moves_supports
 from fenicsrom.post.directions import direction_names, plain_names
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.scene import parameter_of
+from fenicsrom.scene.units import unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,21 +37,6 @@ MARKERS = {
 }
 FULL_MARKER = "x"
 LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
-UNITS = {
-    "frequency": "Hz",
-    "force": "N",
-    "traction": "Pa",
-    "pressure": "Pa",
-    "acceleration": "m/s²",
-    "support_acceleration": "m/s²",
-    "support_displacement": "m",
-    "mass_damping": "1/s",
-    "gap": "m",
-    "friction": "",
-    "preload": "N",
-    "normal_stiffness": "N/m",
-    "tangential_stiffness": "N/m",
-}
 INK = "#555B61"
 STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
 
@@ -82,13 +68,9 @@ OPPOSITE = 1.0
 """A phase that starts less than this from -180 degrees starts at +180 degrees: light damping."""
 
 
-def unit_of(found: Response, key: str) -> str:
-    """The unit of a number of the scene; "" for a region of nodes, whose unit depends on it."""
-    *path, name = key.split(".")
-    per_node = False
-    if path[:1] == ["contacts"]:
-        per_node = found.scene.contacts[int(path[1])].place.at == "nodes"
-    return "" if per_node and name not in ("gap", "friction") else UNITS.get(name, "")
+def parameter_unit(found: Response, key: str) -> str:
+    """The unit of the parameter of a curve or of a family of curves."""
+    return "Hz" if key == "frequency" else unit_of(found.scene, key)
 
 
 def parameter_label(found: Response) -> str:
@@ -99,7 +81,7 @@ def parameter_label(found: Response) -> str:
 
 def key_label(found: Response, key: str) -> str:
     """A key of the scene with its unit, for people."""
-    unit = unit_of(found, key)
+    unit = parameter_unit(found, key)
     return f"{key}, {unit}" if unit else key
 
 
@@ -250,7 +232,7 @@ def curve_name(found: Response, curve: ResponseCurve) -> str:
     families = found.table.families
     if families is None:
         return ""
-    unit = unit_of(found, families.key)
+    unit = parameter_unit(found, families.key)
     return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
 
 

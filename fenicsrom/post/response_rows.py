@@ -15,7 +15,7 @@ from fenicsrom.assess.response_results import (
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.online.provenance import provenance
-from fenicsrom.post.response_figures import directions, in_order, largest_component, unit_of
+from fenicsrom.post.response_figures import directions, in_order, largest_component, parameter_unit
 from fenicsrom.post.response_motion import largest_point
 
 
@@ -69,7 +69,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
 
 def with_unit(found: Response, key: str) -> str:
     """The name of a column: a key of the scene with its unit."""
-    unit = unit_of(found, key).replace("²", "2")
+    unit = parameter_unit(found, key).replace("²", "2")
     return f"{key}_{unit}" if unit else key
 
 

@@ -1,8 +1,11 @@
-"""The numbers of a sweep that its tables and pictures show."""
+"""The numbers of a sweep that its tables and pictures show, and its keys with their units."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+from fenicsrom.assess.sweep_runs import Sweep
+from fenicsrom.scene.units import unit_of
 
 
 class Column(NamedTuple):
@@ -28,5 +31,11 @@ COLUMNS = (
     Column("amplitude_y_m", 1e3, "y mm", "amplitude in y, mm"),
     Column("amplitude_z_m", 1e3, "z mm", "amplitude in z, mm"),
     Column("peak_normal_force_N", 1.0, "peak N", "largest normal force, N"),
-    Column("largest_multiplier", 1.0, "multiplier", ""),
+    Column("largest_multiplier", 1.0, "largest Floquet multiplier", ""),
 )
+
+
+def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[str]:
+    """Keys with their units."""
+    units = [unit_of(found.scene, key) for key in keys]
+    return [f"{key}{join}{unit}" if unit else key for key, unit in zip(keys, units, strict=True)]

@@ -10,7 +10,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, Sweep
 from fenicsrom.post.style import line_styles, new_figure, styled
-from fenicsrom.post.sweep_columns import COLUMNS
+from fenicsrom.post.sweep_columns import COLUMNS, key_labels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,9 +39,10 @@ def figure(found: Sweep) -> Figure:
         else:
             _curves(panel, found, factor * numbers)
             panel.set_ylabel(label)
-    panels[-1].set_xlabel(" and ".join(found.axes[0].keys))
+    panels[-1].set_xlabel(" and ".join(key_labels(found, found.axes[0].keys)))
     if not as_map and len(shape) > 1:
-        panels[0].legend(title=", ".join(_short(key) for a in found.axes[1:] for key in a.keys))
+        others = tuple(key for axis in found.axes[1:] for key in axis.keys)
+        panels[0].legend(title=", ".join(map(_short, key_labels(found, others, " in "))))
     return made
 
 
@@ -96,7 +97,7 @@ def _map(made: Figure, panel: Any, found: Sweep, numbers: Array, label: str) -> 
         x[columns], y[rows], numbers.T[np.ix_(rows, columns)], shading="nearest", cmap="viridis"
     )
     panel.grid(False)
-    panel.set_ylabel(" and ".join(found.axes[1].keys))
+    panel.set_ylabel(" and ".join(key_labels(found, found.axes[1].keys)))
     made.colorbar(mesh, ax=panel, label=label)
     if x_names is not None:
         panel.set_xticks(x, x_names)
@@ -105,5 +106,5 @@ def _map(made: Figure, panel: Any, found: Sweep, numbers: Array, label: str) -> 
 
 
 def _short(key: str) -> str:
-    """The last part of the path of a key."""
+    """A key with the last part of its path only."""
     return key.rpartition(".")[2]

@@ -11,7 +11,7 @@ from fenicsrom.online.provenance import provenance
 from fenicsrom.post.html_page import write_report
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.pictures import draw_pictures
-from fenicsrom.post.sweep_columns import COLUMNS
+from fenicsrom.post.sweep_columns import COLUMNS, key_labels
 from fenicsrom.post.sweep_figures import figure
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
@@ -25,7 +25,8 @@ def table(found: Sweep) -> list[list[Any]]:
     """The runs as a table; the first row is the header."""
     keys = [key for axis in found.axes for key in axis.keys]
     columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
-    head = ["run", *keys, *(column.head for column in columns), "settled", "outcome"]
+    labels = key_labels(found, tuple(keys), " ")
+    head = ["run", *labels, *(column.head for column in columns), "steady", "outcome"]
     lines = []
     for row in found.rows:
         numbers = [
@@ -34,7 +35,7 @@ def table(found: Sweep) -> list[list[Any]]:
         ]
         outcome = row.get("outcome", "not run")
         lines.append(
-            [row["run"], *(row[key] for key in keys), *numbers, row.get("settled"), outcome]
+            [row["run"], *(row[key] for key in keys), *numbers, row.get("steady"), outcome]
         )
     return [head, *lines]
 

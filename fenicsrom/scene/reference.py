@@ -14,9 +14,9 @@ from typing import Any
 
 from fenicsrom.files import atomic_write
 from fenicsrom.scene.json_schema import needed
-from fenicsrom.scene.rules import Rule, show
+from fenicsrom.scene.rules import show
 from fenicsrom.scene.schema import Scene
-from fenicsrom.scene.tables import keys, plain
+from fenicsrom.scene.tables import keys, plain, table_kind
 
 BEGIN = "<!-- scene keys: begin -->"
 END = "<!-- scene keys: end -->"
@@ -57,17 +57,10 @@ def _tables(name: str, kind: type) -> Iterator[tuple[str, type]]:
     """Yield a table with the heading of its section, then the tables in it."""
     yield name, kind
     for key, rule, _, _ in keys(kind):
-        if (inner := _table(rule)) is not None:
+        if (inner := table_kind(rule)) is not None:
             brackets = "[[{}]]" if rule.schema.get("type") == "array" else "[{}]"
             path = f"{name.strip('[]')}.{key}".strip(".")
             yield from _tables(brackets.format(path), inner)
-
-
-def _table(rule: Rule) -> type | None:
-    """Give the dataclass of a rule of tables; None for other rules."""
-    schemas = [rule.schema, rule.schema.get("items", {}), *rule.schema.get("oneOf", [])]
-    found = (schema.get("kind") for schema in schemas)
-    return next((kind for kind in found if isinstance(kind, type) and is_dataclass(kind)), None)
 
 
 def _section(name: str, kind: type) -> Iterator[str]:

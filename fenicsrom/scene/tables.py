@@ -170,6 +170,13 @@ def read_table(kind: type[T], value: Any, where: Where) -> T:
     return build(kind, value, where)
 
 
+def table_kind(rule: Rule) -> type | None:
+    """Give the dataclass of a rule of tables; None for other rules."""
+    schemas = [rule.schema, rule.schema.get("items", {}), *rule.schema.get("oneOf", [])]
+    found = (schema.get("kind") for schema in schemas)
+    return next((kind for kind in found if isinstance(kind, type) and is_dataclass(kind)), None)
+
+
 def table_of(kind: type) -> Rule:
     """Make the rule of a table."""
     return Rule(lambda value, where: read_table(kind, value, where), {"kind": kind}, "table")

@@ -19,6 +19,7 @@ from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.archive import StoredModel, changed_scene, load_model, save_model
 from fenicsrom.online.simulate import load_histories
+from fenicsrom.post import sweep_figures, sweep_report
 from fenicsrom.scene.variations import make_axes
 from fenicsrom.study import sweeps
 
@@ -79,6 +80,17 @@ def test_files_hold_all_rows(model: Path, tmp_path: Path) -> None:
     written = json.loads((tmp_path / "sweep.json").read_text())
     assert written["axes"] == [{"keys": ["loads.0.force"], "values": [[10], [20]]}]
     assert (tmp_path / "report.html").is_file()
+
+
+def test_tables_and_pictures_of_a_sweep_have_units(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["loads.0.frequency=[2, 3]", "loads.0.force=[10, 20]"])
+    head, first, *_ = sweep_report.table(found)
+    assert head[1:4] == ["loads.0.frequency Hz", "loads.0.force N", "x mm"]
+    assert first[head.index("steady")] is True
+    drawn = sweep_figures.figure(found)
+    assert drawn.axes[-1].get_xlabel() == "loads.0.frequency, Hz"
+    legend = drawn.axes[0].get_legend()
+    assert legend is not None and legend.get_title().get_text() == "force in N"
 
 
 def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:

@@ -1,0 +1,38 @@
+"""The units of the numbers of a scene."""
+
+from __future__ import annotations
+
+import pytest
+from support import beam_scene
+
+from fenicsrom.scene.units import unit_of
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"),
+    [
+        ("loads.0.frequency", "Hz"),
+        ("loads[0].force", "N"),
+        ("contacts.0.preload", "N"),
+        ("contacts.0.gap", "m"),
+        ("contacts.0.friction", ""),
+        ("contacts.0.surface.radius", "m"),
+        ("contacts.0.approach", ""),
+        ("contacts.0.approach.0.1", ""),
+        ("material.density", "kg/m³"),
+        ("rotation.speed_rpm", "rev/min"),
+        ("geometry.parameters.length", ""),
+        ("basis.modes", ""),
+        ("no.such.key", ""),
+    ],
+)
+def test_unit_of_a_key_is_that_of_its_table(key: str, unit: str) -> None:
+    assert unit_of(beam_scene(2), key) == unit
+
+
+@pytest.mark.parametrize(
+    ("key", "unit"), [("normal_stiffness", ""), ("preload", ""), ("gap", "m"), ("friction", "")]
+)
+def test_unit_that_depends_on_the_region_of_a_contact_is_left_out(key: str, unit: str) -> None:
+    scene = beam_scene(2, ("contacts.0.at='nodes'",))
+    assert unit_of(scene, f"contacts.0.{key}") == unit
