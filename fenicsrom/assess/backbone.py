@@ -30,6 +30,7 @@ from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.online.surfaces import Contacts
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape
@@ -202,7 +203,7 @@ def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, i
         raise _refusal(
             scene,
             "backbone.mode",
-            f"= {number}: the reduced model has {len(modes)} modes",
+            f"= {number}: the reduced model has {counted(len(modes), 'mode')}",
             ErrorKind.RANGE,
         )
     moves = [np.abs(stored.model.probe @ mode.shape) for mode in modes]
@@ -244,7 +245,7 @@ def _follow(
         if clock.perf_counter() - last > REPORT_INTERVAL:
             last, here = clock.perf_counter(), found.points[-1]
             say(
-                f"{len(found.points)} points, linear amplitude "
+                f"{counted(len(found.points), 'point')}, linear amplitude "
                 f"{1e3 * here.linear_amplitude:.4g} mm, {here.frequency:.6g} Hz, "
                 f"damping ratio {100.0 * here.damping_ratio:.4g} %"
             )
@@ -261,7 +262,7 @@ def _follow(
     if curve.points[-1] is not found.points[-1].motion:  # `run` reports no point at the end
         keep(curve.points[-1])
     found.reason = curve.reason
-    say(f"{len(found.points)} points, {curve.reason}")
+    say(f"{counted(len(found.points), 'point')}, {curve.reason}")
     if curve.reason == LOST:
         end = found.points[-1].linear_amplitude
         raise ConvergenceError(

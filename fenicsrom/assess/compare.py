@@ -32,6 +32,7 @@ from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, 
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time
 
 if TYPE_CHECKING:
@@ -393,7 +394,7 @@ def compare_bases(
         known = max(mean.values())
         left = sum(mean.get(other.elastic_force, known) for other in wanted[k + 1 :])
         error = outcome.errors.get("amplitude_tangential")
-        result = outcome.failure or f"{len(outcome.labels)} coordinates"
+        result = outcome.failure or counted(len(outcome.labels), "coordinate")
         result += f", {1e3 * outcome.online_seconds:.3g} ms" if outcome.online else ""
         result += f", error {error:.2g} %" if error is not None else ""
         say(f"{k + 1}/{len(wanted)} {combination.name}: {result}; about {left:.0f} s left")

@@ -11,6 +11,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.progress import duration
+from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.branches import Piece
@@ -125,8 +126,9 @@ class CurveWalk:
         if now - self._said > REPORT_INTERVAL:
             self._said, point = now, piece.points[-1]
             line = (
-                f"{len(self.curve.points)} points, {self.table.parameter} = {point.parameter:.5g}, "
-                f"amplitude {1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
+                f"{counted(len(self.curve.points), 'point')}, "
+                f"{self.table.parameter} = {point.parameter:.5g}, amplitude "
+                f" {1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
         self(line)
 

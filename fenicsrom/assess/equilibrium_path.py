@@ -18,6 +18,7 @@ from fenicsrom.assess.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.deformation import Deformation
 from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.equilibrium_path import PathFollower, PathPoint
@@ -232,7 +233,7 @@ def _follow(
             say(f"  {point.kind} at the load factor {point.load_factor:.6g}")
         elif clock.perf_counter() - last > REPORT_INTERVAL:
             last = clock.perf_counter()
-            say(f"  {len(found.points)} points, load factor {point.load_factor:.4g}")
+            say(f"  {counted(len(found.points), 'point')}, load factor {point.load_factor:.4g}")
         if body.comm.bcast(stop()):
             raise KeyboardInterrupt
         if table.displacement is not None and np.linalg.norm(probe) >= table.displacement:

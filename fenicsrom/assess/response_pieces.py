@@ -24,6 +24,7 @@ from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.families import Family
 from fenicsrom.online.periodic import PeriodicMotion
+from fenicsrom.scene.rules import counted
 
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 
@@ -122,7 +123,7 @@ def _follow_piece(
         progress=keep,
     )
     walk.stand = None
-    walk(f"{len(piece.points)} points, {piece.reason}")
+    walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
 
 
 def _begin_piece(
@@ -167,7 +168,7 @@ def _follow_more(
             largest_step=LARGEST_STEP,
             progress=lambda point: progress(""),
         )
-        progress(f"{origin}: {len(piece.points)} points, {piece.reason}")
+        progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
 
     def start(value: float) -> CurvePoint:
         motion = start_motion(stored, family, value, progress)

@@ -43,6 +43,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import refined
 
 if TYPE_CHECKING:
@@ -269,7 +270,10 @@ def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tupl
     if not has_settled(motion):
         if error > max(UNSTEADY_ERROR, estimate):
             return Verdict.WRONG, f"with half the step the motion differs by {error:.0%}"
-        return Verdict.UNSTEADY, f"the motion does not repeat after {motion.periods} periods"
+        return (
+            Verdict.UNSTEADY,
+            f"the motion does not repeat after {counted(motion.periods, 'period')}",
+        )
     if motion.steady and not has_settled(fine):
         return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
     if error > max(NEGLIGIBLE, estimate):

@@ -25,6 +25,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.periodic import PeriodicMotion, largest_multiplier, periodic_motion
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Response, Scene
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.scene.times import GENERALISED_ALPHA
 
@@ -47,7 +48,7 @@ def why_unsteady(model: Any, scene: Scene, motion: Motion, fine: Motion) -> str:
         fine: the motion with half the step.
     """
     told = [
-        f"the motion does not repeat after {motion.periods} periods",
+        f"the motion does not repeat after {counted(motion.periods, 'period')}",
         *_found(model, scene, motion),
     ]
     if has_settled(fine):

@@ -28,6 +28,7 @@ from fenicsrom.cli.starting import (
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
+from fenicsrom.scene.rules import counted
 
 OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
 """Commands with a table of their own in the scene, which has their name."""
@@ -369,12 +370,12 @@ def cache(options: argparse.Namespace) -> int:
         print(f"{CACHE_VARIABLE} = {CACHE_OFF}: offline results are not kept")
         return 0
     if options.clear:
-        print(f"{result_cache.clear(folder)} files removed from {folder}")
+        print(f"{counted(result_cache.clear(folder), 'file')} removed from {folder}")
         return 0
     found = result_cache.entries(folder)
     size = sum(entry.size for entry in found)
     print(
-        f"{folder}: {len(found)} files, {size / 1e6:.1f} MB of at most "
+        f"{folder}: {counted(len(found), 'file')}, {size / 1e6:.1f} MB of at most "
         f"{result_cache.LIMIT / 1e6:.0f} MB; the oldest are removed first"
     )
     return 0

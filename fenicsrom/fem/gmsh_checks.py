@@ -15,6 +15,7 @@ from fenicsrom.fem.gmsh_queries import (
     model_nodes,
 )
 from fenicsrom.scene import Geometry
+from fenicsrom.scene.rules import are, counted
 
 DEGENERATE = 1e-12
 """Smaller Jacobian determinants, relative to the cell size to the power d, count as zero."""
@@ -145,8 +146,8 @@ def _check_shapes(
         if len(bad):
             where = ", ".join(f"{value:.6g}" for value in x[bad[0]].mean(axis=0))
             raise SceneError(
-                f"{source}: {len(bad)} cells are inverted or degenerate, one at ({where}): "
-                "must have a Jacobian determinant of one sign",
+                f"{source}: {counted(len(bad), 'cell')} {are(len(bad))} inverted or degenerate, "
+                f"one at ({where}): must have a Jacobian determinant of one sign",
                 kind=ErrorKind.MESH,
                 source=source,
             )

@@ -106,7 +106,8 @@ def clean_model(gmsh: Any, geometry: Geometry, sets: dict[str, Ints]) -> CleanMo
     check_conforming(source, kind, np.searchsorted(numbers, cells[:, :vertices]), points, d)
     warnings += left_out
     if apart := _coincident(points[np.searchsorted(numbers, corners)]):
-        what = f"{apart} nodes coincide with another node: the cells there are not joined"
+        nodes = "1 node coincides" if apart == 1 else f"{apart} nodes coincide"
+        what = f"{nodes} with another node: the cells there are not joined"
         warnings += (f"{source}: {what}",)
 
     _add_model(gmsh, d, points[np.searchsorted(numbers, used)])

@@ -9,6 +9,7 @@ from slepc4py import SLEPc
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.reduction.protocols import Inverse
+from fenicsrom.scene.rules import counted
 
 SINGULAR = (-6, -10)  # errors of MUMPS; all others are about resources
 EIGEN_TOLERANCE = 1e-10
@@ -256,8 +257,8 @@ def eigenmodes(
         ) from None
     if eps.getConverged() < count:
         raise ConvergenceError(
-            f"only {eps.getConverged()} of {count} modes converged in "
-            f"{eps.getIterationNumber()} iterations"
+            f"only {eps.getConverged()} of {counted(count, 'mode')} converged in "
+            f"{counted(eps.getIterationNumber(), 'iteration')}"
         )
     squares = np.array([eps.getEigenvalue(k).real for k in range(count)])
     modes = np.empty((stiffness.getLocalSize()[0], count))

@@ -19,6 +19,7 @@ import numpy as np
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.motion import Motion
+from fenicsrom.scene.rules import counted
 
 # Largest imbalance that the time integration accepts, relative to the largest energy plus the
 # largest work of the run, by scheme. The discrete gradient keeps the balance to Newton's tolerance;
@@ -98,7 +99,7 @@ def check_scheme(motion: Motion, scheme: str) -> None:
             raise AccuracyError(
                 f"time integration: the energy ledger is off by {100.0 * off / size:.3g} % of the "
                 f"energy and work, more than {100.0 * allowed:.3g} % (scheme {scheme}, "
-                f"{motion.steps} steps): take shorter steps{other}",
+                f"{counted(motion.steps, 'step')}): take shorter steps{other}",
                 motion,
                 kind=ErrorKind.ENERGY,
             )

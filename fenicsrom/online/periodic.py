@@ -29,6 +29,7 @@ from fenicsrom.online.scheme import scheme
 from fenicsrom.online.sensitivity import Drift
 from fenicsrom.online.state import Checkpoint, Record
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.scene.rules import counted
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
@@ -356,8 +357,9 @@ def solve(
         if damping < 1.0:
             found = shooting.march(s)
     raise ConvergenceError(
-        f"no periodic motion of {shooting.m} period(s) was found near the start: relative residual "
-        f"{residuals[-1] if residuals else np.inf:.3g} after {len(residuals)} Newton iterations",
+        f"no periodic motion of {counted(shooting.m, 'period')} was found near the start: relative "
+        f"residual {residuals[-1] if residuals else np.inf:.3g} after "
+        f"{counted(len(residuals), 'Newton iteration')}",
         residuals,
     )
 

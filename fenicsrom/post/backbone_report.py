@@ -14,6 +14,7 @@ from fenicsrom.post.backbone_figures import NO_DAMPING, figure
 from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results
 from fenicsrom.post.tables import text_table
+from fenicsrom.scene.rules import counted
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
@@ -104,8 +105,8 @@ def sentences(found: Backbone) -> list[str]:
     """The results in sentences, for the terminal and the report."""
     first, last, top = found.points[0], found.points[-1], _most_damped(found)
     lines = [
-        f"{len(found.points)} points in {found.seconds:.1f} s: from {_words(found, first)} to "
-        f"{_words(found, last)}."
+        f"{counted(len(found.points), 'point')} in {found.seconds:.1f} s: from "
+        f"{_words(found, first)} to {_words(found, last)}."
     ]
     if top.damping_ratio > NO_DAMPING:
         lines.append(
@@ -117,7 +118,7 @@ def sentences(found: Backbone) -> list[str]:
         lines.append(
             f"Half the time step changes the frequency by at most {100.0 * frequency:.2g} % and "
             f"the damping ratio by at most {100.0 * damping:.2g} percentage points, at "
-            f"{len(found.step_errors)} points."
+            f"{counted(len(found.step_errors), 'point')}."
         )
     if found.reason != "end of the range":
         lines.append(f"The curve is incomplete: {found.reason}.")

@@ -14,6 +14,7 @@ from fenicsrom.post.picture import Picture
 from fenicsrom.post.result_files import write_results
 from fenicsrom.post.style import COLOURS, new_figure, styled
 from fenicsrom.post.tables import text_table
+from fenicsrom.scene.rules import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,9 +96,10 @@ def sentences(found: Campbell) -> list[str]:
     speeds, modes = found.speeds_rpm, found.squares.shape[1]
     orders = ", ".join(map(str, found.scene.campbell.engine_orders))
     lines = [
-        f"{modes} modes at {speeds.size} speeds from {speeds[0]:g} to {speeds[-1]:g} rpm; largest "
-        f"displacement of the equilibrium {1e3 * found.largest.max():.3g} mm.",
-        f"Engine orders {orders} have {len(found.critical)} critical speeds.",
+        f"{counted(modes, 'mode')} at {counted(speeds.size, 'speed')} from {speeds[0]:g} to "
+        f"{speeds[-1]:g} rpm; largest displacement of the equilibrium "
+        f"{1e3 * found.largest.max():.3g} mm.",
+        f"Critical speeds of the engine orders {orders}: {len(found.critical)}.",
     ]
     if found.names:
         lines.append(

@@ -24,6 +24,7 @@ from fenicsrom.post.pictures import draw_pictures
 from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading
+from fenicsrom.scene.rules import counted
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
@@ -212,7 +213,7 @@ def sentences(comparison: Comparison) -> list[str]:
         best = min(small, key=amplitude_error)
         found.append(
             f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
-            f"{len(best.labels)} coordinates: its error of the {amplitude} is "
+            f"{counted(len(best.labels), 'coordinate')}: its error of the {amplitude} is "
             f"{amplitude_error(best):.2g} %, it is {comparison.speed_up(best):.0f} times as fast "
             "as the full model, and its offline time pays off after "
             f"{_runs(comparison.break_even(best))}."
@@ -231,8 +232,8 @@ def sentences(comparison: Comparison) -> list[str]:
     ]
     if unsteady:
         found.append(
-            f"These motions did not become periodic within {comparison.scene.time.periods} "
-            f"periods, so their errors hold for the last period only: {'; '.join(unsteady)}."
+            "These motions did not become periodic, so their errors hold for the last period only: "
+            f"{'; '.join(unsteady)}."
         )
     found += [
         f"{o.combination.name} has no motion: {o.failure}" for o in comparison.outcomes if o.failure
@@ -242,7 +243,7 @@ def sentences(comparison: Comparison) -> list[str]:
 
 def _runs(count: int | None) -> str:
     """Format a number of runs."""
-    return "no number of runs" if count is None else "1 run" if count == 1 else f"{count} runs"
+    return "no number of runs" if count is None else counted(count, "run")
 
 
 def timing_note(comparison: Comparison) -> list[str]:
@@ -251,23 +252,23 @@ def timing_note(comparison: Comparison) -> list[str]:
     repeats = comparison.scene.compare.repeats
     short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
     found = [
-        f"Online seconds are the median of {repeats} runs; ± is half of their range. Offline "
-        "seconds are the sum of the stages that a basis needs. Compilation and warm-up took "
-        f"{comparison.compilation:.2g} s and are not included.",
-        f"Measured on {here['processor']}, {here['cores']} cores, {here['system']}, "
+        f"Online seconds are the median of {counted(repeats, 'run')}; ± is half of their "
+        "range. Offline seconds are the sum of the stages that a basis needs. Compilation and "
+        f"warm-up took {comparison.compilation:.2g} s and are not included.",
+        f"Measured on {here['processor']}, {counted(here['cores'], 'core')}, {here['system']}, "
         f"OMP_NUM_THREADS = {here['OMP_NUM_THREADS']}.",
     ]
     if short:
         found.append(
-            f"Runs of more than a second were timed over {min(short)} periods and scaled by their "
-            "number of steps."
+            f"Runs of more than a second were timed over {counted(min(short), 'period')} and "
+            "scaled by their number of steps."
         )
     if comparison.full:
         run = comparison.full_run
         where = "was read from the cache; it ran" if run["cached"] else "ran"
         found.append(
             f"The full model, {comparison.unknowns} unknowns, {where} once, {run['date']}, on "
-            f"{run['machine']['processor']}, {run['ranks']} rank(s): "
+            f"{run['machine']['processor']}, {counted(run['ranks'], 'rank')}: "
             f"{comparison.full.seconds:.3g} s for {comparison.full.steps} steps."
         )
     return found

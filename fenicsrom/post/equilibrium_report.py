@@ -95,8 +95,8 @@ def sentences(found: EquilibriumPath) -> list[str]:
     limits = [point for point in found.special if point.kind == "limit point"]
     crossed = [point for point in found.special if point.kind == "bifurcation"]
     lines = [
-        f"{len(found.points)} equilibria in {found.seconds:.1f} s, up to the load "
-        f"factor {last.load_factor:.6g}, where the probe is displaced by "
+        f"{counted(len(found.points), 'equilibrium', 'equilibria')} in {found.seconds:.1f} s, up "
+        f"to the load factor {last.load_factor:.6g}, where the probe is displaced by "
         f"{1e3 * last.probe[axis]:.5g} mm along {'xyz'[axis]}.",
         ENDS[found.reason],
     ]

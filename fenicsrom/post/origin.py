@@ -25,6 +25,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.provenance import provenance
 from fenicsrom.post.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
+from fenicsrom.scene.rules import counted
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"
@@ -238,7 +239,7 @@ def _comments(record: Mapping[str, Any]) -> str:
     lines = [
         "The scene of this folder, with all defaults and overrides.",
         f"made by:    {record['command']}",
-        f"on:         {record['began']}, {record['ranks']} MPI rank(s)",
+        f"on:         {record['began']}, {counted(record['ranks'], 'MPI rank')}",
         f"program:    {_program(record, versions)}",
         f"to repeat:  {record['repeat']}",
     ]

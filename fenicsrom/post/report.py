@@ -35,6 +35,7 @@ from fenicsrom.post.stress_tables import (
 )
 from fenicsrom.post.summary import errors_of
 from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.scene.rules import counted
 
 REPORT = "report.html"
 
@@ -169,9 +170,9 @@ def _basis(study: Study) -> list[Any]:
     found: list[Any] = [[["mode", "frequency Hz"], *frequencies]]
     if basis is not None:
         found.append(
-            f"{basis.method}, {basis.size} coordinates: {', '.join(basis.labels)}. Condition "
-            f"number of the scaled reduced mass: {basis.condition:.3g}; of the scaled residual "
-            f"flexibility: {modes.flexibility_condition:.3g}."
+            f"{basis.method}, {counted(basis.size, 'coordinate')}: {', '.join(basis.labels)}. "
+            f"Condition number of the scaled reduced mass: {basis.condition:.3g}; of the scaled "
+            f"residual flexibility: {modes.flexibility_condition:.3g}."
         )
         if basis.dropped:
             dropped = ", ".join(f"{k} ({v:.0e})" for k, v in basis.dropped.items())

@@ -47,8 +47,8 @@ def sentences(found: Response) -> list[str]:
         free = sum(point.free_sliders > 0 for point in points)
         if free:
             lines.append(
-                f"{begin}{free} points have a contact point that sticks all the time: the position "
-                "of its slider is not unique."
+                f"{begin}At {counted(free, 'point')}, a contact point sticks all the time: the "
+                "position of its slider is not unique."
             )
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
@@ -66,10 +66,11 @@ def _unknown_errors(curve: ResponseCurve) -> list[str]:
         )
     if unknown := sum(check.unknown for check in compared):
         largest = any(check.unknown and check.where == LARGEST for check in compared)
+        among = ", that of the largest amplitude among them" if largest else ""
         lines.append(
-            f"The change by a richer basis is unknown at {unknown} of {len(compared)} compared "
-            f"motions{', that of the largest amplitude among them' if largest else ''}: Newton's "
-            "method with the richer basis did not find them."
+            f"The change by a richer basis is unknown at {unknown} of "
+            f"{counted(len(compared), 'compared motion')}{among}: Newton's method with the richer "
+            f"basis did not find {'it' if unknown == 1 else 'them'}."
         )
     return lines
 

@@ -26,7 +26,7 @@ from fenicsrom.post.mode_agreement import agreement_sentence
 from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
 from fenicsrom.post.tables import text_table
-from fenicsrom.scene.rules import counted
+from fenicsrom.scene.rules import are, counted
 from fenicsrom.scene.step_size import refined, step_key
 
 if TYPE_CHECKING:
@@ -190,10 +190,11 @@ def free_slider_sentence(name: str, motion: Motion) -> str | None:
     search = motion.search
     if search is None or not search.accepted or search.free_sliders == 0:
         return None
+    free = counted(search.free_sliders, "slider position")
     return (
-        f"the periodic motion of the {name} model is not unique: {search.free_sliders} slider "
-        "position(s) of contact points that stick all the time are free; the run takes the motion "
-        "nearest to the marched one"
+        f"the periodic motion of the {name} model is not unique: {free} of contact points that "
+        f"stick all the time {are(search.free_sliders)} free; the run takes the motion nearest to "
+        "the marched one"
     )
 
 
@@ -209,7 +210,7 @@ def basis_sentences(study: Study) -> list[str]:
     if basis.dropped:
         left.append(f"vectors left out, because others contain them: {' '.join(basis.dropped)}")
     return [
-        f"basis: {basis.method}, {basis.size} coordinates: {' '.join(basis.labels)}",
+        f"basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}",
         *left,
         f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
         f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
@@ -319,7 +320,7 @@ def buckled_sentence(name: str, motion: Motion) -> str:
     """Warn that the preload has buckled a model."""
     return (
         f"the preload buckles the {name} model: its equilibrium nearest to the unloaded body is "
-        f"unstable in {motion.buckled} direction(s), so the motion starts from a stable "
+        f"unstable in {counted(motion.buckled, 'direction')}, so the motion starts from a stable "
         "equilibrium nearby"
     )
 

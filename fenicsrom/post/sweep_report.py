@@ -114,6 +114,6 @@ def terminal(found: Sweep) -> str:
     """The table (or its beginning) and the sentences, for the terminal."""
     lines = table(found)
     parts = [text_table(lines[: MOST_LINES + 1], 1 + sum(len(axis.keys) for axis in found.axes))]
-    if len(lines) > MOST_LINES + 1:
-        parts.append(f"The other {len(lines) - MOST_LINES - 1} runs stand in sweep.csv.")
+    if (more := len(lines) - MOST_LINES - 1) > 0:
+        parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
     return "\n".join([*parts, *sentences(found), *failures(found)])

@@ -35,6 +35,7 @@ from fenicsrom.reduction.masters import master_directions, scaled_condition
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
+from fenicsrom.scene.rules import counted
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
@@ -176,7 +177,7 @@ def solve_modes(structure: Structure, options: Basis) -> SolvedModes:
     if np.any(omega_squared <= 0.0):
         what = "the equilibrium is unstable" if structure.symmetric else "of the symmetric part"
         structure.warnings.append(
-            f"{what}: {int(np.sum(omega_squared <= 0))} modes have omega^2 < 0"
+            f"{what}: omega^2 < 0 of {counted(int(np.sum(omega_squared <= 0)), 'mode')}"
         )
     return SolvedModes(
         method,

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.variations import Axis, combinations
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
 
@@ -71,7 +72,7 @@ def sweep(
         results = {run.number: done for run in runs if (done := kept(run)) is not None}
         found.reused = len(results)
         if results and first:
-            say(f"{len(results)} of {len(rows)} runs are done already")
+            say(f"done already: {len(results)} of {counted(len(rows), 'run')}")
     pending = [run for run in runs if run.number not in results]
     wanted = {run.model for run in pending}
     jobs = _Jobs(comm, workers, stop, say)

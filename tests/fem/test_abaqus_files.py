@@ -159,10 +159,10 @@ def test_shells_on_facets_are_groups_and_others_are_named(tmp_path: Path) -> Non
     mesh = model(tmp_path, NODES + CELLS + more)
     assert facet_corners(mesh, "skin") == [[1, 2, 3, 4]]
     assert set(mesh.not_read) == {
-        "1 S4R elements",
+        "1 S4R element",
         "2 MASS elements",
-        "1 B31 elements",
-        "1 SPRINGA elements",
+        "1 B31 element",
+        "1 SPRINGA element",
         "*MASS",
         "*TIE",
         "*EQUATION",

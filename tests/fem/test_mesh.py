@@ -483,9 +483,9 @@ def test_facet_across_a_cell_is_left_out_with_warning(tmp_path: Path) -> None:
     [
         (SQUARE, squares((LINE, 1, (0, 1))), "", "'solid'"),
         (SQUARE, squares((TRIANGLE, 1, (0, 1, 2))), "", "Triangle 3, Quadrilateral 4"),
-        (SQUARE, [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]], "", "1 cells"),
+        (SQUARE, [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]], "", "1 cell "),
         (SQUARE, [(QUADRILATERAL, 1, (0, 3, 2, 1)), *squares()[1:]], "", "(0.5, 0.5)"),
-        ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "", "1 cells"),
+        ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "", "1 cell "),
         ([*SQUARE[:5], (2, 1, 0.1)], squares(), "geometry.dimension", "0.1 m"),
     ],
 )

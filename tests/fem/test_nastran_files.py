@@ -110,8 +110,8 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     )
     mesh = model(tmp_path, GRIDS + HEXA + more)
     assert mesh.not_read == (
-        "1 CBAR elements",
-        "1 CQUAD4 elements",
+        "1 CBAR element",
+        "1 CQUAD4 element",
         "1 CONM2",
         "1 RBE2",
         "1 CBUSH",

@@ -26,6 +26,7 @@ from fenicsrom.fem.formats.abaqus_sets import (
 )
 from fenicsrom.fem.formats.mesh_file import Floats, MeshFile, refuse
 from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.scene.rules import counted
 
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
 """Keywords that make or move nodes and elements, which are refused."""
@@ -102,7 +103,7 @@ def read_abaqus(path: Path) -> MeshFile:
             model.not_read[f"*{name}"] = None
         elif in_step:
             _read(model, current or model.root, keyword)
-    left = [f"{count} {name} elements" for name, count in model.left_out.items()]
+    left = [counted(count, f"{name} element") for name, count in model.left_out.items()]
     mesh = assembled(path, model.root, model.instances)
     return replace(mesh, not_read=(*left, *model.not_read), notes=(*mesh.notes, *model.notes))
 

@@ -14,9 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.formats.mesh_file import Block, Floats, Ints, MeshFile, refuse
+from fenicsrom.fem.formats.mesh_file import (
+    Block,
+    Floats,
+    Ints,
+    MeshFile,
+    middle_nodes_note,
+    refuse,
+)
 from fenicsrom.fem.formats.shapes import FROM_VTK, SHAPES
 from fenicsrom.fem.formats.text import numbers_between, read_lines
+from fenicsrom.scene.rules import counted
 
 SOLIDS = {45, 185, 64, 95, 186, 92, 187, 285, 72, 73, 5, 62}
 """Numbers of element types that are solids with 4 to 20 nodes."""
@@ -169,13 +177,13 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
         number = archive.types.get(type_, 0)
         allowed = range(4, 11) if number in TETRAHEDRA else range(8, 21)
         if number in SOLIDS and len(nodes) not in allowed:
-            reason = f"has {len(nodes)} nodes; the file may be damaged"
+            reason = f"has {counted(len(nodes), 'node')}; the file may be damaged"
             raise refuse(path, f"element {label} of type {number} {reason}")
         kind, own = _shape(number, nodes)
         if kind:
             found.setdefault((kind, f"type {number}"), []).append((label, own))
         else:
-            left[f"type {number} elements"] += 1
+            left[f"type {number} element"] += 1
     points = np.array(list(archive.nodes.values()), dtype=np.float64)
     extra: list[Floats] = []
     blocks = []
@@ -197,9 +205,10 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
                 block.groups[name] = np.isin(block.labels, members)
     notes = ()
     if extra:
-        notes = (f"{len(extra)} nodes on edges that the file leaves out are put in the middle",)
+        notes = (middle_nodes_note(len(extra)),)
         points = np.concatenate([points, np.array(extra)])
-    unread = [f"{n} {name}" for name, n in (*left.items(), *archive.other.items())]
+    unread = [counted(n, name) for name, n in left.items()]
+    unread += [f"{n} {name}" for name, n in archive.other.items()]
     groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
     return MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene.rules import are, counted
 
 Ints = npt.NDArray[Any]
 Marks = npt.NDArray[np.bool_]
@@ -53,6 +54,12 @@ class MeshFile:
     node_groups: dict[str, Ints] = field(default_factory=dict)
     not_read: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+
+def middle_nodes_note(number: int) -> str:
+    """The note on so many nodes that cells of degree 2 lack in the file."""
+    nodes = counted(number, "node")
+    return f"{nodes} on edges that the file leaves out {are(number)} put in the middle"
 
 
 def refuse(path: Path, reason: str) -> SceneError:

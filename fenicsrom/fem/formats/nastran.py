@@ -10,7 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.fem.formats.mesh_file import Block, Floats, Ints, MeshFile, refuse
+from fenicsrom.fem.formats.mesh_file import (
+    Block,
+    Floats,
+    Ints,
+    MeshFile,
+    middle_nodes_note,
+    refuse,
+)
 from fenicsrom.fem.formats.nastran_cards import Card, read_cards
 from fenicsrom.fem.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.fem.formats.nastran_systems import Systems, read_systems
@@ -78,8 +85,7 @@ def read_nastran(path: Path) -> MeshFile:
     notes = ()
     if extra:
         points = np.concatenate([points, np.array(extra)])
-        what = f"{len(extra)} nodes on edges that the file leaves out are put in the middle"
-        notes = (what,)
+        notes = (middle_nodes_note(len(extra)),)
     try:
         nodes = _constrained(cards, numbers)
     except ValueError as error:

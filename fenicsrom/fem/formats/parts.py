@@ -10,6 +10,7 @@ import numpy as np
 
 from fenicsrom.fem.formats.mesh_file import Block, Ints, Marks, MeshFile, refuse
 from fenicsrom.fem.formats.shapes import SHAPES, facet_kind, facets_of
+from fenicsrom.scene.rules import counted
 
 
 def sorted_elements(path: Path, mesh: MeshFile) -> MeshFile:
@@ -48,7 +49,7 @@ def sorted_elements(path: Path, mesh: MeshFile) -> MeshFile:
                 groups = {name: marks[found] for name, marks in block.groups.items()}
                 facets.append(Block(kind, rows[found], groups, block.name))
             left[block.name] += int((~found).sum())
-    left_out = [f"{count} {name} elements" for name, count in left.items() if count]
+    left_out = [counted(count, f"{name} element") for name, count in left.items() if count]
     return replace(
         mesh, blocks=(*cells, *facets), not_read=(*dict.fromkeys(left_out), *mesh.not_read)
     )
@@ -81,8 +82,8 @@ def _check_not_doubled(path: Path, cells: list[Block]) -> None:
             one, other = labels[[first[which.ravel()[again[0]]], again[0]]]
             raise refuse(
                 path,
-                f"{len(again)} cells have the same nodes as another cell, such as the elements "
-                f"{one} and {other}; delete the doubled elements",
+                f"{counted(len(again), 'cell')} with the same nodes as another cell, such as the "
+                f"elements {one} and {other}: delete the doubled elements",
             )
 
 

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.scene.rules import counted
 
 HEADER = 128
 MATRIX, COMPRESSED = 14, 15
@@ -111,7 +112,7 @@ def _matrix(content: bytes, order: str) -> dict[str, Array]:
         return {}
     rows, columns = (int(v) for v in shape)
     if rows < 0 or columns < 0 or 8 * rows * columns > LARGEST:
-        raise ValueError(f"{name} has {rows} rows and {columns} columns")
+        raise ValueError(f"{name} has {counted(rows, 'row')} and {counted(columns, 'column')}")
     values = [_numbers(part, order) for part in parts[3:]]
     if kind != SPARSE:
         if len(values) != 1:

@@ -19,6 +19,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.files import atomic_write
 from fenicsrom.online.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set, refuse
+from fenicsrom.scene.rules import counted
 
 FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")
 DIGITS = 16  # digits behind the point: 17 significant digits keep every float64
@@ -100,7 +101,7 @@ def _read_matrix(path: Path, header: str, lines: Iterator[str]) -> tuple[str, Ar
     if kind not in (1, DOUBLE):
         raise refuse(path, f"matrix {name} is complex; only real matrices can be read")
     if not 0 < columns <= LARGEST_SIZE or not 0 < abs(rows) <= LARGEST_SIZE:
-        reason = f"matrix {name} has {abs(rows)} rows and {columns} columns"
+        reason = f"matrix {name} has {counted(abs(rows), 'row')} and {counted(columns, 'column')}"
         raise refuse(path, f"{reason}; at most {LARGEST_SIZE}: reduce it first (Craig-Bampton)")
     width = int(words[2]) if words else 16
     matrix = np.zeros((abs(rows), columns))
