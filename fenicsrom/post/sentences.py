@@ -59,6 +59,19 @@ UNCHECKED = (
     "the run was interrupted before its motion was checked: the energy balance and the errors due "
     "to the time step and the basis are not known"
 )
+HALF_CHECKED = (
+    "the run was interrupted in the checks of its motion: the energy balance and the error due to "
+    "the time step are checked, the error due to the basis is not known"
+)
+
+
+def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> str:
+    """The warning of a run that was interrupted in its checks, or before them.
+
+    Args:
+        errors: the estimates that were found, as `Study.errors`; that of the time step comes first.
+    """
+    return HALF_CHECKED if errors else UNCHECKED
 
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: ContactPoints) -> str:

@@ -83,7 +83,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
-    from fenicsrom.post.sentences import UNCHECKED
+    from fenicsrom.post.sentences import unchecked_sentence
     from fenicsrom.post.summary import write_rerun_numbers
 
     try:
@@ -93,7 +93,8 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         if found.unfinished is None:
             found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
     except KeyboardInterrupt:
-        found.warnings.extend([] if "checks" in watch.seconds else [UNCHECKED])
+        if "checks" not in watch.seconds:
+            found.warnings.append(unchecked_sentence(found.errors))
         write_rerun_numbers(found, folder, whole=True)
         raise
 

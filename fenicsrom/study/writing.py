@@ -27,14 +27,14 @@ def numbers(run: Run) -> None:
 
 def keep_motion(run: Run) -> None:
     """Write the numbers of a finished motion of a run that was interrupted before its numbers."""
-    from fenicsrom.post.sentences import UNCHECKED
+    from fenicsrom.post.sentences import unchecked_sentence
     from fenicsrom.post.summary import write_numbers
 
     study, done = run.study, run.watch.seconds
     if run.folder is None or run.comm.rank or study.unfinished or "numbers" in done:
         return
     if "reduced" in study.motions:
-        study.warnings.extend([] if "checks" in done else [UNCHECKED])
+        study.warnings.extend([] if "checks" in done else [unchecked_sentence(study.errors)])
         write_numbers(study, run.folder, whole=True)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from fenicsrom.online import simulate
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.checkpoints import FORMAT, load_checkpoint, load_start
 from fenicsrom.online.motion import Motion
-from fenicsrom.post.sentences import UNCHECKED
+from fenicsrom.post.sentences import HALF_CHECKED, UNCHECKED
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
@@ -74,6 +74,19 @@ def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
     assert found.errors == whole.errors and UNCHECKED not in found.warnings
     with refusal(ErrorKind.RANGE, f"time.{span}{'s' if span == 'period' else ''}"):
         load_checkpoint(path, model.model, model.scene)
+
+
+def test_run_that_is_interrupted_between_its_checks_says_which_errors_are_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = stored(*SPANS["period"])
+    monkeypatch.setattr(verdicts, "basis_errors", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        study.rerun(replace(model, candidates=model.model), tmp_path)
+    told = json.loads((tmp_path / "summary.json").read_text())
+    known = told["estimated_error_percent"]
+    assert "time step" in known and "basis" not in known
+    assert HALF_CHECKED in told["warnings"] and UNCHECKED not in told["warnings"]
 
 
 @pytest.mark.slow
