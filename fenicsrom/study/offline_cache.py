@@ -272,7 +272,8 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     """
     from fenicsrom.fem.solid import KnownEquilibrium, solid_of
 
-    run.watch.say(f"{BODY}: computed after all, because this stage needs the body")
+    user = f'the stage "{run.watch.stage}" needs the body' if run.watch.stage else "they are used"
+    run.watch.say(f"{BODY}: made again, because {user}; the equilibrium is the earlier one")
     left_out = run.study.left_out
     left_out[:] = [line.removeprefix(f"{BODY}, ") for line in left_out]
     with run.watch("mesh"):

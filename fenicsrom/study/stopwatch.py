@@ -34,17 +34,20 @@ class Stopwatch:
     Attributes:
         say: receives one line at a time.
         seconds: stage -> run time, s.
+        stage: name of the stage that runs; "" between stages.
     """
 
     def __init__(self, say: Callable[[str], None] | None = None):
         """Announce stages through `say`; by default to nobody."""
         self.say = say if say is not None else lambda line: None
         self.seconds: dict[str, float] = {}
+        self.stage = ""
         self._last = clock.perf_counter()
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[None]:
         """Time a stage."""
+        outer, self.stage = self.stage, stage
         self.say(f"{stage} ..")
         begin = self._last = clock.perf_counter()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
@@ -60,8 +63,11 @@ class Stopwatch:
                 left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
                 self.say(f"  {stage}: {fraction:.0%}, {left} at most")
 
-        with listening(report):
-            yield
+        try:
+            with listening(report):
+                yield
+        finally:
+            self.stage = outer
         self.seconds[stage] = clock.perf_counter() - begin
 
     def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:

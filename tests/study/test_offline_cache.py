@@ -349,6 +349,18 @@ def test_run_names_the_stages_that_it_did_not_compute(folder: Path) -> None:
     assert any(line.startswith(left.removeprefix("mesh, solid, ")) for line in found.left_out)
 
 
+def test_stage_that_makes_the_body_again_is_named(folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("dolfinx")
+    scene = loaded_scene("basis.derivatives='none'", "output.pictures=false", "time.periods=1")
+    run(scene)
+    said: list[str] = []
+    output = replace(scene.output, paraview=True)
+    study.run(replace(scene, output=output), say=said.append, folder=tmp_path / "out")
+    (line,) = [line for line in said if line.startswith("mesh, solid: ")]
+    assert '"ParaView modes"' in line
+    assert said[said.index(line) - 1] == "ParaView modes .."
+
+
 def test_unselected_model_serves_other_loads_and_friction(folder: Path) -> None:
     run(loaded_scene("basis.derivatives='none'"))
     other = loaded_scene(
@@ -457,7 +469,7 @@ def test_command_shows_and_empties_the_cache(
     archive(folder / NAMES[1], 2_000_000, used=1000.0)
     assert main(["cache"]) == 0
     shown = capsys.readouterr().out
-    assert f"{folder}: 1 files, 2.0 MB" in shown
+    assert f"{folder}: 1 file, 2.0 MB" in shown
     assert main(["cache", "--clear"]) == 0
     assert result_cache.entries(folder) == []
 
