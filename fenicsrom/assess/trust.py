@@ -305,25 +305,42 @@ def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
         curve_checks: of a curve.
         parameter: its name.
     """
-    found = sorted(
-        (check for check in curve_checks if check.contradicted), key=lambda c: c.point.parameter
-    )
+    found = [check for check in curve_checks if check.contradicted]
     if not found:
         return None
-    places: dict[str, list[str]] = {}
+    groups: dict[tuple[str, str], list[Check]] = {}
     for check in found:
-        verdicts = f"{_in_words(check.point.verdict)} by the basis of the curve and "
-        verdicts += f"{_in_words(check.richer_verdict or '')} by the richer one"
-        places.setdefault(verdicts, []).append(f"{check.point.parameter:.6g}")
+        verdicts = (check.richer_verdict or "", check.point.verdict)
+        groups.setdefault(verdicts, []).append(check)
     listed = "; ".join(
-        f"{verdicts} at {parameter} = {', '.join(values)}" for verdicts, values in places.items()
+        f"{_in_words(richer)} instead of {_in_words(own)} at {_place(group, parameter)} "
+        f"(multipliers up to {_outside(group):.2g} outside of the unit circle)"
+        for (richer, own), group in groups.items()
     )
     known = sum(check.richer_verdict is not None for check in curve_checks)
     return (
-        f"a richer basis judges the stability of {len(found)} of {known} compared motions "
-        f"otherwise: {listed}; the basis lacks vectors that decide on the stability: lower "
-        'basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
+        f"a richer basis finds another stability of {len(found)} of {known} compared motions: "
+        f'{listed}; lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
     )
+
+
+def _place(group: Sequence[Check], parameter: str) -> str:
+    """Where some checks of a curve are: a value of the parameter, or a range."""
+    values = [check.point.parameter for check in group]
+    if len(values) == 1:
+        return f"{parameter} = {values[0]:.6g}"
+    return f"{len(values)} points from {parameter} = {min(values):.6g} to {max(values):.6g}"
+
+
+def _outside(group: Sequence[Check]) -> float:
+    """How far outside of the unit circle a multiplier is, of the basis that finds instability."""
+    sizes = [
+        abs(largest_multiplier(check.point.multipliers, check.point.free_sliders))
+        if check.richer_verdict == "stable"
+        else check.richer_multiplier
+        for check in group
+    ]
+    return max(sizes) - 1.0
 
 
 def _in_words(verdict: str) -> str:

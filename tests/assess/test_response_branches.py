@@ -195,7 +195,9 @@ def test_motion_that_a_richer_basis_finds_unstable_is_a_warning() -> None:
         assert check.basis_error is not None and check.basis_error < 1e-5
     (warning,) = found.warnings
     assert stored.scene.response is not None
-    for part in (stored.scene.response.parameter, f"{spread[0].point.parameter:.6g}", "(fold)"):
+    values = [check.point.parameter for check in curve.checks if check.contradicted]
+    range_of = [f"{value:.6g}" for value in (min(values), max(values))]
+    for part in (stored.scene.response.parameter, *range_of, f"{len(values)} points", "(fold)"):
         assert part in warning
     rows = summary(found)["curves"][0]["checks"]
     assert {row["stability_with_a_richer_basis"] for row in rows if row["where"] != "fold"} == {
@@ -230,7 +232,10 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
     for check in added:
         assert check.point.stable and check.step_error is not None
     (warning,) = found.warnings
-    assert f"{contradicted[0].point.parameter:.6g}" in warning
+    values = [check.point.parameter for check in contradicted]
+    assert f"{min(values):.6g}" in warning and f"{max(values):.6g}" in warning
+    outside = max(check.richer_multiplier for check in contradicted) - 1.0
+    assert f" {outside:.2g} outside of the unit circle" in warning
 
 
 def test_richer_basis_of_the_same_stability_is_no_warning() -> None:
