@@ -388,7 +388,7 @@ def draw_response(
         mine = [row for row in rows if row[family] == value]
         place = np.array([float(row[parameter]) for row in mine])
         size = quantity[1] * np.array([float(row[quantity[0]]) for row in mine])
-        fold = np.array([row["bifurcation"] == "fold" for row in mine])
+        fold = np.array([row["event"] == "fold" for row in mine])
         stable = np.array([row["stability"] == "stable" for row in mine])
         look = {"color": list(SELECTIONS.values())[number], "linewidth": 1.6}
         axes.plot(place, np.where(stable | fold, size, np.nan), **look, label=f"{float(value):g}")

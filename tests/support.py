@@ -4,10 +4,11 @@ ranks."""
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -256,6 +257,19 @@ def enriched(
         solid.comm.allreduce,
     )
     return found, theta, basis
+
+
+def unexplained(columns: Iterable[str], file: str) -> list[str]:
+    """The columns of a file that the page of the demos does not explain.
+
+    A word in capitals there stands for any text.
+    """
+    page = (Path(__file__).parents[1] / "demos" / "README.md").read_text()
+    section = page.partition(f"\n`{file}` has a row")[2].partition("\n`")[0]
+    cells = [row.split("|")[1] for row in section.splitlines() if row.startswith("|")]
+    names = [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]
+    patterns = [re.sub("[A-Z]+(?=_m)", ".+", name) for name in names]
+    return [name for name in columns if not any(re.fullmatch(each, name) for each in patterns)]
 
 
 # ------------------------------------------------------------------ small models

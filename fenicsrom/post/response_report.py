@@ -20,7 +20,7 @@ from fenicsrom.post.response_motion import (
 )
 from fenicsrom.post.response_rows import full_rows, rows, summary
 from fenicsrom.post.response_tables import (
-    bifurcation_table,
+    event_table,
     full_table,
     run_table,
     sentences,
@@ -80,7 +80,7 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
     Raises:
         OSError: the file cannot be written.
     """
-    table, full = bifurcation_table(found), full_table(found)
+    table, full = event_table(found), full_table(found)
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
         *(

@@ -20,7 +20,7 @@ from fenicsrom.post.response_motion import largest_point
 
 
 def rows(found: Response) -> list[dict[str, Any]]:
-    """The rows of `response.csv`: every point and bifurcation in the order along its curve."""
+    """The rows of `response.csv`: every point and event in the order along its curve."""
     families, component = found.table.families, largest_component(found)
     return [
         ({} if families is None else {with_unit(found, families.key): curve.value})
@@ -54,7 +54,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         **(contact if found.contacts else {}),
         "damping_dissipation_per_period_J": point.damping_dissipation,
         "stability": point.verdict,
-        "bifurcation": point.kind,
+        "event": point.kind,
         "contact_point": None if point.contact < 0 else point.contact + 1,
         "periods": point.periods,
         "multiplier_size": abs(multiplier),
@@ -107,7 +107,7 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
         "points": len(curve.points),
         "ends": [piece.reason for piece in curve.pieces],
         "largest": _row(found, largest_point(found, curve), component),
-        "bifurcations": [_row(found, point, component) for point in curve.special],
+        "events": [_row(found, point, component) for point in curve.special],
         "pieces": [
             {"origin": piece.origin, "periods": piece.periods, "points": len(piece.points)}
             for piece in curve.pieces

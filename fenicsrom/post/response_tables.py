@@ -80,11 +80,11 @@ def _verdict(point: CurvePoint) -> str:
     return "stable" if point.stable else f"unstable ({point.verdict})"
 
 
-def bifurcation_table(found: Response) -> list[list[Any]]:
-    """The bifurcations of all curves, the head first; empty without any."""
+def event_table(found: Response) -> list[list[Any]]:
+    """The bifurcations and contact events of all curves, the head first; empty without any."""
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [key_label(found, families.key)]
-    head = [*first, "bifurcation", parameter_label(found)]
+    head = [*first, "event", parameter_label(found)]
     head += [f"{direction_name(found)} amplitude, mm"]
     listed = [
         [
@@ -172,8 +172,8 @@ def trust_table(found: Response) -> list[list[Any]]:
 
 
 def terminal(found: Response) -> str:
-    """The tables of bifurcations and of the full model and the sentences, for the terminal."""
-    tables = [table for table in (bifurcation_table(found), full_table(found)) if table]
+    """The tables of events and of the full model and the sentences, for the terminal."""
+    tables = [table for table in (event_table(found), full_table(found)) if table]
     keys = 1 if found.table.families is None else 2
     parts = [*(text_table(table, keys) for table in tables), "\n".join(sentences(found))]
     return "\n\n".join(parts)

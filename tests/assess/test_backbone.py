@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, loaded_duffing
+from support import beam_scene, loaded_duffing, unexplained
 
 from fenicsrom.assess import backbone as module
 from fenicsrom.assess.backbone import backbone, check_backbone
@@ -18,6 +18,7 @@ from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, save_model
 from fenicsrom.online.simulate import load_histories
+from fenicsrom.post.backbone_report import rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
@@ -74,6 +75,7 @@ def test_curve_spans_the_amplitudes_of_the_probe() -> None:
     a = 0.5 * LAST
     assert 2.0 * np.pi * end.frequency == pytest.approx(np.sqrt(1 + 0.75 * CUBIC * a**2), rel=1e-3)
     assert 4.0 * np.pi * end.frequency * end.damping_ratio == pytest.approx(DAMPING, rel=1e-6)
+    assert unexplained(rows(found)[0], "backbone.csv") == []
 
 
 def test_half_the_time_step_reveals_the_error_of_the_frequency() -> None:

@@ -211,7 +211,7 @@ def test_command_writes_the_files_of_a_stored_model(
     }
     summary = json.loads((folder / "response.json").read_text())
     (curve,) = summary["curves"]
-    assert [item["bifurcation"] for item in curve["bifurcations"]] == ["fold", "fold"]
+    assert [item["event"] for item in curve["events"]] == ["fold", "fold"]
     with open(folder / "response.csv") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == curve["points"] + 2

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, contact_points
+from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
 from fenicsrom.assess.branches import Piece
@@ -18,7 +18,7 @@ from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state
 from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
 from fenicsrom.post.response_figures import FULL_MARKER, figure, phases, stretches
 from fenicsrom.post.response_rows import rows
-from fenicsrom.post.response_tables import bifurcation_table, run_table, trust_table
+from fenicsrom.post.response_tables import event_table, run_table, trust_table
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 
@@ -101,16 +101,22 @@ def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points() ->
     """The scene of a round surface gives no normal."""
     found = response_of(0.1)
     found.contact_points = contact_points([0.0, 1.0], [0.0, -1.0])
-    assert "tangential x amplitude, mm" in bifurcation_table(found)[0]
+    assert event_table(found)[0][0] == "event"
+    assert "tangential x amplitude, mm" in event_table(found)[0]
     assert "tangential x amplitude, mm" in figure(found).axes[0].get_ylabel()
     assert "tangential x harmonics, mm" == harmonics_figure(found).axes[0].get_ylabel()
+
+
+def test_columns_of_response_csv_are_explained() -> None:
+    (columns, *_) = rows(response_of(0.1))
+    assert len(columns) > 20 and unexplained([*columns, "other"], "response.csv") == ["other"]
 
 
 def test_contact_points_of_events_count_from_one_as_in_the_pictures() -> None:
     found = response_of(0.1)
     (piece,) = found.curves[0].pieces
     piece.special = [replaced(piece.points[3], kind="first slip", contact=0)]
-    assert [row[0] for row in bifurcation_table(found)[1:]] == ["first slip, contact point 1"]
+    assert [row[0] for row in event_table(found)[1:]] == ["first slip, contact point 1"]
     assert {row["contact_point"] for row in rows(found)} == {None, 1}
 
 
@@ -270,5 +276,5 @@ def test_stretches_share_a_bifurcation() -> None:
 
 
 def test_tables_name_the_key_of_the_curves_with_its_unit(found: Response) -> None:
-    for table in (bifurcation_table(found), run_table(found), trust_table(found)):
+    for table in (event_table(found), run_table(found), trust_table(found)):
         assert table[0][0] == "loads.0.force, N"

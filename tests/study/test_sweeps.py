@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal
+from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
 
 from fenicsrom import study
 from fenicsrom.assess import sweep_runs
@@ -80,6 +80,11 @@ def test_files_hold_all_rows(model: Path, tmp_path: Path) -> None:
     written = json.loads((tmp_path / "sweep.json").read_text())
     assert written["axes"] == [{"keys": ["loads.0.force"], "values": [[10], [20]]}]
     assert (tmp_path / "report.html").is_file()
+
+
+def test_columns_of_sweep_csv_are_explained(model: Path, tmp_path: Path) -> None:
+    found = swept(model, tmp_path, ["loads.0.force=[10]"])
+    assert unexplained(found.rows[0], "sweep.csv") == []
 
 
 def test_tables_and_pictures_of_a_sweep_have_units(model: Path, tmp_path: Path) -> None:
