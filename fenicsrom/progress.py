@@ -5,6 +5,7 @@ The loops do not know who listens, and nobody needs to: without a listener they 
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -50,6 +51,20 @@ def tracked(items: Collection[T]) -> Iterator[T]:
 def _part(outer: Listener, k: int, count: int) -> Listener:
     """A listener of item k of so many items."""
     return lambda fraction: outer((k + fraction) / count)
+
+
+_compilation = 0.0  # time that this process spent on the compilation of kernels, s
+
+
+def add_compilation(seconds: float) -> None:
+    """Leave the time (s) of a compilation out of `working_time`: it happens only once."""
+    global _compilation
+    _compilation += seconds
+
+
+def working_time() -> float:
+    """A clock (s) that stands still while kernels are compiled; only differences mean something."""
+    return clock.perf_counter() - _compilation
 
 
 def time_left(seconds: float, fraction: float) -> str:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
 
+from fenicsrom.online.compilation import Compilations
 from fenicsrom.progress import duration, listening, tell, time_left, tracked
 from fenicsrom.study import stopwatch
 
@@ -59,6 +63,34 @@ def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatc
             now += 0.1 if k else 60.0
     assert lines[1] == "  linear transient: 0%, about 100 s left at most"
     assert lines[-1].startswith("  linear transient: 9") and lines[-1].endswith(" s left at most")
+
+
+def test_time_left_does_not_count_kernels_that_are_compiled_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The second of ten steps compiles for a minute; each takes 2 s."""
+    now = 100.0
+    monkeypatch.setattr(stopwatch.clock, "perf_counter", lambda: now)
+    compilation = Compilations(lambda line: None)
+    function: Any = SimpleNamespace(
+        py_func=SimpleNamespace(__module__="kernels", __qualname__="march"),
+        stats=SimpleNamespace(cache_path=None),
+    )
+    event: Any = SimpleNamespace(data={"dispatcher": function}, is_failed=False)
+    lines: list[str] = []
+    watch = stopwatch.Stopwatch(lines.append)
+    motion = watch.progress("reduced", None)
+    with watch("selection"):
+        for k in tracked(range(10)):
+            if k == 1:
+                compilation.on_start(event)
+                now += 60.0
+                compilation.on_end(event)
+            now += 2.0
+    motion(0.5, 1e-3)
+    assert lines[1] == "  selection: 20%, about 16 s left at most"
+    assert lines[-1].endswith("at most 20 s left")
+    assert watch.seconds["selection"] == 80.0
 
 
 def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 from numba.core.event import Listener, install_listener
 
 from fenicsrom.files import atomic_write
-from fenicsrom.progress import duration
+from fenicsrom.progress import add_compilation, duration
 
 ONCE = "once for this version of the program on this kind of processor"
 SHORT = 3.0  # s: shorter compilations are not announced
@@ -35,6 +35,8 @@ def announced(say: Callable[[str], None]) -> Iterator[None]:
 class Compilations(Listener):  # type: ignore[misc]
     """Announces the outermost function that is compiled, and keeps the time it takes.
 
+    Estimates of the time that is left do not count it (`fenicsrom.progress.working_time`).
+
     Processes that are forked later are silent.
     """
 
@@ -43,7 +45,7 @@ class Compilations(Listener):  # type: ignore[misc]
         self._say = say
         self._process = os.getpid()
         self._depth = 0
-        self._begin = 0.0
+        self._begin = self._began = 0.0  # CPU time and time on the clock, s
         self._silent = False  # on kernels whose time is not known: announced together
 
     def on_start(self, event: Any) -> None:
@@ -51,7 +53,7 @@ class Compilations(Listener):  # type: ignore[misc]
         self._depth += 1
         if self._depth > 1 or os.getpid() != self._process:
             return
-        self._begin = clock.process_time()
+        self._begin, self._began = clock.process_time(), clock.perf_counter()
         function = event.data["dispatcher"]
         known, name = known_times(function), _name(function)
         if known.get(name, 0.0) > SHORT:
@@ -63,7 +65,10 @@ class Compilations(Listener):  # type: ignore[misc]
     def on_end(self, event: Any) -> None:
         """Keep the time of a compilation that succeeded."""
         self._depth -= 1
-        if self._depth == 0 and os.getpid() == self._process and not event.is_failed:
+        if self._depth > 0 or os.getpid() != self._process:
+            return
+        add_compilation(clock.perf_counter() - self._began)
+        if not event.is_failed:
             function = event.data["dispatcher"]
             keep_time(function, clock.process_time() - self._begin)
 

@@ -6,11 +6,11 @@ import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from fenicsrom.progress import duration, listening, time_left
+from fenicsrom.progress import duration, listening, time_left, working_time
 
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
-FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of kernels
+FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
 
 
 def never() -> bool:
@@ -50,17 +50,18 @@ class Stopwatch:
         outer, self.stage = self.stage, stage
         self.say(f"{stage} ..")
         begin = self._last = clock.perf_counter()
+        work = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
 
         def report(fraction: float) -> None:
             """Say how far the stage is; a motion that settles early ends it earlier."""
             nonlocal known
-            now = clock.perf_counter()
+            now, worked = clock.perf_counter(), working_time()
             if known is None:
-                known = (begin, 0.0) if fraction > FIRST_STEP else (now, fraction)
+                known = (work, 0.0) if fraction > FIRST_STEP else (worked, fraction)
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
-                left = time_left(now - known[0], (fraction - known[1]) / (1.0 - known[1]))
+                left = time_left(worked - known[0], (fraction - known[1]) / (1.0 - known[1]))
                 self.say(f"  {stage}: {fraction:.0%}, {left} at most")
 
         try:
@@ -79,7 +80,7 @@ class Stopwatch:
             model: name of the model.
             steady: change per period at which the motion counts as steady.
         """
-        begin = clock.perf_counter()
+        begin = working_time()
         count = 0
 
         def report(fraction: float, change: float) -> None:
@@ -89,7 +90,7 @@ class Stopwatch:
             if now - self._last > PROGRESS_INTERVAL:
                 self._last = now
                 goal = f" (steady at {steady:.0e})" if steady else ""
-                left = duration((now - begin) * (1.0 - fraction) / fraction)
+                left = duration((working_time() - begin) * (1.0 - fraction) / fraction)
                 self.say(
                     f"  {model}: period {count}, {fraction:.0%} of the largest number, change "
                     f"{change:.1e}{goal}, at most {left} left"

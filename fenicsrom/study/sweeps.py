@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.progress import working_time
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.variations import Axis, combinations
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
@@ -211,7 +212,7 @@ class _Progress:
         """Begin to count."""
         self._noun, self._count, self._say = noun, count, say
         self._done = 0
-        self._begin = self._said = clock.perf_counter()
+        self._begin, self._said = working_time(), clock.perf_counter()
 
     def __call__(self, number: int, fraction: float, line: str) -> None:
         """Count a job that is done; see `fenicsrom.assess.processes.Tell`."""
@@ -220,5 +221,5 @@ class _Progress:
         if now - self._said < PROGRESS_INTERVAL and self._done < self._count:
             return
         self._said = now
-        left = (now - self._begin) * (self._count - self._done) / self._done
+        left = (working_time() - self._begin) * (self._count - self._done) / self._done
         self._say(f"  {self._noun} {self._done} of {self._count}; about {left:.0f} s left")
