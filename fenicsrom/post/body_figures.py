@@ -32,6 +32,9 @@ SHAPE = 0.15
 MOST_SHAPES = 20
 """Largest number of shapes in one picture."""
 
+NO_SCALE = "shapes have no scale: each is drawn with the same largest displacement"
+"""What the picture of shapes says of their size."""
+
 
 def _grid(count: int, aspect: float) -> tuple[int, int]:
     """Rows and columns of panels of this ratio of height and width."""
@@ -66,7 +69,7 @@ def shape_figure(
     aspect = (high[1] - low[1]) / (high[0] - low[0])
     rows, columns = _grid(len(labels), aspect)
     wide = 9.6 / max(columns, 2)
-    figure = new_figure(9.6, 0.8 + rows * (wide * aspect + 0.3))
+    figure = new_figure(9.6, 1.0 + rows * (wide * aspect + 0.3))
     axes = figure.subplots(rows, columns, squeeze=False)
     for axis in axes.flat:
         axis.set_axis_off()
@@ -79,7 +82,7 @@ def shape_figure(
         show_part(axis, low, high)
         axis.set_title(titles[label])
     note = f" ({len(labels)} of {len(fields)} shapes)" if len(fields) > len(labels) else ""
-    colour_bar(figure, axes, 1.0, f"displacement / largest{note}")
+    colour_bar(figure, axes, 1.0, f"displacement / largest of the shape{note}\n{NO_SCALE}")
     return figure
 
 

@@ -19,7 +19,7 @@ from fenicsrom.post.body_surface import Ints
 from fenicsrom.post.fields import contact_places
 from fenicsrom.post.surface_mesh import surface_lines
 from fenicsrom.post.vtk_files import in_space
-from fenicsrom.scene import Load, Place, Scene, Support
+from fenicsrom.scene import Contact, Load, Place, Scene, Support
 from fenicsrom.scene.loads import ACTIONS, Harmonics, Pulse, Sweep
 from fenicsrom.scene.tables import keys
 
@@ -37,6 +37,9 @@ WEIGHTY = 0.1
 STIFFNESS_UNITS = {"area": "N/m³", "length": "N/m²", "node": "N/m per node"}
 """What stiffnesses and damping coefficients "per area" of a region refer to -> the unit of the
 stiffness. The area of an edge of a plane body contains its thickness."""
+
+PRELOAD_UNITS = {"area": "Pa", "length": "N/m", "node": "N per node"}
+"""The unit of the preload of all nodes of a region, by what it refers to."""
 
 LOAD_UNITS = {name: rule.unit for kind in ACTIONS.kinds for name, rule, *_ in keys(kind)}
 """Key of the size of a load -> its unit."""
@@ -157,7 +160,8 @@ class Marked:
         fields: label -> field (local,): 1 at the first component of the nodes of a region, or
             nodal forces of a pressure.
         positions: the centre of each region on which a point is marked, m.
-        measures: how regions with attachments are measured, a key of `STIFFNESS_UNITS`.
+        measures: how regions with attachments and contacts are measured, a key of
+            `STIFFNESS_UNITS`.
     """
 
     fields: dict[str, Array]
@@ -193,6 +197,9 @@ def marked(solid: Solid, scene: Scene) -> Marked:
         if _is_region(attachment.place):
             positions[attachment.place] = solid.place(attachment.place, f"attachments[{k}]")[1]
             measures[attachment.place] = _measure(solid, attachment.place)
+    for contact in scene.contacts:
+        if contact.place.at == "nodes":
+            measures[contact.place] = _measure(solid, contact.place)
     return Marked(fields, positions, measures)
 
 
@@ -237,6 +244,7 @@ def marks_of(
     for k in range(len(scene.contacts)):
         mine = solid.points.contact == k
         label = "contact" if len(scene.contacts) == 1 else f"contact {k + 1}"
+        label += _pressed(scene.contacts[k], found.measures)
         inward, first = in_space(solid.points.frame[mine, 0]), int(np.flatnonzero(mine)[0]) + 1
         contacts.append(ContactMark(label, places[mine], inward, first, _round(solid, scene, k)))
     hidden = (scene.contacts and scene.probe is None) or np.isnan(solid.probe_position).any()
@@ -334,6 +342,15 @@ def _load_label(load: Load) -> str:
     size = f"{abs(load.size):g} {LOAD_UNITS[load.kind]}"
     kind = f"{'follower ' * load.follower}{load.kind.replace('_', ' ')}"
     return f"{kind}{where}, {size}, {history}"
+
+
+def _pressed(contact: Contact, measures: Mapping[Place, str]) -> str:
+    """The preload or the gap of a contact, for its legend."""
+    if contact.preload:
+        nodes = contact.place.at == "nodes"
+        unit = PRELOAD_UNITS[measures[contact.place]] if nodes else "N"
+        return f", preload {contact.preload:g} {unit}"
+    return f", gap {1e3 * contact.gap:g} mm" if contact.gap else ""
 
 
 def _attached(attachment: Any, measure: str) -> list[tuple[str, str]]:

@@ -80,6 +80,7 @@ def test_shapes_are_drawn_with_titles_and_colours(plate, tmp_path):
     shown = [axis for axis in figure.axes if axis.get_title(loc="left")]
     assert len(shown) == body_figures.MOST_SHAPES
     assert "20 of 30" in figure.axes[-1].get_xlabel()
+    assert body_figures.NO_SCALE in figure.axes[-1].get_xlabel()
     assert not illegible(figure)
 
 

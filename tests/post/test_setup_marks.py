@@ -82,11 +82,12 @@ def test_points_of_all_contacts_are_numbered_in_one_row() -> None:
     friction = {"normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}
     casing = {"kind": "cylinder", "point": [0.0, 0.0]}
     contacts = [
-        {"group": "tip", "at": "nodes", "normal": [1.0, 0.0], **friction},
+        {"group": "tip", "at": "nodes", "normal": [1.0, 0.0], "preload": 5e5, **friction},
         {"plane": TOP, "at": "nodes", "surface": casing, "gap": 1e-3, **friction},
     ]
     found, _ = marks(beam_scene(2, SMALL, contacts=contacts))
     first, second = found.contacts
+    assert first.label == "contact 1, preload 500000 Pa" and second.label == "contact 2, gap 1 mm"
     assert first.first == 1 and second.first == 1 + len(first.places) and not first.lines
     (circle,) = second.lines
     assert np.linalg.norm(circle, axis=1).min() > np.linalg.norm(second.places, axis=1).max()
@@ -152,4 +153,5 @@ def test_attachments_loads_and_contacts_are_marked_at_their_places() -> None:
     np.testing.assert_allclose(shaken.places, [[0, 0, 0], [0.5, -0.05, 0]], atol=1e-9)
     (contact,) = found.contacts
     np.testing.assert_allclose(contact.normals, [[1.0, 0.0, 0.0]])
+    assert contact.label == "contact, preload 40 N"
     assert found.probe is None  # the motion is read at the contact
