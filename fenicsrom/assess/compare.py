@@ -22,7 +22,7 @@ import numpy as np
 
 from fenicsrom.assess.agreement import break_even, motion_errors, rank_correlation
 from fenicsrom.assess.full_cache import full_motion
-from fenicsrom.assess.large_strains import equilibrium_warnings
+from fenicsrom.assess.large_strains import equilibrium_deformation, equilibrium_warnings
 from fenicsrom.assess.residual import indicators
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.contact_points import ContactPoints
@@ -349,11 +349,8 @@ def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
     trial.destroy()
     with timed(seconds, "solid"):
         solid = solid_of(scene, mesh)
-    solid.warnings += equilibrium_warnings(solid, scene)
-    full: Motion | None = None
-    full_run: dict[str, Any] = {}
-    if scene.compare.full:
-        full, full_run = full_motion(solid, scene, say)
+    solid.warnings += equilibrium_warnings(equilibrium_deformation(solid, scene))
+    full, full_run = full_motion(solid, scene, say) if scene.compare.full else (None, {})
     outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
     return Comparison(
         scene,

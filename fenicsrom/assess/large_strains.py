@@ -49,14 +49,18 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
     return []
 
 
-def equilibrium_warnings(solid: Solid, scene: Scene) -> list[str]:
-    """The sentences of `strain_warnings` on the equilibrium of a solid. Collective."""
+def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
+    """The deformation in the equilibrium of a solid; None of an undeformed one. Collective."""
     from fenicsrom.fem.deformation import DeformationGauge
 
     if not solid.loaded or not StressLaw.of(scene).deformed:
-        return []
-    found = DeformationGauge(solid, scene).measure(solid.equilibrium)
-    return strain_warnings([(EQUILIBRIUM, found)])
+        return None
+    return DeformationGauge(solid, scene).measure(solid.equilibrium)
+
+
+def equilibrium_warnings(found: Deformation | None) -> list[str]:
+    """The sentences of `strain_warnings` on an equilibrium; none on an undeformed body."""
+    return [] if found is None else strain_warnings([(EQUILIBRIUM, found)])
 
 
 def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:

@@ -27,7 +27,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
-A model without follower pressures has no arrays of them.
+A model without follower pressures has no arrays of them. That of a body that static loads or its
+speed deform has the array `deformation` (3 + d,): `fenicsrom.online.deformation`.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.recovery`.
 
@@ -55,6 +56,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
@@ -95,6 +97,7 @@ class StoredModel:
         recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
         candidates: the larger model that judges the basis, whose first n coordinates are those of
             the model; None if it was not made.
+        deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
         file: the file from which it was read, for messages; "" if there is none.
     """
 
@@ -107,6 +110,7 @@ class StoredModel:
     provenance: dict[str, str]
     recovery: Recovery | None = None
     candidates: ReducedModel | None = None
+    deformation: Deformation | None = None
     file: str = ""
 
     @property
@@ -223,6 +227,8 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         **_matrices(model),
         **recovery_arrays(stored.recovery),
     }
+    if stored.deformation is not None:
+        arrays["deformation"] = stored.deformation.as_array()
     if stored.candidates is not None:
         more = _matrices(stored.candidates)
         arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
@@ -280,6 +286,9 @@ def _assemble(
     model = _checked_model(path, data, scene, len(labels), is_superelement=is_superelement)
     try:
         recovery = read_recovery(data, scene, len(labels))
+        deformation = None
+        if "deformation" in data:
+            deformation = Deformation.of_array(data["deformation"], scene.geometry.dimension)
     except ValueError as error:
         raise _damaged(path, str(error)) from None
     candidates = None
@@ -301,6 +310,7 @@ def _assemble(
         {str(name): str(number) for name, number in header["provenance"].items()},
         recovery,
         candidates,
+        deformation,
         str(path),
     )
 

@@ -44,6 +44,22 @@ class Deformation:
         """Whether the material is turned inside out somewhere."""
         return self.volume_ratio <= 0.0
 
+    def as_array(self) -> Array:
+        """(3 + d,) smallest det F, smallest and largest stretch, place of det F, for archives."""
+        stretches = self.volume_ratio, self.smallest_stretch, self.largest_stretch
+        return np.array([*stretches, *self.position])
+
+    @classmethod
+    def of_array(cls, array: Array, dimension: int) -> Deformation:
+        """The extremes of an array of `as_array` in d dimensions.
+
+        Raises:
+            ValueError: it is no such array.
+        """
+        if array.shape != (3 + dimension,) or not np.all(np.isfinite(array)):
+            raise ValueError(f"a deformation has the shape {array.shape} or is not finite")
+        return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
+
 
 NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
 """The extremes over no points."""

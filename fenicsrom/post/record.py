@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.mode_agreement import ModeAgreement
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.archive import StoredModel
+    from fenicsrom.online.deformation import Deformation
     from fenicsrom.online.model import ReducedModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.recovery import Recovery
@@ -73,6 +74,7 @@ class Study:
             "basis".
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
+        deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
         recovery: tables of the stresses and reactions, if the scene asks for them.
         stresses: the largest stresses, and the reactions.
         unfinished: the name of the model whose integration or check failed, and its error.
@@ -95,6 +97,7 @@ class Study:
     left_out: list[str] = field(default_factory=list)
     errors: dict[str, MotionErrors] = field(default_factory=dict)
     deflection: Array | None = None
+    deformation: Deformation | None = None
     recovery: Recovery | None = None
     stresses: Stresses | None = None
     unfinished: tuple[str, Exception] | None = None

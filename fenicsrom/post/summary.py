@@ -225,6 +225,7 @@ def stored_model(study: Study) -> StoredModel:
         provenance(),
         study.recovery,
         study.candidates,
+        study.deformation,
     )
 
 

@@ -50,7 +50,7 @@ def backbone(
     stored = stored_model(built)
     if folder is not None and built.solid.comm.rank == 0:
         save_model(folder / MODEL, stored)
-    found = backbone_of_model(stored, say)
+    found = _followed(stored, say)
     found.warnings[:0] = built.warnings
     return found
 
@@ -62,6 +62,15 @@ def backbone_of_model(stored: StoredModel, say: Callable[[str], None] | None = N
         SceneError: the scene of the model cannot be used.
         ConvergenceError: the model has no equilibrium.
     """
+    from fenicsrom.assess.large_strains import equilibrium_warnings
+
+    found = _followed(stored, say)
+    found.warnings[:0] = equilibrium_warnings(stored.deformation)
+    return found
+
+
+def _followed(stored: StoredModel, say: Callable[[str], None] | None) -> Backbone:
+    """Compute the nonlinear mode of a stored model; arguments and errors as there."""
     from fenicsrom.assess import backbone as modes
 
     watch = Stopwatch(say)

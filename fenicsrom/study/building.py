@@ -24,14 +24,15 @@ def solid(run: Run) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
-    from fenicsrom.assess.large_strains import equilibrium_warnings
+    from fenicsrom.assess.large_strains import equilibrium_deformation, equilibrium_warnings
     from fenicsrom.fem.solid import solid_of
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)
     if body.flutters:
         run.watch.say(f"  warning: {body.warnings[-1]}")
-    body.warnings += equilibrium_warnings(body, run.study.scene)
+    run.study.deformation = equilibrium_deformation(body, run.study.scene)
+    body.warnings += equilibrium_warnings(run.study.deformation)
     if body.loaded and len(body.probe_rows):
         deflection = body.comm.allreduce(body.probe_rows @ body.equilibrium)
         run.study.deflection = np.asarray(deflection)

@@ -93,12 +93,14 @@ def response_of_model(
         SceneError: the scene of the model or the earlier state cannot be used.
         OSError: a file cannot be written.
     """
+    from fenicsrom.assess.large_strains import equilibrium_warnings
     from fenicsrom.assess.response_files import check_folder
     from fenicsrom.post.response_report import write
 
     if resume is not None:
         check_folder(resume)
     found = _curves(stored, say, folder, resume, workers, stop)
+    found.warnings[:0] = equilibrium_warnings(stored.deformation)
     if found.table.full_values:
         found.warnings.append(
             "response.full was left out: the full model needs the mesh, which a stored model does "

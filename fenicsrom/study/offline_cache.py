@@ -166,12 +166,15 @@ def _modes_contents(run: Run) -> Contents:
     arrays["equilibrium"] = solid.equilibrium
     if study.deflection is not None:
         arrays["deflection"] = study.deflection
+    if study.deformation is not None:
+        arrays["deformation"] = study.deformation.as_array()
     return header, arrays
 
 
 def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
     """Take the equilibrium and the modes into the record."""
     from fenicsrom.online.contact_points import ContactPoints
+    from fenicsrom.online.deformation import Deformation
     from fenicsrom.reduction.load_vectors import LoadVectors
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
 
@@ -206,6 +209,9 @@ def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
         loads,
     )
     run.study.solid, run.study.deflection = solid, arrays.get("deflection")
+    if "deformation" in arrays:
+        d = scene.geometry.dimension
+        run.study.deformation = Deformation.of_array(arrays["deformation"], d)
     building.set_modes(run, found)
 
 

@@ -44,6 +44,7 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
+    from fenicsrom.assess.large_strains import equilibrium_warnings
     from fenicsrom.online.archive import SUPERELEMENT
     from fenicsrom.online.checkpoints import load_start
     from fenicsrom.post.record import Rerun
@@ -61,7 +62,7 @@ def rerun(
     begin = load_start(resume, model, scene) if resume is not None else None
     with watch("reduced motion"):
         motion, unfinished = _integrate(model, scene, folder, begin, watch, stop)
-    warnings = rerun_warnings(scene, given)
+    warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
     if unfinished is None:
@@ -134,7 +135,7 @@ def _stresses(
         found = find_stresses(
             stored.recovery, scene, stored.model, motion, stored.frequencies_hz.size
         )
-    warnings += state_warnings(found)
+    warnings += state_warnings(found, motion_only=stored.deformation is not None)
     return found
 
 

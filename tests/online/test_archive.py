@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model, refusal, uncoupled
 
+from fenicsrom import study
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.online.measures import amplitude
 from fenicsrom.online.simulate import simulate
 from fenicsrom.scene import Scene
@@ -155,3 +157,32 @@ def test_damaged_candidates_are_refused(judged: StoredModel, tmp_path: Path, nam
     np.savez(path, **arrays)
     with refusal(ErrorKind.FORMAT, file=path.name, names=f"candidates_{name}"):
         load_model(path)
+
+
+CRUSHED = Deformation(0.8, np.array([0.25, 0.0]), 0.85, 1.1)
+
+
+def test_deformation_of_the_equilibrium_is_stored_with_the_model(
+    stored: StoredModel, tmp_path: Path
+) -> None:
+    path = tmp_path / "model.npz"
+    save_model(path, replace(stored, deformation=CRUSHED))
+    found = load_model(path).deformation
+    assert found is not None
+    np.testing.assert_array_equal(found.as_array(), CRUSHED.as_array())
+    assert found.smallest_stretch == 0.85 and found.position.tolist() == [0.25, 0.0]
+    with np.load(path) as file:
+        arrays = dict(file)
+    for wrong in (arrays["deformation"][:-1], np.full(5, np.nan)):
+        np.savez(path, **arrays | {"deformation": wrong})
+        with refusal(ErrorKind.FORMAT, file=path.name, names="deformation"):
+            load_model(path)
+
+
+def test_run_of_a_stored_model_warns_of_its_crushed_equilibrium(
+    stored: StoredModel, tmp_path: Path
+) -> None:
+    short = stored.with_overrides(["time.periods=1", "output.pictures=false"])
+    assert not [text for text in study.rerun(short, tmp_path).warnings if "strain" in text]
+    found = study.rerun(replace(short, deformation=CRUSHED), tmp_path)
+    assert len([text for text in found.warnings if "reaches 15 %" in text]) == 1

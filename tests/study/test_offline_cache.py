@@ -29,6 +29,7 @@ from fenicsrom.files import (
 )
 from fenicsrom.online.scene_changes import changed_key
 from fenicsrom.post.record import Study
+from fenicsrom.post.summary import stored_model
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study import offline_key, result_cache
 from fenicsrom.study.offline_key import keys_of
@@ -308,6 +309,9 @@ def test_run_from_the_cache_warns_of_a_crushed_equilibrium_again(folder: Path) -
     first, second = run(scene), run(scene)
     assert "solid" not in second.seconds and first.warnings == second.warnings
     assert len([text for text in second.warnings if "24." in text and "strain" in text]) == 1
+    for found in (first, second):
+        kept = stored_model(found).deformation
+        assert kept is not None and kept.smallest_stretch == pytest.approx(0.753, abs=0.002)
 
 
 REUSING = """
