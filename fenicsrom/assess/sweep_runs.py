@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess.estimates import MotionErrors
+from fenicsrom.assess.large_strains import equilibrium_warnings
 from fenicsrom.assess.verdicts import estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
@@ -171,7 +172,10 @@ def _model(path: Path, digest: str) -> StoredModel:
 
 
 def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Integrate a model and measure its motion; a failed check makes the run doubtful."""
+    """Integrate a model and measure its motion; a failed check makes the run doubtful.
+
+    The sentence of a run that is done is the warning of its equilibrium.
+    """
 
     def asked(fraction: float, change: float) -> None:
         report(0.0, "")
@@ -179,6 +183,8 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     scene = stored.scene
     motion = simulate(stored.model, scene, progress=asked)
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
+    if warnings := equilibrium_warnings(stored.deformation):
+        found["sentence"] = warnings[0]
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)

@@ -56,15 +56,22 @@ def sentences(found: Sweep) -> list[str]:
     return lines
 
 
-def failures(found: Sweep) -> list[str]:
-    """One sentence for each reason of doubtful and failed runs, with their numbers."""
+def remarks(found: Sweep) -> list[str]:
+    """One sentence for each reason of doubtful and failed runs and each warning, with the runs."""
     reasons: dict[str, list[str]] = {}
-    for row in found.with_outcome(FAILED, DOUBTFUL):
+    for row in sorted(found.with_outcome(FAILED, DOUBTFUL, DONE), key=_is_done):
+        if "sentence" not in row:
+            continue
         reasons.setdefault(row["sentence"], []).append(str(row["run"]))
     return [
         f"{'run' if len(runs) == 1 else 'runs'} {', '.join(runs)}: {sentence}"
         for sentence, runs in reasons.items()
     ]
+
+
+def _is_done(row: dict[str, Any]) -> bool:
+    """Whether a run is neither doubtful nor failed."""
+    return bool(row["outcome"] == DONE)
 
 
 def summary(found: Sweep) -> dict[str, Any]:
@@ -97,11 +104,11 @@ def write(found: Sweep, folder: Path) -> list[Path]:
     if found.scene.output.pictures and found.with_outcome(DONE, DOUBTFUL):
         drawn = Picture("Results", "sweep.png", lambda: figure(found))
         pictures = draw_pictures([drawn], folder, notes)
-    problems = failures(found)
+    noted = remarks(found)
     sections: list[tuple[str, list[Any]]] = [
         ("What was found", [*sentences(found), *map("Warning: {}".format, notes)]),
         *((heading, [path]) for heading, path in pictures),
-        *([("Doubtful and failed runs", problems)] if problems else []),
+        *([("Doubtful and failed runs, and warnings", noted)] if noted else []),
         ("Runs", [table(found)]),
     ]
     title = f"{scene_heading(found.scene)}: sweep"
@@ -116,4 +123,4 @@ def terminal(found: Sweep) -> str:
     parts = [text_table(lines[: MOST_LINES + 1], 1 + sum(len(axis.keys) for axis in found.axes))]
     if (more := len(lines) - MOST_LINES - 1) > 0:
         parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
-    return "\n".join([*parts, *sentences(found), *failures(found)])
+    return "\n".join([*parts, *sentences(found), *remarks(found)])

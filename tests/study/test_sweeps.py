@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from fenicsrom.assess import sweep_runs
 from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.archive import StoredModel, changed_scene, load_model, save_model
+from fenicsrom.online.deformation import Deformation
 from fenicsrom.online.simulate import load_histories
 from fenicsrom.post import sweep_figures, sweep_report
 from fenicsrom.scene.variations import make_axes
@@ -96,6 +98,15 @@ def test_tables_and_pictures_of_a_sweep_have_units(model: Path, tmp_path: Path) 
     assert drawn.axes[-1].get_xlabel() == "loads.0.frequency, Hz"
     legend = drawn.axes[0].get_legend()
     assert legend is not None and legend.get_title().get_text() == "force in N"
+
+
+def test_runs_of_a_crushed_model_are_named_once(model: Path, tmp_path: Path) -> None:
+    crushed = Deformation(0.8, np.zeros(2), 0.85, 1.1)
+    save_model(model, replace(load_model(model), deformation=crushed))
+    found = swept(model, tmp_path, ["loads.0.force=[10, 20]"])
+    assert [row["outcome"] for row in found.rows] == [DONE, DONE]
+    (said,) = sweep_report.remarks(found)
+    assert said.startswith("runs 1, 2: ") and "15 %" in said
 
 
 def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:
