@@ -128,7 +128,7 @@ class CurveWalk:
             line = (
                 f"{counted(len(self.curve.points), 'point')}, "
                 f"{self.table.parameter} = {point.parameter:.5g}, amplitude "
-                f" {1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
+                f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
         self(line)
 

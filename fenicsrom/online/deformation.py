@@ -56,10 +56,14 @@ class Deformation:
         Raises:
             ValueError: it is no such array.
         """
-        if array.shape != (3 + dimension,) or not np.all(np.isfinite(array)):
-            raise ValueError(f"a deformation has the shape {array.shape} or is not finite")
+        wrong = array.shape != (3 + dimension,) or array.dtype != np.float64
+        if wrong or not np.all(np.isfinite(array)):
+            raise ValueError(f"a deformation must be ({3 + dimension},) of finite float64")
         return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
 
+
+ROUNDING = 1e-12
+"""Part by which the distances of `_extreme` are enlarged: their own rounding loses no extreme."""
 
 NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
 """The extremes over no points."""
@@ -93,6 +97,7 @@ def _extreme(c: Array) -> Array:
     """
     diagonal = np.diagonal(c, axis1=-2, axis2=-1)
     distance = np.linalg.norm(c - np.eye(c.shape[-1]), axis=(-2, -1))
+    distance += ROUNDING * (1.0 + distance)
     chosen = (1.0 - distance <= diagonal.min()) | (1.0 + distance >= diagonal.max())
     return np.asarray(c[chosen])
 

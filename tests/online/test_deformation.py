@@ -41,6 +41,13 @@ def test_extreme_stretches_are_those_of_all_points(mean: float, size: float) -> 
     assert found.largest_stretch == pytest.approx(stretches.max(), rel=1e-12)
 
 
+def test_extreme_of_a_uniaxial_state_is_not_lost_by_rounding() -> None:
+    for stretch in np.linspace(0.05, 0.95, 181):
+        gradients = np.array([np.diag([stretch - 1.0, 0.0, 0.0]), np.diag([1.0, 0.0, 0.0])])
+        found = deformation(law(), np.zeros((2, 3)), gradients, 0.0 * gradients)
+        assert found.smallest_stretch == pytest.approx(stretch, rel=1e-12)
+
+
 def test_volume_ratio_in_plane_stress_has_the_thickness() -> None:
     """E_zz = -λ / (λ + 2 μ) tr E; a large extension leaves no thickness."""
     gradient = np.diag([0.2, 0.0])[None]
