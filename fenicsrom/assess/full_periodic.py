@@ -32,6 +32,7 @@ from fenicsrom.fem.solid import Solid
 from fenicsrom.online.periodic import PeriodicMotion, Shooting, least_squares_step
 from fenicsrom.online.state import Record
 from fenicsrom.reduction.basis import DEPENDENCE
+from fenicsrom.scene.rules import counted
 
 FULL_TOLERANCE = 1e-6
 """Of the residual relative to the variables, and of the last step relative to the coordinates.
@@ -158,8 +159,8 @@ def full_periodic_motion(
 def _lost(residuals: list[float], reason: str) -> ConvergenceError:
     """The error of a motion that was not found."""
     return ConvergenceError(
-        f"no periodic motion of the full model was found in {len(residuals)} full periods: "
-        f"{reason}",
+        "no periodic motion of the full model was found in "
+        f"{counted(len(residuals), 'full period')}: {reason}",
         list(residuals),
     )
 

@@ -36,6 +36,7 @@ from fenicsrom.online.periodic import (
     largest_multiplier,
     periodic_motion,
 )
+from fenicsrom.scene.rules import counted
 
 LARGEST = "largest amplitude"
 BETWEEN = "between"
@@ -319,8 +320,9 @@ def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
     )
     known = sum(check.richer_verdict is not None for check in curve_checks)
     return (
-        f"a richer basis finds another stability of {len(found)} of {known} compared motions: "
-        f'{listed}; lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
+        f"a richer basis finds another stability of {len(found)} of "
+        f"{counted(known, 'compared motion')}: {listed}; "
+        'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
     )
 
 

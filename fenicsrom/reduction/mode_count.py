@@ -89,7 +89,8 @@ def missing_modes(highest: float, frequencies: Array) -> str | None:
     if highest * ENOUGH <= last or highest == 0.0:
         return None
     return (
-        f"the scene excites up to {highest:.5g} Hz, and the {frequencies.size} normal modes of the "
-        f"basis end at {last:.5g} Hz, {last / highest:.2g} times this frequency; they should reach "
-        f'{ENOUGH:g} times: run the scene with basis.modes = "auto", or with more modes'
+        f"the scene excites up to {highest:.5g} Hz, and the normal modes of the basis "
+        f"({frequencies.size}) end at {last:.5g} Hz, {last / highest:.2g} times this frequency; "
+        f'they should reach {ENOUGH:g} times: run the scene with basis.modes = "auto", or with '
+        "more modes"
     )
