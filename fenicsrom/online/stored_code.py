@@ -3,30 +3,37 @@
 With each stored function, numba parses the function's intermediate code, fills the tables of its
 compiler, and imports all of `scipy.linalg` at the first call of BLAS or LAPACK. Here the first two
 wait until numba compiles a function, and only the two modules with the addresses of the routines
-are imported. A damaged file of a stored function counts as missing. Beside
-`fenicsrom.online.compiled`, this is the only module that uses private interfaces of numba; another
-version than those that were checked loads as numba does.
+are imported. Files of stored functions end with a checksum, and a damaged one counts as missing.
+Beside `fenicsrom.online.compiled`, this is the only module that uses private interfaces of numba;
+another version than those that were checked loads as numba does.
 """
 
 from __future__ import annotations
 
+import pickle
 import sys
+import zlib
 from functools import cache
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec
+from pathlib import Path
 from typing import Any
 
 import llvmlite.binding as llvm
 import scipy
-from numba.core.caching import Cache, CompileResultCacheImpl
+from numba.core.caching import Cache, CompileResultCacheImpl, IndexDataCacheFile
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
 
 from fenicsrom.online.compiled import PRIVATE
 
 ROUTINES = ("scipy.linalg.cython_blas", "scipy.linalg.cython_lapack")
 """Modules with the addresses of the routines of BLAS and LAPACK that compiled code calls."""
+
+MARK = b"\nchecksum "
+"""What stands before the checksum of eight digits at the end of a file; unpickling ignores both."""
 
 
 class StoredLibrary(JITCodeLibrary):  # type: ignore[misc]
@@ -89,6 +96,28 @@ def _load_overload(self: Any, signature: Any, target: Any) -> Any:
             return None
 
 
+def _dump(self: Any, content: Any) -> bytes:
+    """The bytes of a file, with their checksum; for `IndexDataCacheFile._dump`."""
+    data: bytes = dumps(content)
+    return data + MARK + b"%08x" % zlib.crc32(data)
+
+
+def _load_data(self: Any, name: str) -> Any:
+    """The content of a file; for `IndexDataCacheFile._load_data`.
+
+    A file without a checksum was written before `load_code_only` was called.
+
+    Raises:
+        ValueError: the file is damaged.
+        OSError: there is no file.
+    """
+    data = Path(self._data_path(name)).read_bytes()
+    content, end = data[: -len(MARK) - 8], data[-len(MARK) - 8 :]
+    if end.startswith(MARK) and zlib.crc32(content) != int(end[len(MARK) :], 16):
+        raise ValueError(f"{name} is damaged")
+    return pickle.loads(data)
+
+
 def _drop_damaged_index(stored: Any) -> None:
     """Empty the index of the stored signatures of a function if it cannot be read."""
     try:
@@ -104,6 +133,8 @@ def load_code_only() -> None:
         return
     CompileResultCacheImpl.rebuild = _rebuild
     Cache.load_overload = _load_overload
+    IndexDataCacheFile._dump = _dump
+    IndexDataCacheFile._load_data = _load_data
     for name in ROUTINES:
         _import_alone(name)
 

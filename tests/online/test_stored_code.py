@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fenicsrom.online.compiled import PRIVATE, compiled
-from fenicsrom.online.stored_code import StoredLibrary, load_code_only
+from fenicsrom.online.stored_code import MARK, StoredLibrary, load_code_only
 
 pytestmark = pytest.mark.skipif(not PRIVATE, reason="numba is of another version")
 EMPTY = "an array without entries"
@@ -31,6 +31,7 @@ PROGRAM = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import test_stored_code
+test_stored_code.load_code_only()
 test_stored_code.compiled(test_stored_code.sum_of_squares)(test_stored_code.np.ones(3))
 """
 
@@ -101,3 +102,21 @@ def test_damaged_stored_function_is_compiled_and_stored_again(
         function = compiled(sum_of_squares)
         assert function(np.array([3.0, 4.0])) == 25.0
         assert sum(function.stats.cache_hits.values()) == hits
+
+
+def test_every_damaged_byte_of_a_stored_function_is_noticed(
+    store: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shutil.copytree(store, tmp_path / "numba")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
+    load_code_only()
+    (path,) = folder.rglob("*.nbc")
+    content = path.read_bytes()
+    stored = compiled(sum_of_squares)._cache._cache_file
+    assert stored._load_data(path.name)
+    for place in range(0, len(content) - 20, len(content) // 50):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 255]) + content[place + 1 :])
+        with pytest.raises(ValueError, match="damaged"):
+            stored._load_data(path.name)
+    path.write_bytes(content[: -len(MARK) - 8])  # written without a checksum
+    assert stored._load_data(path.name)
