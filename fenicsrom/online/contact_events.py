@@ -13,6 +13,8 @@ from fenicsrom.online.state import Record
 from fenicsrom.online.surfaces import Contacts
 
 OPENS, SLIPS, STICKS = 1, 2, 4  # bits of the contact states that occur
+_BITS = np.zeros(3, dtype=np.int64)  # by the contact state, of which -1 is the last entry
+_BITS[[OPEN, SLIP, STICK]] = OPENS, SLIPS, STICKS
 NEGLIGIBLE = 1e-7  # slip below this part of the stretch of the friction spring is round-off
 SMALLEST = 1e-300  # an extreme of a state that occurs is at least this, so that it has a sign
 
@@ -40,30 +42,28 @@ def state_bits(record: Record, contacts: Contacts) -> NDArray[np.int64]:
 
     Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick.
     """
-    bits = np.zeros(record.state.shape[1], dtype=np.int64)
-    for bit, state in ((OPENS, OPEN), (SLIPS, SLIP), (STICKS, STICK)):
-        bits |= bit * np.any(record.state == state, axis=0)
-    negligible = ((bits & SLIPS) > 0) & (_slid(record, contacts) <= _least(record, contacts))
+    bits = np.bitwise_or.reduce(_BITS[record.state], axis=0)
+    largest = _largest_limit(record, contacts)
+    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
+    least = np.where(rubs, NEGLIGIBLE * largest / _stiffness(contacts), -1.0)
+    negligible = ((bits & SLIPS) > 0) & (_slid(record, largest) <= least)
     return np.where(negligible, (bits & ~SLIPS) | STICKS, bits)
 
 
-def _limit(record: Record, contacts: Contacts) -> Array:
-    """Limit of friction (rows, P), N."""
-    return np.asarray(contacts.friction * record.force[:, :, 0])
+def _largest_limit(record: Record, contacts: Contacts) -> Array:
+    """Largest limit of friction (P,), N."""
+    return np.asarray(contacts.friction * np.max(record.force[:, :, 0], axis=0, initial=0.0))
 
 
-def _slid(record: Record, contacts: Contacts) -> Array:
+def _stiffness(contacts: Contacts) -> Array:
+    """Stiffness of the friction springs (P,), N/m; not zero."""
+    return np.maximum(contacts.tangential_stiffness, SMALLEST)
+
+
+def _slid(record: Record, largest: Array) -> Array:
     """Energy dissipated by friction at each point, divided by its largest limit (P,), m."""
-    largest = np.maximum(np.max(_limit(record, contacts), axis=0, initial=0.0), SMALLEST)
-    return np.asarray(np.max(record.friction_dissipation, axis=0, initial=0.0) / largest)
-
-
-def _least(record: Record, contacts: Contacts) -> Array:
-    """Slip (P,) that counts as slip, m; -1 without friction or without its spring."""
-    largest = np.max(_limit(record, contacts), axis=0, initial=0.0)
-    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
-    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
-    return np.where(rubs, NEGLIGIBLE * largest / stiffness, -1.0)
+    dissipated = np.max(record.friction_dissipation, axis=0, initial=0.0)
+    return np.asarray(dissipated / np.maximum(largest, SMALLEST))
 
 
 def extremes(record: Record, contacts: Contacts, bits: NDArray[np.int64]) -> Extremes:
@@ -74,16 +74,17 @@ def extremes(record: Record, contacts: Contacts, bits: NDArray[np.int64]) -> Ext
         contacts: parameters of the contact points.
         bits: (P,) the `state_bits` of the rows.
     """
-    force = contacts.preload - contacts.normal_stiffness * record.gap
-    friction = np.linalg.norm(record.force[:, :, 1:], axis=2)
-    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
-    spare = np.where(record.state == STICK, _limit(record, contacts) - friction, np.inf)
-    margin = np.min(spare, axis=0, initial=np.inf) / stiffness
+    gap = np.min(record.gap, axis=0), np.max(record.gap, axis=0)
+    most, least = (contacts.preload - contacts.normal_stiffness * value for value in gap)
+    friction = np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
+    spare = contacts.friction * record.force[:, :, 0] - friction
+    margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK)
+    slid = _slid(record, _largest_limit(record, contacts))
     slips = (bits & SLIPS) > 0
     return Extremes(
-        _signed(np.max(force, axis=0, initial=-np.inf), (bits & (SLIPS | STICKS)) > 0),
-        _signed(np.max(-force, axis=0, initial=-np.inf), (bits & OPENS) > 0),
-        _signed(np.where(slips, _slid(record, contacts), -margin), slips),
+        _signed(most, (bits & (SLIPS | STICKS)) > 0),
+        _signed(-least, (bits & OPENS) > 0),
+        _signed(np.where(slips, slid, -margin / _stiffness(contacts)), slips),
     )
 
 

@@ -48,10 +48,9 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
     ahead = np.append(time[1:], time[0] + length)
     behind = np.append(time[-1] - length, time[:-1])
     weights = (ahead - behind) / length  # twice those of the trapezoidal rule
-    k = np.arange(1, HARMONICS + 1)
-    waves = np.exp(-2j * np.pi * order / period * np.outer(k, time)) * weights
-    found = waves @ displacement.reshape(time.size, -1)
-    found /= (unit**k)[:, None]
+    wave = np.exp(-2j * np.pi * order / period * time) / unit
+    waves = np.cumprod([wave] * HARMONICS, axis=0)
+    found = waves @ (weights[:, None] * displacement.reshape(time.size, -1))
     return np.asarray(found.reshape(HARMONICS, *displacement.shape[1:]), dtype=np.complex128)
 
 

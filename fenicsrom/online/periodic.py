@@ -243,6 +243,8 @@ def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex
 
     A slider that is not unique has the multiplier 1, so the `free` ones nearest to 1 are left out.
     """
+    if not free:
+        return multipliers
     return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
 
 
