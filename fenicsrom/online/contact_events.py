@@ -37,54 +37,34 @@ class Extremes(NamedTuple):
     slip: Array
 
 
-def state_bits(record: Record, contacts: Contacts) -> NDArray[np.int64]:
-    """Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the contact states that occur in the rows.
+def occurrences(record: Record, contacts: Contacts) -> tuple[NDArray[np.int64], Extremes]:
+    """Which contact states occur in the rows of a period, and how far the others are.
 
     Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick.
-    """
-    bits = np.bitwise_or.reduce(_BITS[record.state], axis=0)
-    largest = _largest_limit(record, contacts)
-    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
-    least = np.where(rubs, NEGLIGIBLE * largest / _stiffness(contacts), -1.0)
-    negligible = ((bits & SLIPS) > 0) & (_slid(record, largest) <= least)
-    return np.where(negligible, (bits & ~SLIPS) | STICKS, bits)
-
-
-def _largest_limit(record: Record, contacts: Contacts) -> Array:
-    """Largest limit of friction (P,), N."""
-    return np.asarray(contacts.friction * np.max(record.force[:, :, 0], axis=0, initial=0.0))
-
-
-def _stiffness(contacts: Contacts) -> Array:
-    """Stiffness of the friction springs (P,), N/m; not zero."""
-    return np.maximum(contacts.tangential_stiffness, SMALLEST)
-
-
-def _slid(record: Record, largest: Array) -> Array:
-    """Energy dissipated by friction at each point, divided by its largest limit (P,), m."""
-    dissipated = np.max(record.friction_dissipation, axis=0, initial=0.0)
-    return np.asarray(dissipated / np.maximum(largest, SMALLEST))
-
-
-def extremes(record: Record, contacts: Contacts, bits: NDArray[np.int64]) -> Extremes:
-    """The distances of the contact states from occurring, from the rows of a period.
 
     Args:
         record: the rows.
         contacts: parameters of the contact points.
-        bits: (P,) the `state_bits` of the rows.
+
+    Returns:
+        Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the states that occur, and the `Extremes`.
     """
-    gap = np.min(record.gap, axis=0), np.max(record.gap, axis=0)
-    most, least = (contacts.preload - contacts.normal_stiffness * value for value in gap)
-    friction = np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
-    spare = contacts.friction * record.force[:, :, 0] - friction
-    margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK)
-    slid = _slid(record, _largest_limit(record, contacts))
+    bits = np.bitwise_or.reduce(_BITS[record.state], axis=0)
+    limit = contacts.friction * record.force[:, :, 0]
+    largest = np.max(limit, axis=0)
+    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
+    slid = np.max(record.friction_dissipation, axis=0) / np.maximum(largest, SMALLEST)
+    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
+    sticks = rubs & (slid <= NEGLIGIBLE * largest / stiffness) & ((bits & SLIPS) > 0)
+    bits = np.where(sticks, (bits & ~SLIPS) | STICKS, bits)
     slips = (bits & SLIPS) > 0
-    return Extremes(
-        _signed(most, (bits & (SLIPS | STICKS)) > 0),
-        _signed(-least, (bits & OPENS) > 0),
-        _signed(np.where(slips, slid, -margin / _stiffness(contacts)), slips),
+    spare = limit - np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
+    margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK) / stiffness
+    force = contacts.preload - contacts.normal_stiffness * record.gap
+    return bits, Extremes(
+        _signed(np.max(force, axis=0), (bits & (SLIPS | STICKS)) > 0),
+        _signed(-np.min(force, axis=0), (bits & OPENS) > 0),
+        _signed(np.where(slips, slid, -margin), slips),
     )
 
 

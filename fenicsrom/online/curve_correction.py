@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_events import extremes, state_bits
+from fenicsrom.online.contact_events import occurrences
 from fenicsrom.online.curve import CurvePoint, norm
 from fenicsrom.online.curve_measures import harmonics, states_over_period
-from fenicsrom.online.families import Family
+from fenicsrom.online.families import Family, Problem
 from fenicsrom.online.periodic import RANK, Shooting, floquet, least_squares_step, stuck_points
 from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.turning_pairs import turning_pairs
@@ -63,8 +63,7 @@ class Corrector:
         self.low, self.high, self.range = low, high, high - low
         self.size = size
 
-    def _evaluate(self, y: Array, *, derive: bool) -> Any:
-        problem = self.family(y[-1] * self.range)
+    def _evaluate(self, y: Array, problem: Problem, *, derive: bool) -> Any:
         return self.shooting.march(
             y[:-1] * self.size,
             problem.model,
@@ -95,7 +94,8 @@ class Corrector:
         within = 0.0 if exact else DERIVED_WITHIN
         for _ in range(CORRECTIONS):
             fresh = jacobian is None
-            found = self._evaluate(y, derive=fresh)
+            problem = self.family(float(y[-1] * self.range))
+            found = self._evaluate(y, problem, derive=fresh)
             if found is None:
                 return None
             marched, derived = marched + 1, derived + fresh
@@ -115,7 +115,8 @@ class Corrector:
                 is_point = not exact and relative <= self.tolerance and length <= GUESSED_WITHIN
             if is_point:
                 tangent, free = self._tangent(jacobian, stuck)
-                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
+                marches = marched, derived
+                return self._point(problem, y, tangent, monodromy, free, relative, end, marches)
             if length > LARGEST_CORRECTION:
                 return None
             if length > within or (not fresh and relative > GOOD_RATE * last):
@@ -170,6 +171,7 @@ class Corrector:
 
     def _point(
         self,
+        problem: Problem,
         y: Array,
         tangent: Array,
         monodromy: Array,
@@ -185,8 +187,7 @@ class Corrector:
         values, vectors = np.linalg.eig(monodromy)
         multipliers, verdict = floquet(values, free)
         s, parameter = y[:-1] * self.size, float(y[-1] * self.range)
-        problem = self.family(parameter)
-        bits = state_bits(record, problem.contacts)
+        states, extremes = occurrences(record, problem.contacts)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         turning, turn_rates = turning_pairs(
             values,
@@ -207,10 +208,10 @@ class Corrector:
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=bits,
+            states=states,
             residual=residual,
             marches=marches,
-            extremes=extremes(record, problem.contacts, bits),
+            extremes=extremes,
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
@@ -223,7 +224,7 @@ class Corrector:
 
     def monodromy(self, point: CurvePoint) -> Array | None:
         """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
-        found = self._evaluate(self.place(point), derive=True)
+        found = self._evaluate(self.place(point), self.family(point.parameter), derive=True)
         return None if found is None else np.asarray(found[1])
 
     def place(self, point: CurvePoint) -> Array:

@@ -57,5 +57,4 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
 def states_over_period(record: Record) -> NDArray[np.int8]:
     """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time."""
     instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
-    rows = np.minimum(np.searchsorted(record.time, instants), record.time.size - 1)
-    return record.state[rows].copy()
+    return record.state[record.time.searchsorted(instants)]

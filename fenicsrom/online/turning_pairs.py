@@ -8,7 +8,9 @@ Where theta passes k pi the two meet on the real axis. With d = theta - k pi the
 
 where e measures how strongly the motion excites the vibration (Nayfeh and Mook 1979, chapter 5).
 If e > -log r, the motion is unstable while d^2 < e^2 - (log r)^2. This stretch may be much shorter
-than a step along the curve, so a point is computed where theta should pass k pi.
+than a step along the curve, so a point is computed where theta should pass k pi. A step that misses
+the stretch finds the pair off the real axis on both sides, where it has turned by more than
+-2 log r.
 
 The multiplier alone does not tell on which side of the real axis a vibration is. The eigenvector
 (q, v) does: q turns in the sense of v, so that the imaginary part of q^H M v is positive.
@@ -32,6 +34,7 @@ TRIALS = 3  # points that seek one crossing
 # Along a curve the size of a multiplier changes much more slowly than its angle: it tells the pairs
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
+TURN_SEEN = 0.5  # smallest turn in a step, in parts of -2 log r, of a pair that may hide a stretch
 NEAR = 0.5  # of -log r: where the pair keeps so small an angle, e is too small for a stretch
 
 
@@ -99,10 +102,12 @@ def _crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
     pairs, nearest = np.arange(a.turning.size), np.argmin(apart, axis=1)
     sizes, first = np.abs(a.turning), np.angle(a.turning)
     last = first + (expected + turns)[pairs, nearest]
+    turn = np.maximum(np.abs(expected[pairs, nearest]), np.abs(last - first))
     low = np.ceil(np.minimum(first, last) / np.pi)
     high = np.floor(np.maximum(first, last) / np.pi)
     both = np.argmin(apart, axis=0)[nearest] == pairs  # each is the nearest one of the other
-    for k in np.flatnonzero(both & (sizes < 1.0) & (low <= high)):
+    turns_enough = turn > -2.0 * TURN_SEEN * np.log(sizes)
+    for k in np.flatnonzero(both & turns_enough & (sizes < 1.0) & (low <= high)):
         for multiple in range(int(low[k]), int(high[k]) + 1):
             zero = np.pi * multiple
             sign = 1.0 if multiple % 2 == 0 else -1.0
