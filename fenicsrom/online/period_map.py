@@ -146,7 +146,7 @@ class PeriodMap:
         self._begin(model, contacts, z, sliders, guess, last_step)
         if derive:
             self._begin_derivatives()
-        status, count = self._march(model, contacts, plan, period * self.fractions)
+        status, count = self._march(model, contacts, plan, period)
         if derive and status == DONE:
             s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
             model.work.key[:] = np.nan
@@ -197,15 +197,16 @@ class PeriodMap:
         s.normal_force[:] = np.maximum(state.contact.trial_normal_force, 0.0)
 
     def _march(
-        self, model: ReducedModel, contacts: Contacts, plan: Scheme, times: Array
+        self, model: ReducedModel, contacts: Contacts, plan: Scheme, period: float
     ) -> tuple[int, int]:
-        """March over the instants `times`; returns the status and the number of steps."""
-        status, count = DONE, 0
+        """March over the period; returns the status and the number of steps."""
+        status, count, rest = DONE, 0, self._record
         for first, last in self._grids:
-            begin, end = float(times[first]), float(times[last])
+            begin, end = (float(period * self.fractions[k]) for k in (first, last))
             control = Control((end - begin) / float(last - first), 0.0, 0.0)
             self._state.scalars[STEP] = control.grid
-            rest = Record._make(array[count:] for array in self._record)
+            if count:
+                rest = Record._make(array[count:] for array in self._record)
             status, rows = compiled_march(
                 model, contacts, plan, control, self._state, begin, end, rest
             )

@@ -199,7 +199,7 @@ class Shooting:
             guess=guess,
             last_step=last_step,
         )
-        if status != DONE or not np.all(np.isfinite(end.z)) or not np.all(np.isfinite(end.matrix)):
+        if status != DONE or not np.isfinite(end.z).all() or not np.isfinite(end.matrix).all():
             return None
         self.guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
