@@ -107,6 +107,8 @@ def _end(occurs: list[bool], what: str) -> str:
 
 def outside(point: CurvePoint) -> int:
     """Number of multipliers outside of the unit circle."""
+    if point.stable:
+        return 0
     return int(np.sum(np.abs(point.judged) > 1.0 + STABLE_WITHIN))
 
 
