@@ -226,6 +226,6 @@ class PeriodMap:
             derivative[:, :-1],
             derivative[:, -1],
             Record._make(array[:count].copy() for array in self._record),
-            np.stack([state.mean_velocity, state.mean_acceleration]),
+            np.array([state.mean_velocity, state.mean_acceleration]),
             float(state.scalars[LAST_STEP]),
         )
