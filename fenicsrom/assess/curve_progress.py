@@ -71,8 +71,8 @@ class CurveWalk:
         Args:
             curve: the curve.
             table: the table [response] of its scene.
-            report: receives the part of the range that is covered and a line, which is empty where
-                it is only asked whether to stop: it then raises KeyboardInterrupt.
+            report: receives the part of the range that is covered and a line; where it is only
+                asked whether to stop, 0 and an empty line. It raises KeyboardInterrupt to stop.
             file: the file; None keeps nothing.
         """
         self.curve, self.table, self.file = curve, table, file
@@ -82,7 +82,7 @@ class CurveWalk:
 
     def __call__(self, line: str) -> None:
         """Report a line."""
-        self._report(self.fraction, line)
+        self._report(self.fraction if line else 0.0, line)
 
     @property
     def fraction(self) -> float:

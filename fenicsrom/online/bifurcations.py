@@ -23,7 +23,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.brackets import Bracket, bracketed
 from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
-from fenicsrom.online.curve import CurvePoint, hermite, replaced
+from fenicsrom.online.curve import CurvePoint, hermite, norm, replaced
 from fenicsrom.online.periodic import STABLE_WITHIN
 
 LOCATED = 1e-6  # of the range of the parameter: how closely special points are located
@@ -66,9 +66,11 @@ def special_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]
         return None
     folds = [path.place(point) for point in found if point.kind == "fold"]
     for point in crossings:
-        apart = [float(np.linalg.norm(path.place(point) - fold)) for fold in folds]
+        apart = [norm(path.place(point) - fold) for fold in folds]
         if min(apart, default=np.inf) > LOCATED**0.5:
             found.append(point)
+    if len(found) < 2:
+        return found
     chord = path.place(b) - path.place(a)
     return sorted(found, key=lambda point: float(chord @ path.place(point)))
 
@@ -77,7 +79,7 @@ def _changes(a: CurvePoint, b: CurvePoint) -> Iterator[tuple[str, int, Test]]:
     """Kind, contact point and test function of the fold and the contact events between a and b."""
     if a.tangent[-1] * b.tangent[-1] < 0.0:
         yield "fold", -1, lambda point: float(point.tangent[-1])
-    for p in range(a.states.size):
+    for p in map(int, np.flatnonzero(a.states != b.states)):
         touches = [bool(point.states[p] & (SLIPS | STICKS)) for point in (a, b)]
         opens = [bool(point.states[p] & OPENS) for point in (a, b)]
         slips = [bool(point.states[p] & SLIPS) for point in (a, b)]
@@ -105,6 +107,8 @@ def _end(occurs: list[bool], what: str) -> str:
 
 def outside(point: CurvePoint) -> int:
     """Number of multipliers outside of the unit circle."""
+    if point.stable:
+        return 0
     return int(np.sum(np.abs(point.judged) > 1.0 + STABLE_WITHIN))
 
 
@@ -128,7 +132,7 @@ def _crossings(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | N
         return None
     kind = _kind(bracket, rank, abs(test(b) - test(a)))
     here = [replaced(bracket.nearest, kind=kind)]
-    if np.linalg.norm(path.place(b) - path.place(a)) <= 2.0 * BRACKET:
+    if norm(path.place(b) - path.place(a)) <= 2.0 * BRACKET:
         return here
     first = _crossings(path, a, bracket.before)
     last = _crossings(path, bracket.after, b)
@@ -164,7 +168,7 @@ def change_of_sign(
     """
     origin = path.place(a)
     chord = path.place(b) - origin
-    length = float(np.linalg.norm(chord))
+    length = norm(chord)
     chord /= length
 
     def between(points: list[CurvePoint], ends: list[float], arc: float) -> CurvePoint | None:
@@ -177,7 +181,7 @@ def point_between(path: Path, a: CurvePoint, b: CurvePoint, share: float) -> Cur
     """The point of a curve at a share of the chord from a to b; None if it is not found."""
     origin = path.place(a)
     chord = path.place(b) - origin
-    length = float(np.linalg.norm(chord))
+    length = norm(chord)
     chord /= length
     return _between(path, [a, b], [0.0, length], share * length, origin, chord)
 
@@ -193,7 +197,7 @@ def _between(
     """The point of the curve at a distance along the chord, between two points; None if lost."""
     first, last = (path.place(point) for point in points)
     share = (arc - ends[0]) / (ends[1] - ends[0])
-    length = float(np.linalg.norm(last - first))
+    length = norm(last - first)
     guess = hermite(first, last, points[0].tangent, points[1].tangent, length, share)
     guess = guess + (arc - chord @ (guess - origin)) * chord
     point = path.correct(guess, chord, exact=True)

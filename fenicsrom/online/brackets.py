@@ -43,8 +43,9 @@ def bracketed(
 ) -> Bracket[Point] | None:
     """Bracket the change of sign of a function between two points of a curve.
 
-    The secant method (Illinois) keeps a distance from the ends of the bracket, so that both ends
-    come near. A bracket that three evaluations did not halve is bisected.
+    The secant method keeps a distance from the ends of the bracket, so that both ends come near.
+    The value at an end that stays twice is halved (Illinois), and a bracket that three evaluations
+    did not halve is bisected.
 
     Args:
         between: gives the point of the curve at a distance from a, between two points at two
@@ -60,7 +61,7 @@ def bracketed(
         The bracket; None if a point was not found in a wider one.
     """
     points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
-    ends, slow, width = [0.0, length], 0, length
+    ends, slow, width, moved = [0.0, length], 0, length, -1
     for _ in range(EVALUATIONS):
         found = Bracket(points[0], points[1], (values[0], values[1]))
         if ends[1] - ends[0] <= narrow:
@@ -78,7 +79,10 @@ def bracketed(
         value = test(point)
         side = 1 if value * np.sign(values[1]) > 0.0 else 0
         points[side], values[side], ends[side] = point, value, arc
-        weights = [1.0, 0.5 * weights[1]] if side == 0 else [0.5 * weights[0], 1.0]
+        weights[side] = 1.0
+        if side == moved:
+            weights[1 - side] *= 0.5
+        moved = side
         slow += 1
         if ends[1] - ends[0] <= 0.5 * width:
             slow, width = 0, ends[1] - ends[0]

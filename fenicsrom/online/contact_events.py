@@ -13,6 +13,9 @@ from fenicsrom.online.state import Record
 from fenicsrom.online.surfaces import Contacts
 
 OPENS, SLIPS, STICKS = 1, 2, 4  # bits of the contact states that occur
+_BITS = np.zeros(3, dtype=np.int64)  # by the contact state, of which -1 is the last entry
+_BITS[[OPEN, SLIP, STICK]] = OPENS, SLIPS, STICKS
+_TOLD = np.array([[SLIPS | STICKS], [OPENS], [SLIPS]])  # bits by the fields of `Extremes`
 NEGLIGIBLE = 1e-7  # slip below this part of the stretch of the friction spring is round-off
 SMALLEST = 1e-300  # an extreme of a state that occurs is at least this, so that it has a sign
 
@@ -35,58 +38,31 @@ class Extremes(NamedTuple):
     slip: Array
 
 
-def state_bits(record: Record, contacts: Contacts) -> NDArray[np.int64]:
-    """Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the contact states that occur in the rows.
+def occurrences(record: Record, contacts: Contacts) -> tuple[NDArray[np.int64], Extremes]:
+    """Which contact states occur in the rows of a period, and how far the others are.
 
     Slip over less than `NEGLIGIBLE` of the largest stretch of the friction spring counts as stick.
-    """
-    bits = np.zeros(record.state.shape[1], dtype=np.int64)
-    for bit, state in ((OPENS, OPEN), (SLIPS, SLIP), (STICKS, STICK)):
-        bits |= bit * np.any(record.state == state, axis=0)
-    negligible = ((bits & SLIPS) > 0) & (_slid(record, contacts) <= _least(record, contacts))
-    return np.where(negligible, (bits & ~SLIPS) | STICKS, bits)
-
-
-def _limit(record: Record, contacts: Contacts) -> Array:
-    """Limit of friction (rows, P), N."""
-    return np.asarray(contacts.friction * record.force[:, :, 0])
-
-
-def _slid(record: Record, contacts: Contacts) -> Array:
-    """Energy dissipated by friction at each point, divided by its largest limit (P,), m."""
-    largest = np.maximum(np.max(_limit(record, contacts), axis=0, initial=0.0), SMALLEST)
-    return np.asarray(np.max(record.friction_dissipation, axis=0, initial=0.0) / largest)
-
-
-def _least(record: Record, contacts: Contacts) -> Array:
-    """Slip (P,) that counts as slip, m; -1 without friction or without its spring."""
-    largest = np.max(_limit(record, contacts), axis=0, initial=0.0)
-    stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
-    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
-    return np.where(rubs, NEGLIGIBLE * largest / stiffness, -1.0)
-
-
-def extremes(record: Record, contacts: Contacts, bits: NDArray[np.int64]) -> Extremes:
-    """The distances of the contact states from occurring, from the rows of a period.
 
     Args:
         record: the rows.
         contacts: parameters of the contact points.
-        bits: (P,) the `state_bits` of the rows.
+
+    Returns:
+        Bits `OPENS`, `SLIPS` and `STICKS` (P,) of the states that occur, and the `Extremes`.
     """
-    force = contacts.preload - contacts.normal_stiffness * record.gap
-    friction = np.linalg.norm(record.force[:, :, 1:], axis=2)
+    bits = np.bitwise_or.reduce(_BITS[record.state], axis=0)
+    limit = contacts.friction * record.force[:, :, 0]
+    largest = np.max(limit, axis=0)
     stiffness = np.maximum(contacts.tangential_stiffness, SMALLEST)
-    spare = np.where(record.state == STICK, _limit(record, contacts) - friction, np.inf)
-    margin = np.min(spare, axis=0, initial=np.inf) / stiffness
-    slips = (bits & SLIPS) > 0
-    return Extremes(
-        _signed(np.max(force, axis=0, initial=-np.inf), (bits & (SLIPS | STICKS)) > 0),
-        _signed(np.max(-force, axis=0, initial=-np.inf), (bits & OPENS) > 0),
-        _signed(np.where(slips, _slid(record, contacts), -margin), slips),
-    )
-
-
-def _signed(values: Array, occurs: NDArray[np.bool_]) -> Array:
-    """The values with the sign that says whether a state occurs."""
-    return np.where(occurs, np.maximum(values, SMALLEST), np.minimum(values, -SMALLEST))
+    slid = np.max(record.friction_dissipation, axis=0) / np.maximum(largest, SMALLEST)
+    rubs = (largest > 0.0) & (contacts.tangential_stiffness > 0.0)
+    sticks = rubs & (slid <= NEGLIGIBLE * largest / stiffness) & ((bits & SLIPS) > 0)
+    bits = np.where(sticks, (bits & ~SLIPS) | STICKS, bits)
+    spare = limit - np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
+    margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK) / stiffness
+    force = contacts.preload - contacts.normal_stiffness * record.gap
+    occurs = (bits & _TOLD) > 0
+    slip = np.where(occurs[2], slid, -margin)
+    values = np.array([np.max(force, axis=0), -np.min(force, axis=0), slip])
+    signed = np.where(occurs, np.maximum(values, SMALLEST), np.minimum(values, -SMALLEST))
+    return bits, Extremes(*signed)

@@ -16,7 +16,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
-from fenicsrom.online.curve import LOST, Curve, CurvePoint, hermite, replaced
+from fenicsrom.online.curve import LOST, Curve, CurvePoint, hermite, norm, replaced
 from fenicsrom.online.curve_correction import CURVE_TOLERANCE, Corrector
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
@@ -115,7 +115,7 @@ class Continuation(Corrector):
             self.step = step
             if progress is not None:
                 progress(found)
-            if float(np.linalg.norm(found.s)) > largest_size:
+            if norm(found.s) > largest_size:
                 curve.reason = "grown"
                 return curve
         curve.reason = "number of points"
@@ -128,7 +128,7 @@ class Continuation(Corrector):
             return np.asarray(y + step * here.tangent)
         first = self.place(before)
         chord = y - first
-        length, turn = float(np.linalg.norm(chord)), np.sign(before.tangent @ chord) or 1.0
+        length, turn = norm(chord), np.sign(before.tangent @ chord) or 1.0
         share = 1.0 + min(step, REACH * length) / length
         return hermite(first, y, turn * before.tangent, here.tangent, length, share)
 
@@ -145,7 +145,7 @@ class Continuation(Corrector):
             return None
         way = self.place(found) - self.place(before)
         found = replaced(found, tangent=found.tangent * (np.sign(found.tangent @ way) or 1.0))
-        away = float(np.linalg.norm(self.place(found) - guess))
+        away = norm(self.place(found) - guess)
         if _kink(before, found):
             too_long = away > KINK_AWAY * step
         else:
@@ -201,12 +201,12 @@ class Continuation(Corrector):
         """Whether the curve passes the first of two points in their direction."""
         first, last, y = self.place(before), self.place(found), self.place(home[0])
         chord, way = last - first, self.place(home[1]) - y
-        length = float(np.linalg.norm(chord))
+        length = norm(chord)
         share = float(chord @ (y - first)) / length**2
-        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * float(np.linalg.norm(way)):
+        if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * norm(way):
             return False
         near = hermite(first, last, before.tangent, found.tangent, length, share)
-        return float(np.linalg.norm(near - y)) < CLOSED * length
+        return norm(near - y) < CLOSED * length
 
 
 def _kink(a: CurvePoint, b: CurvePoint) -> bool:
@@ -245,9 +245,7 @@ def follow(
     m = round(start.period / problem.period)
     shooting = Shooting(problem.model, problem.contacts, settings, problem.period, m)
     s = shooting.scaled(start.z)
-    path = Continuation(
-        shooting, family, *bounds, size=float(np.linalg.norm(s)), tolerance=tolerance
-    )
+    path = Continuation(shooting, family, *bounds, size=norm(s), tolerance=tolerance)
     first = path.at_parameter(s, value)
     if first is None:
         curve = Curve(reason=LOST)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,6 +57,7 @@ class CurvePoint:
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
             `fenicsrom.online.turning_pairs`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
+        period: of the motion, s; NaN in a point that an older version of the program has kept.
     """
 
     parameter: float
@@ -81,6 +83,7 @@ class CurvePoint:
     damping_dissipation: float = 0.0
     turning: NDArray[np.complex128] = field(default_factory=lambda: np.zeros(0, complex))
     turn_rates: Array = field(default_factory=lambda: np.zeros(0))
+    period: float = np.nan
 
     @property
     def stable(self) -> bool:
@@ -114,6 +117,11 @@ class Curve:
 def replaced(point: CurvePoint, **changes: Any) -> CurvePoint:
     """The point with some attributes replaced."""
     return CurvePoint(**(point.__dict__ | changes))
+
+
+def norm(vector: Array) -> float:
+    """Euclidean norm of a vector, as `numpy.linalg.norm` in a quarter of its time."""
+    return math.sqrt(vector @ vector)
 
 
 def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:

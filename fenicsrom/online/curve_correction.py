@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_events import extremes, state_bits
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.contact_events import occurrences
+from fenicsrom.online.curve import CurvePoint, norm
 from fenicsrom.online.curve_measures import harmonics, states_over_period
-from fenicsrom.online.families import Family
+from fenicsrom.online.families import Family, Problem
 from fenicsrom.online.periodic import RANK, Shooting, floquet, least_squares_step, stuck_points
 from fenicsrom.online.state import DAMPING_DISSIPATION, WORK
 from fenicsrom.online.turning_pairs import turning_pairs
@@ -27,6 +27,7 @@ DERIVED_WITHIN = 1e-5  # how far from the point found its derivative may be take
 # A guess with a small residual may be far from the motion, if a multiplier is near 1: it is a point
 # of the curve if Newton's method would move it by less than this.
 GUESSED_WITHIN = 1e-7
+ROUNDING = 1e-12  # relative residual that Newton's method reduces no further: rounding of a march
 GOOD_RATE = 0.1  # a correction that reduces the residual less asks for a new derivative
 
 
@@ -62,8 +63,7 @@ class Corrector:
         self.low, self.high, self.range = low, high, high - low
         self.size = size
 
-    def _evaluate(self, y: Array, *, derive: bool) -> Any:
-        problem = self.family(y[-1] * self.range)
+    def _evaluate(self, y: Array, problem: Problem, *, derive: bool) -> Any:
         return self.shooting.march(
             y[:-1] * self.size,
             problem.model,
@@ -86,33 +86,37 @@ class Corrector:
         Args:
             y: (N + 1,) s / size and p / range.
             along: (N + 1,) unit normal; a unit vector of p keeps the parameter.
-            exact: whether the derivative is taken at the very point, after one correction or more.
+            exact: whether the derivative is taken at the very point, after one correction or more
+                unless the residual of the guess is rounding.
         """
         jacobian, last, marched, derived = None, np.inf, 0, 0
         monodromy, stuck = np.zeros((0, 0)), False
         within = 0.0 if exact else DERIVED_WITHIN
         for _ in range(CORRECTIONS):
             fresh = jacobian is None
-            found = self._evaluate(y, derive=fresh)
+            problem = self.family(float(y[-1] * self.range))
+            found = self._evaluate(y, problem, derive=fresh)
             if found is None:
                 return None
             marched, derived = marched + 1, derived + fresh
             residual, matrix, by_parameter, end = found
-            relative = float(
-                np.linalg.norm(residual) / max(float(np.linalg.norm(y[:-1])) * self.size, 1e-300)
-            )
+            relative = norm(residual) / max(norm(y[:-1]) * self.size, 1e-300)
             if relative > max(10.0 * last, self.may_grow, self.tolerance):
                 return None
             if fresh:
                 monodromy, stuck = matrix, len(stuck_points(end.record)) > 0
                 jacobian = self._bordered(matrix, by_parameter, along)
             assert jacobian is not None
-            step = self._solve(jacobian, np.append(-residual / self.size, 0.0), stuck)
-            length = float(np.linalg.norm(step))
-            is_near = marched > 1 or length <= (0.0 if exact else GUESSED_WITHIN)
-            if relative <= self.tolerance and is_near:
+            enough = self.tolerance if marched > 1 else min(ROUNDING, self.tolerance) * exact
+            is_point = relative <= enough
+            if not is_point:
+                step = self._solve(jacobian, np.concatenate([-residual / self.size, [0.0]]), stuck)
+                length = norm(step)
+                is_point = not exact and relative <= self.tolerance and length <= GUESSED_WITHIN
+            if is_point:
                 tangent, free = self._tangent(jacobian, stuck)
-                return self._point(y, tangent, monodromy, free, relative, end, (marched, derived))
+                marches = marched, derived
+                return self._point(problem, y, tangent, monodromy, free, relative, end, marches)
             if length > LARGEST_CORRECTION:
                 return None
             if length > within or (not fresh and relative > GOOD_RATE * last):
@@ -140,7 +144,7 @@ class Corrector:
         if not stuck:
             try:
                 found: Array = np.asarray(np.linalg.solve(jacobian, right), dtype=np.float64)
-                if np.linalg.norm(found) < 1.0 / RANK * max(float(np.linalg.norm(right)), 1e-300):
+                if norm(found) < 1.0 / RANK * max(norm(right), 1e-300):
                     return found
             except np.linalg.LinAlgError:
                 pass
@@ -153,18 +157,21 @@ class Corrector:
         to the family, so that the free sliders rest.
         """
         if not stuck:
-            found = self._solve(jacobian, np.append(np.zeros(len(jacobian) - 1), 1.0), stuck)
-            return found / np.linalg.norm(found), 0
+            right = np.zeros(len(jacobian))
+            right[-1] = 1.0
+            found = self._solve(jacobian, right, stuck)
+            return np.asarray(found / norm(found), dtype=np.float64), 0
         _, sigma, rows = np.linalg.svd(jacobian[:-1])
         count = 1 + int(np.sum(sigma <= RANK * sigma[0]))
         flat = rows[-count:]
         found = flat[:, -1] @ flat
-        if np.linalg.norm(found) < RANK:  # a fold
+        if norm(found) < RANK:  # a fold
             found = (flat @ jacobian[-1]) @ flat
-        return found / np.linalg.norm(found), count - 1
+        return np.asarray(found / norm(found), dtype=np.float64), count - 1
 
     def _point(
         self,
+        problem: Problem,
         y: Array,
         tangent: Array,
         monodromy: Array,
@@ -179,9 +186,8 @@ class Corrector:
             displacement = record.probe[:, None, :]
         values, vectors = np.linalg.eig(monodromy)
         multipliers, verdict = floquet(values, free)
-        s = y[:-1] * self.size
-        problem = self.family(float(y[-1] * self.range))
-        bits = state_bits(record, problem.contacts)
+        s, parameter = y[:-1] * self.size, float(y[-1] * self.range)
+        states, extremes = occurrences(record, problem.contacts)
         first_period = int(np.argmin(np.abs(record.time - record.time[-1] / m)))
         turning, turn_rates = turning_pairs(
             values,
@@ -192,8 +198,8 @@ class Corrector:
             self.shooting.map.fractions.size - 1,
         )
         return CurvePoint(
-            parameter=float(y[-1] * self.range),
-            z=self.unscaled(s, float(y[-1] * self.range)),
+            parameter=parameter,
+            z=self.unscaled(s, parameter),
             s=s,
             tangent=tangent,
             amplitude=np.ptp(displacement, axis=0) / 2.0,
@@ -202,10 +208,10 @@ class Corrector:
             multipliers=multipliers,
             verdict=verdict,
             free_sliders=free,
-            states=bits,
+            states=states,
             residual=residual,
             marches=marches,
-            extremes=extremes(record, problem.contacts, bits),
+            extremes=extremes,
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
@@ -213,20 +219,17 @@ class Corrector:
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
             turning=turning,
             turn_rates=turn_rates,
+            period=m * problem.period,
         )
 
     def monodromy(self, point: CurvePoint) -> Array | None:
         """The monodromy matrix (N, N) of a point in scaled variables; None if the march fails."""
-        found = self._evaluate(self.place(point), derive=True)
+        found = self._evaluate(self.place(point), self.family(point.parameter), derive=True)
         return None if found is None else np.asarray(found[1])
 
     def place(self, point: CurvePoint) -> Array:
         """The unknowns y (N + 1,) of a point."""
-        return np.append(point.s / self.size, point.parameter / self.range)
-
-    def period(self, point: CurvePoint) -> float:
-        """The period of the motion at a point, s."""
-        return self.shooting.m * self.family(point.parameter).period
+        return np.concatenate([point.s / self.size, [point.parameter / self.range]])
 
     def at_parameter(self, s: Array, value: float) -> CurvePoint | None:
         """The point at a value of the parameter near scaled variables s."""

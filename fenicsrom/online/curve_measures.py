@@ -48,15 +48,13 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
     ahead = np.append(time[1:], time[0] + length)
     behind = np.append(time[-1] - length, time[:-1])
     weights = (ahead - behind) / length  # twice those of the trapezoidal rule
-    k = np.arange(1, HARMONICS + 1)
-    waves = np.exp(-2j * np.pi * order / period * np.outer(k, time)) * weights
-    found = waves @ displacement.reshape(time.size, -1)
-    found /= (unit**k)[:, None]
+    wave = np.exp(-2j * np.pi * order / period * time) / unit
+    waves = np.cumprod([wave] * HARMONICS, axis=0)
+    found = waves @ (weights[:, None] * displacement.reshape(time.size, -1))
     return np.asarray(found.reshape(HARMONICS, *displacement.shape[1:]), dtype=np.complex128)
 
 
 def states_over_period(record: Record) -> NDArray[np.int8]:
     """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time."""
     instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
-    rows = np.minimum(np.searchsorted(record.time, instants), record.time.size - 1)
-    return record.state[rows].copy()
+    return record.state[record.time.searchsorted(instants)]

@@ -53,16 +53,17 @@ def frequency_family(
             (`fenicsrom.online.support_motion.displacement_sines`); none by default.
     """
     nothing = no_drift(contacts, model.load_histories)
-    displaced = np.zeros(len(nothing.sines), bool) if displaced is None else displaced
+    # the amplitude of a load is proportional to this power of the frequency
+    powers = np.zeros(len(nothing.sines)) if displaced is None else 2.0 * displaced
 
     def at(frequency: float) -> Problem:
         factor = frequency * period
         sines = model.load_histories.sines.copy()
         sines[:, OMEGA] *= factor
+        sines[:, AMPLITUDE] *= factor**powers
         by_sines = nothing.sines.copy()
         by_sines[:, OMEGA] = sines[:, OMEGA] / frequency
-        sines[displaced, AMPLITUDE] *= factor**2
-        by_sines[displaced, AMPLITUDE] = 2.0 * sines[displaced, AMPLITUDE] / frequency
+        by_sines[:, AMPLITUDE] = powers * sines[:, AMPLITUDE] / frequency
         moved, by_contacts = contacts, nothing.contacts
         if spin:
             moved = contacts._replace(spin=contacts.spin * factor)

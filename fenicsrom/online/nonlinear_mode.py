@@ -220,9 +220,9 @@ class ModeContinuation(StickingContinuation):
         """Damping ratio of a point."""
         return float(point.s[-1])
 
-    def _evaluate(self, y: Array, *, derive: bool) -> Any:
+    def _evaluate(self, y: Array, problem: Problem, *, derive: bool) -> Any:
         """Residual (N + 2,), its derivative plus one, derivative by p, and end of the period."""
-        problem, a = self.problem, float(np.exp(y[-1] * self.range))
+        a = float(np.exp(y[-1] * self.range))
         sigma, tau, zeta = y[:-3] * self.size, y[-3] * self.size, y[-2] * self.size
         omega = self.mode.omega * np.exp(-tau)
         model = self._damped(omega, zeta)

@@ -144,7 +144,9 @@ class PeriodMap:
         drift = no_drift(contacts, model.load_histories) if drift is None else drift
         plan = self.plan._replace(damping=float(model.damping))
         self._begin(model, contacts, z, sliders, guess, last_step)
-        status, count = self._march(model, contacts, plan, period * self.fractions)
+        if derive:
+            self._begin_derivatives()
+        status, count = self._march(model, contacts, plan, period)
         if derive and status == DONE:
             s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
             model.work.key[:] = np.nan
@@ -173,8 +175,8 @@ class PeriodMap:
         guess: Array | None,
         last_step: float,
     ) -> None:
-        """Set the state, and the values at the start of the derivatives; arguments as the call."""
-        state, s = self._state, self._sensitivity
+        """Set the state; arguments as the call."""
+        state = self._state
         # a new factor is due where a linear model or its step has changed
         model.work.key[:] = np.nan
         state.scalars[:] = 0.0
@@ -186,23 +188,25 @@ class PeriodMap:
         state.friction_dissipation[:] = 0.0
         at_rest(contacts, x, sliders, 0.0, state.contact, state.trial.scratch)
         measure(model, contacts, state)
-        for row, values in enumerate(
-            (state.q, state.v, state.a, state.mean_velocity, state.mean_acceleration)
-        ):
-            s.before[row] = values
-        s.x0[:], s.w0[:] = x, state.contact.slider
+
+    def _begin_derivatives(self) -> None:
+        """Set the values at the start of the derivatives to those of the state."""
+        state, s = self._state, self._sensitivity
+        s.before[:5] = state.q, state.v, state.a, state.mean_velocity, state.mean_acceleration
+        s.x0[:], s.w0[:] = state.contact.x, state.contact.slider
         s.normal_force[:] = np.maximum(state.contact.trial_normal_force, 0.0)
 
     def _march(
-        self, model: ReducedModel, contacts: Contacts, plan: Scheme, times: Array
+        self, model: ReducedModel, contacts: Contacts, plan: Scheme, period: float
     ) -> tuple[int, int]:
-        """March over the instants `times`; returns the status and the number of steps."""
-        status, count = DONE, 0
+        """March over the period; returns the status and the number of steps."""
+        status, count, rest = DONE, 0, self._record
         for first, last in self._grids:
-            begin, end = float(times[first]), float(times[last])
+            begin, end = (float(period * self.fractions[k]) for k in (first, last))
             control = Control((end - begin) / float(last - first), 0.0, 0.0)
             self._state.scalars[STEP] = control.grid
-            rest = Record._make(array[count:] for array in self._record)
+            if count:
+                rest = Record._make(array[count:] for array in self._record)
             status, rows = compiled_march(
                 model, contacts, plan, control, self._state, begin, end, rest
             )
@@ -214,13 +218,14 @@ class PeriodMap:
     def _end(self, count: int, *, derive: bool) -> PeriodEnd:
         """The end of a period of `count` steps."""
         s, state = self._sensitivity, self._state
-        rows = [*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]]
-        derivative = np.concatenate(rows)
+        derivative: Array = np.zeros((0, 1))
+        if derive:
+            derivative = np.concatenate([*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]])
         return PeriodEnd(
             self.pack(state.q, state.v, state.a, state.contact.slider),
-            derivative[:, :-1].copy() if derive else np.zeros((0, 0)),
-            derivative[:, -1].copy() if derive else np.zeros(0),
+            derivative[:, :-1],
+            derivative[:, -1],
             Record._make(array[:count].copy() for array in self._record),
-            np.stack([state.mean_velocity, state.mean_acceleration]),
+            np.array([state.mean_velocity, state.mean_acceleration]),
             float(state.scalars[LAST_STEP]),
         )

@@ -200,7 +200,7 @@ class Shooting:
             guess=guess,
             last_step=last_step,
         )
-        if status != DONE or not np.all(np.isfinite(end.z)) or not np.all(np.isfinite(end.matrix)):
+        if status != DONE or not np.isfinite(end.z).all() or not np.isfinite(end.matrix).all():
             return None
         self.guess = end.guess, end.last_step
         residual = self._scale @ end.z - s
@@ -244,6 +244,8 @@ def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex
 
     A slider that is not unique has the multiplier 1, so the `free` ones nearest to 1 are left out.
     """
+    if not free:
+        return multipliers
     return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
 
 

@@ -8,7 +8,9 @@ Where theta passes k pi the two meet on the real axis. With d = theta - k pi the
 
 where e measures how strongly the motion excites the vibration (Nayfeh and Mook 1979, chapter 5).
 If e > -log r, the motion is unstable while d^2 < e^2 - (log r)^2. This stretch may be much shorter
-than a step along the curve, so a point is computed where theta should pass k pi.
+than a step along the curve, so a point is computed where theta should pass k pi. A step that misses
+the stretch finds the pair off the real axis on both sides, where it has turned by more than
+-2 log r.
 
 The multiplier alone does not tell on which side of the real axis a vibration is. The eigenvector
 (q, v) does: q turns in the sense of v, so that the imaginary part of q^H M v is positive.
@@ -17,7 +19,7 @@ The multiplier alone does not tell on which side of the real axis a vibration is
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,14 +34,8 @@ TRIALS = 3  # points that seek one crossing
 # Along a curve the size of a multiplier changes much more slowly than its angle: it tells the pairs
 # apart. A change of log r by 1 counts as an angle of so many radians.
 SIZE_WEIGHT = 40.0
+TURN_SEEN = 0.5  # smallest turn in a step, in parts of -2 log r, of a pair that may hide a stretch
 NEAR = 0.5  # of -log r: where the pair keeps so small an angle, e is too small for a stretch
-
-
-class TurningPath(Path, Protocol):
-    """What stretches are found with: a `fenicsrom.online.continuation.Continuation`."""
-
-    def period(self, point: CurvePoint) -> float:
-        """The period of the motion at a point, s."""
 
 
 class Crossing(NamedTuple):
@@ -85,32 +81,37 @@ def turning_pairs(
     return values[light][forward].astype(np.complex128), np.asarray(rates)
 
 
-def unseen_points(path: TurningPath, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
+def unseen_points(path: Path, a: CurvePoint, b: CurvePoint) -> list[CurvePoint]:
     """Points between two points of a curve with more unstable multipliers than either, in order."""
-    crossings = sorted(_crossings(path, a, b), key=lambda crossing: -crossing.size)[:CROSSINGS]
-    chord = path.place(b) - path.place(a)
+    crossings = sorted(_crossings(a, b), key=lambda crossing: -crossing.size)[:CROSSINGS]
     found = [_unstable_near(path, a, b, crossing) for crossing in crossings]
     unseen = [point for point in found if point is not None]
+    if len(unseen) < 2:
+        return unseen
+    chord = path.place(b) - path.place(a)
     return sorted(unseen, key=lambda point: float(chord @ path.place(point)))
 
 
-def _crossings(path: TurningPath, a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
+def _crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
     """Where lightly damped pairs meet on the real axis between two points."""
     if a.turning.size == 0 or b.turning.size == 0:
         return
     rates = 0.5 * (a.turn_rates[:, None] + b.turn_rates[None, :])
-    expected = rates * np.log(path.period(b) / path.period(a))
+    expected = rates * np.log(b.period / a.period)
     turns, apart = _turns(a.turning[:, None] * np.exp(1j * expected), b.turning[None, :])
-    for k, nearest in enumerate(np.argmin(apart, axis=1)):
-        if np.argmin(apart[:, nearest]) != k or np.abs(a.turning[k]) >= 1.0:
-            continue
-        first = float(np.angle(a.turning[k]))
-        last = first + float(expected[k, nearest] + turns[k, nearest])
-        low, high = sorted((first / np.pi, last / np.pi))
-        for multiple in range(int(np.ceil(low)), int(np.floor(high)) + 1):
+    pairs, nearest = np.arange(a.turning.size), np.argmin(apart, axis=1)
+    sizes, first = np.abs(a.turning), np.angle(a.turning)
+    last = first + (expected + turns)[pairs, nearest]
+    turn = np.maximum(np.abs(expected[pairs, nearest]), np.abs(last - first))
+    low = np.ceil(np.minimum(first, last) / np.pi)
+    high = np.floor(np.maximum(first, last) / np.pi)
+    both = np.argmin(apart, axis=0)[nearest] == pairs  # each is the nearest one of the other
+    turns_enough = turn > -2.0 * TURN_SEEN * np.log(sizes)
+    for k in np.flatnonzero(both & turns_enough & (sizes < 1.0) & (low <= high)):
+        for multiple in range(int(low[k]), int(high[k]) + 1):
             zero = np.pi * multiple
             sign = 1.0 if multiple % 2 == 0 else -1.0
-            yield Crossing(float(np.abs(a.turning[k])), sign, (first - zero, last - zero))
+            yield Crossing(float(sizes[k]), sign, (float(first[k]) - zero, float(last[k]) - zero))
 
 
 def _turns(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]:
@@ -120,7 +121,7 @@ def _turns(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]:
 
 
 def _unstable_near(
-    path: TurningPath, a: CurvePoint, b: CurvePoint, crossing: Crossing
+    path: Path, a: CurvePoint, b: CurvePoint, crossing: Crossing
 ) -> CurvePoint | None:
     """A point near a crossing with more unstable multipliers than a and b, or None."""
     shares, angles = [0.0, 1.0], list(crossing.angles)

@@ -235,14 +235,16 @@ def test_equation_of_the_mode_has_a_consistent_derivative() -> None:
     path = path_of(*jenkins_beam(), (1e-5, 1e-3), 40)
     start = np.append(path.linear_start(), np.log(6e-5) / path.range)
     start[-3:-1] = 0.02, 0.04  # slips, with another period and damping than the linear mode
-    residual, matrix, by_p, _ = path._evaluate(start, derive=True)
+    residual, matrix, by_p, _ = path._evaluate(start, path.problem, derive=True)
     jacobian = np.hstack([matrix - np.eye(residual.size), by_p[:, None] * path.range])
     rng = np.random.default_rng(0)
     for _ in range(3):
         along = rng.standard_normal(start.size)
         along[4:8] *= 0.1
         assert_tangent(
-            lambda x, along=along: path._evaluate(start + x[0] * along, derive=False)[0],
+            lambda x, along=along: path._evaluate(start + x[0] * along, path.problem, derive=False)[
+                0
+            ],
             lambda x, along=along: (jacobian @ along)[:, None],
             np.zeros(1),
             step=1e-6,

@@ -11,18 +11,19 @@ from numpy.typing import NDArray
 from support import linear_model, one_contact
 
 from fenicsrom.online.bifurcations import LOCATED, outside, special_points
+from fenicsrom.online.brackets import bracketed
 from fenicsrom.online.branching import follow_growing
 from fenicsrom.online.contact_events import (
     NEGLIGIBLE,
     OPENS,
     SLIPS,
     STICKS,
-    extremes,
-    state_bits,
+    occurrences,
 )
 from fenicsrom.online.contact_state import SLIP, STICK
 from fenicsrom.online.continuation import Continuation
 from fenicsrom.online.curve import BIFURCATIONS, Curve, CurvePoint
+from fenicsrom.online.curve_correction import ROUNDING
 from fenicsrom.online.families import Family, force_family
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.periodic import Shooting, solve
@@ -104,10 +105,10 @@ def test_slip_of_the_size_of_round_off_counts_as_stick(share: float, slips: bool
     record.force[:, 0, 0] = 1.0, 2.0, 3.0
     limit = 0.4 * 3.0
     record.friction_dissipation[1:, 0] = share * NEGLIGIBLE * limit**2 / 5.0
-    assert bool(state_bits(record, contacts)[0] & SLIPS) == slips
-    assert state_bits(record, contacts)[0] & STICKS
-    bits = state_bits(record, contacts)
-    assert (extremes(record, contacts, bits).slip[0] > 0.0) == slips
+    bits, extremes = occurrences(record, contacts)
+    assert bool(bits[0] & SLIPS) == slips
+    assert bits[0] & STICKS
+    assert (extremes.slip[0] > 0.0) == slips
 
 
 def test_marched_motion_dissipates_only_beyond_the_first_slip() -> None:
@@ -205,6 +206,35 @@ def test_every_change_of_the_number_of_multipliers_outside_is_located(
     for point, place in zip(found, places, strict=True):
         assert place is None or point.parameter == pytest.approx(place, abs=LOCATED)
     assert line.calls < 150
+
+
+@pytest.mark.parametrize("bend", [-0.5, 0.0, 0.5])
+def test_smooth_change_of_sign_is_bracketed_by_few_evaluations(bend: float) -> None:
+    evaluated: list[float] = []
+
+    def between(points: list[float], ends: list[float], arc: float) -> float:
+        evaluated.append(arc)
+        return arc
+
+    found = bracketed(between, lambda x: x - 0.3 + bend * (x - 0.3) ** 2, 0.0, 1.0, 1.0, 1e-7)
+    assert found is not None
+    assert found.before <= 0.3 <= found.after
+    assert found.after - found.before <= 1e-7
+    assert len(evaluated) <= 9  # bisection needs 24
+
+
+def test_guess_that_is_a_motion_is_accepted_after_one_march() -> None:
+    path, _, curve = curve_over_force(0.02, 0.5)
+    point = curve.points[-2]
+    found = path.at_parameter(point.s, point.parameter)
+    assert found is not None
+    assert point.residual < ROUNDING
+    assert found.marches == (1, 1)
+    np.testing.assert_array_equal(found.s, point.s)
+    moved = path.at_parameter(1.0001 * point.s, point.parameter)
+    assert moved is not None
+    assert moved.marches[1] > 1
+    np.testing.assert_allclose(moved.s, point.s, rtol=0.0, atol=1e-9 * np.linalg.norm(point.s))
 
 
 def test_stability_changes_only_at_bifurcations() -> None:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from support import excited_stiffness, linear_model, period_steps
 
 from fenicsrom.online import continuation
 from fenicsrom.online.bifurcations import outside
 from fenicsrom.online.continuation import follow
-from fenicsrom.online.curve import Curve
+from fenicsrom.online.curve import Curve, CurvePoint, replaced
 from fenicsrom.online.families import frequency_family
 from fenicsrom.online.load_histories import harmonic
 from fenicsrom.online.periodic import Shooting, periodic_motion
 from fenicsrom.online.surfaces import no_contacts
-from fenicsrom.online.turning_pairs import turning_pairs
+from fenicsrom.online.turning_pairs import turning_pairs, unseen_points
 
 FORCE, DAMPING, TONGUE = 0.03, 1e-4, 1e-4
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.1 / (2.0 * np.pi)
@@ -72,6 +73,35 @@ def test_pair_that_meets_on_the_real_axis_without_excitation_changes_nothing(
     for one, other in zip(plain.points, curve.points, strict=True):
         np.testing.assert_array_equal(one.z, other.z)
         assert one.parameter == other.parameter
+
+
+class Trials:
+    """A path that counts the points that are sought, and finds none."""
+
+    calls = 0
+
+    def place(self, point: CurvePoint) -> NDArray[np.float64]:
+        return np.append(point.s, point.parameter)
+
+    def correct(
+        self, y: NDArray[np.float64], along: NDArray[np.float64], *, exact: bool = False
+    ) -> None:
+        self.calls += 1
+
+
+@pytest.mark.parametrize(("size", "sought"), [(0.94, False), (0.96, True), (0.99, True)])
+def test_pair_that_turns_too_little_to_miss_a_stretch_is_not_sought(
+    size: float, sought: bool
+) -> None:
+    """The pair turns by 0.05 from one point to the other; a stretch between needs -2 log(size)."""
+    points = response(0.0).points[:2]
+    a, b = (
+        replaced(point, turning=size * np.exp([1j * angle]), turn_rates=np.ones(1), period=period)
+        for point, angle, period in zip(points, (0.02, -0.03), np.exp([0.05, 0.0]), strict=True)
+    )
+    path = Trials()
+    assert unseen_points(path, a, b) == []
+    assert (path.calls > 0) == sought
 
 
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
