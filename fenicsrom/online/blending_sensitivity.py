@@ -13,6 +13,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
+from fenicsrom.online.dense import lu_solve_transposed
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
@@ -62,15 +63,13 @@ def differentiate_blending(
 
     The workspace of the model holds S^-1 B of the points that touch, and p is the one at `place`.
 
-    With u = S^-1 B n the flexibility changes by
+    With u = S^-1 B n and v = S^-T B n the flexibility changes by
 
-        d(n^T G n) = 2 dn^T G n - u^T dS u
+        d(n^T G n) = dn^T B^T (u + v) - v^T dS u
 
-    G is taken as symmetric, which it is without gyroscopic forces and without follower pressures,
-    whose change is left out. With strong gyroscopic forces and weights above 0.1 the largest
-    multiplier was off by up to 1e-2. The elastic part of u^T dS u needs the second derivative of
-    the force along u. As the force is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K
-    give it exactly.
+    Without gyroscopic forces and follower pressures u = v. The change of the follower pressures is
+    left out. The elastic part of v^T dS u needs the second derivative of the force along u and v,
+    which is the one along (u + v)/2 twice, less the one along (u - v)/2 twice.
     """
     n, k = s.q.shape
     d = s.x0.shape[1]
@@ -88,28 +87,35 @@ def differentiate_blending(
     point = law.scratch.point
     x0, bend = law.start.x[p], point.gradient_derivative
     gap_discrete_gradient(law.contacts, p, x0, x0, behind, point.gradient, bend, point.work)
-    u = s.blending_vectors[0]
+    u, v, direction = s.blending_vectors[0], s.blending_vectors[1], s.blending_vectors[2]
     for a in range(n):
-        u[a] = 0.0
+        u[a], v[a] = 0.0, 0.0
         for i in range(d):
             u[a] += point.gradient[i].real * model.work.compliance.unit[a, place * d + i]
+            v[a] += point.gradient[i].real * model.contact_rows[row + i, a]
+    lu_solve_transposed(model.work.factor, model.work.pivots, v)
     for i in range(d):
         along = 0.0
         for a in range(n):
-            along += model.contact_rows[row + i, a] * u[a]
-        s.blending[p, last] += 2.0 * along * point.gradient[i].imag / STEP
+            along += model.contact_rows[row + i, a] * (u[a] + v[a])
+        s.blending[p, last] += along * point.gradient[i].imag / STEP
         for j in range(d):
             for c in range(k):
-                s.blending[p, c] += 4.0 * along * bend[i, j].real * s.x[row + j, c]
-    quadratic = 0.0
+                s.blending[p, c] += 2.0 * along * bend[i, j].real * s.x[row + j, c]
+    product = 0.0
     for a in range(n):
         for b in range(n):
-            quadratic += by_mass.imag * u[a] * model.mass[a, b] * u[b]
+            product += by_mass.imag * v[a] * model.mass[a, b] * u[b]
             if scheme.velocity_forces:
-                quadratic += by_velocity.imag * u[a] * model.velocity_matrix[a, b] * u[b]
-    s.blending[p, last] -= quadratic / STEP
+                product += by_velocity.imag * v[a] * model.velocity_matrix[a, b] * u[b]
+    s.blending[p, last] -= product / STEP
     if not scheme.linear:
-        add_elastic_blending(model, drift, s, p, h, last_step)
+        for a in range(n):
+            direction[a] = 0.5 * (u[a] + v[a])
+        add_elastic_blending(model, drift, s, p, h, last_step, 1.0)
+        for a in range(n):
+            direction[a] = 0.5 * (u[a] - v[a])
+        add_elastic_blending(model, drift, s, p, h, last_step, -1.0)
     for c in range(k):
         s.blending[p, c] *= by_flexibility
     stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
@@ -118,18 +124,30 @@ def differentiate_blending(
 
 @kernel
 def add_elastic_blending(
-    model: ReducedModel, drift: Drift, s: Sensitivity, p: int, h: float, last_step: float
+    model: ReducedModel,
+    drift: Drift,
+    s: Sensitivity,
+    p: int,
+    h: float,
+    last_step: float,
+    factor: float,
 ) -> None:
-    """Subtract the elastic part of u^T dS u from s.blending; S at the discrete gradient's guess."""
+    """Subtract a factor times the elastic part of u^T dS u, with S of the first guess of the step.
+
+    The direction u is `s.blending_vectors[2]`, and the result is added to s.blending. As the force
+    is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give the part exactly.
+    """
     n, k = s.q.shape
     last, work = k - 1, model.work
-    u, scaled, force = s.blending_vectors[0], s.vectors[0], s.vectors[1]
-    by_start, by_step = s.blending_vectors[1], s.blending_vectors[2]
+    u, scaled, force = s.blending_vectors[2], s.vectors[0], s.vectors[1]
+    by_start, by_step = s.blending_vectors[3], s.blending_vectors[4]
     q0, guess = s.before[0], s.before[5]
     size, length = 0.0, 0.0
     for i in range(n):
         size += q0[i] ** 2
         length += u[i] ** 2
+    if length == 0.0:
+        return
     scale = np.sqrt(max(size, 1e-12) / length)
     ahead, behind = s.by_start, s.tangent
     for sign in range(2):
@@ -158,6 +176,7 @@ def add_elastic_blending(
     for i in range(n):
         for c in range(k):
             moved = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
-            s.blending[p, c] -= by_start[i] * s.q[i, c] + by_step[i] * moved
+            change = by_start[i] * s.q[i, c] + by_step[i] * moved
+            s.blending[p, c] -= factor * change
         moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
-        s.blending[p, last] -= by_step[i] * drift.period * moved
+        s.blending[p, last] -= factor * by_step[i] * drift.period * moved

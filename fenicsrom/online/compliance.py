@@ -37,7 +37,7 @@ class Compliance(NamedTuple):
             diagonal where `is_formed` is False.
         change: (n, 1) scratch: change of the coordinates.
         weighted: (n, m) scratch: Z F' of the points that touch.
-        gathered: (m, n) scratch: the rows of these points.
+        gathered: (m, n) scratch: the rows of some points.
         jacobian: (n, n) scratch: the matrix of (2).
         pivots: (n,)
     """
@@ -85,17 +85,16 @@ def is_formed(compliance: Compliance, size: int) -> bool:
     return n == 0 or size <= n
 
 
-@kernel
-def form_delassus(compliance: Compliance, candidates: NDArray[np.int64], d: int) -> None:
-    """Write all of G for these points."""
-    rows, unit, delassus = compliance.rows, compliance.unit, compliance.delassus
-    for s in range(candidates.size):
-        for k in range(d):
-            for column in range(candidates.size * d):
-                value = 0.0
-                for a in range(rows.shape[1]):
-                    value += rows[candidates[s] * d + k, a] * unit[a, column]
-                delassus[s * d + k, column] = value
+@part
+def form_delassus(rows: Array, compliance: Compliance, directions: NDArray[np.int64]) -> None:
+    """Write all of G for the rows (m, n) of the directions (c d,) whose columns Z holds."""
+    count, gathered, delassus = directions.size, compliance.gathered, compliance.delassus
+    for i in range(count):
+        for a in range(gathered.shape[1]):
+            gathered[i, a] = rows[directions[i], a]
+        for j in range(count):
+            delassus[i, j] = 0.0
+    add_combined_rows(gathered[:count], compliance.unit[:, :count], delassus[:count, :count])
 
 
 @kernel

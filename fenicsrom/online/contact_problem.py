@@ -68,7 +68,8 @@ def solve_contact(
             scratch.guess[p, k] = end.x[p, k]
     for attempt in range(1 + CONTACT_ROUNDS):
         if attempt == 1 and not is_formed(compliance, candidates.size * d):
-            form_delassus(compliance, candidates, d)
+            directions = scratch.directions[: candidates.size * d]
+            form_delassus(compliance.rows, compliance, directions)
         if attempt > 0:
             nonlinear_gauss_seidel(
                 contacts,

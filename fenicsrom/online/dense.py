@@ -10,7 +10,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import INLINED, UNCOUNTED, compiled, kernel
+from fenicsrom.online.compiled import INLINED, UNCOUNTED, compiled, kernel, part
 
 MANY_ROWS = 8  # of a matrix whose product combines its columns
 
@@ -141,14 +141,9 @@ def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
     return True
 
 
-@kernel
-def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int, columns: int) -> None:
-    """Solve in place for the first columns of b (n, ..); a and pivots from `lu_factor`."""
-    for k in range(n):
-        row = pivots[k]
-        if row != k:
-            for c in range(columns):
-                b[k, c], b[row, c] = b[row, c], b[k, c]
+@part
+def substitute(a: Array, b: Array, n: int, columns: int) -> None:
+    """Solve L U x = b in place for the first columns of b (n, ..)."""
     for i in range(n):
         for j in range(i):
             for c in range(columns):
@@ -160,6 +155,64 @@ def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int, columns: int
         inverse = 1.0 / a[i, i]
         for c in range(columns):
             b[i, c] *= inverse
+
+
+@part
+def subtract_rows(a: Array, b: Array, i: int, first: int, last: int, columns: int) -> None:
+    """Subtract a[i, first:last] @ b[first:last] from row i of b, three rows at a time."""
+    whole = last - (last - first) % 3
+    for j in range(first, whole, 3):
+        f, g, h = a[i, j], a[i, j + 1], a[i, j + 2]
+        for c in range(columns):
+            b[i, c] -= f * b[j, c] + g * b[j + 1, c] + h * b[j + 2, c]
+    for j in range(whole, last):
+        factor = a[i, j]
+        for c in range(columns):
+            b[i, c] -= factor * b[j, c]
+
+
+@kernel
+def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int, columns: int) -> None:
+    """Solve in place for the first columns of b (n, ..); a and pivots from `lu_factor`.
+
+    The compiler writes out the loops over one, two, three and four columns.
+    """
+    for k in range(n):
+        row = pivots[k]
+        if row != k:
+            for c in range(columns):
+                b[k, c], b[row, c] = b[row, c], b[k, c]
+    if columns == 1:
+        substitute(a, b, n, 1)
+    elif columns == 2:
+        substitute(a, b, n, 2)
+    elif columns == 3:
+        substitute(a, b, n, 3)
+    elif columns == 4:
+        substitute(a, b, n, 4)
+    else:
+        for i in range(n):
+            subtract_rows(a, b, i, 0, i, columns)
+        for i in range(n - 1, -1, -1):
+            subtract_rows(a, b, i, i + 1, n, columns)
+            inverse = 1.0 / a[i, i]
+            for c in range(columns):
+                b[i, c] *= inverse
+
+
+@kernel
+def lu_solve_transposed(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
+    """Solve A^T x = b in place for b (n,); a and pivots from `lu_factor` of A."""
+    n = b.size
+    for i in range(n):
+        for j in range(i):
+            b[i] -= a[j, i] * b[j]
+        b[i] /= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= a[j, i] * b[j]
+    for k in range(n - 1, -1, -1):
+        b[k], b[pivots[k]] = b[pivots[k]], b[k]
 
 
 def negative_eigenvalues(matrix: Array) -> int:

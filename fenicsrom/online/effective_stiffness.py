@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import kernel
+from fenicsrom.online.compiled import kernel, part
+from fenicsrom.online.compliance import Compliance, form_delassus, is_formed
 from fenicsrom.online.dense import lu_factor, lu_solve
 
 
@@ -44,7 +45,7 @@ def factorise_effective(
     key[2] = tangent_coefficient
 
 
-@kernel
+@part
 def write_effective_solution(
     rows: Array,
     directions: NDArray[np.int64],
@@ -53,11 +54,11 @@ def write_effective_solution(
     factor: Array,
     pivots: NDArray[np.int64],
     key: Array,
-    unit: Array,
-    delassus: Array,
+    compliance: Compliance,
 ) -> None:
-    """Write the solutions of `ReducedModel.solve_effective` to unit, y behind Z, and delassus."""
+    """Write the solutions of `ReducedModel.solve_effective` to `compliance`, y behind Z."""
     n, r = residual.size, directions.size
+    unit, delassus = compliance.unit, compliance.delassus
     for i in range(n):
         unit[i, r] = -residual[i]
         for j in range(r):
@@ -66,14 +67,12 @@ def write_effective_solution(
         unit[:] = np.nan
     else:
         lu_solve(factor, pivots, unit, n, 1 + r)
-    for i in range(r):
-        first, last = 0, r
-        if r > n:  # only the block of the point
-            first = i - i % d
-            last = first + d
-        for j in range(first, last):
+    if is_formed(compliance, r):
+        form_delassus(rows, compliance, directions)
+        return
+    for i in range(r):  # only the block of the point
+        first = i - i % d
+        for j in range(first, first + d):
             delassus[i, j] = 0.0
-        for k in range(n):
-            weight = rows[directions[i], k]
-            for j in range(first, last):
-                delassus[i, j] += weight * unit[k, j]
+            for k in range(n):
+                delassus[i, j] += rows[directions[i], k] * unit[k, j]

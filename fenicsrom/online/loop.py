@@ -10,6 +10,7 @@ import numpy as np
 from numba.extending import register_jitable
 
 from fenicsrom.online.compiled import borrowed, compiled
+from fenicsrom.online.contact_state import OPEN
 from fenicsrom.online.dense import combine
 from fenicsrom.online.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
 from fenicsrom.online.step import accept, attempt, extrapolate, mass_coefficient
@@ -37,11 +38,12 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.gap[row, p] = -penetration(contacts, p, contact.x[p], s[TIME])
         # in the frame of the point, turned the shortest way so that its first axis is the current
         # normal
-        size = 0.0
-        for k in range(d):
-            size += contact.normal[p, k] ** 2
-        size = np.sqrt(size)
-        tilt = contact.friction[p, 0] / (size + contact.normal[p, 0]) if size > 0.0 else 0.0
+        tilt = 0.0
+        if contact.state[p] != OPEN:
+            size = 0.0
+            for k in range(d):
+                size += contact.normal[p, k] ** 2
+            tilt = contact.friction[p, 0] / (np.sqrt(size) + contact.normal[p, 0])
         record.force[row, p, 0] = max(contact.trial_normal_force[p], 0.0)
         for k in range(d):
             record.displacement[row, p, k] = contact.x[p, k]

@@ -254,8 +254,7 @@ class ReducedModel(NamedTuple):
             work.factor,
             work.pivots,
             work.key,
-            unit,
-            work.compliance.delassus,
+            work.compliance,
         )
         return unit[:, directions.size], unit[:, : directions.size], work.compliance
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import compiled, kernel
+from fenicsrom.online.compiled import compiled, kernel, part
 from fenicsrom.online.dense import add_combined_rows
 
 
@@ -80,7 +80,7 @@ def elastic_polynomial(products: Array, count: int) -> ElasticPolynomial:
     return ElasticPolynomial(force, stiffness, quadratic, cubic)
 
 
-@kernel
+@part
 def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array, b: Array) -> None:
     """The products of the polynomial at k points q (k, n), in one pass over its coefficients.
 
@@ -110,7 +110,7 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
     add_combined_rows(s, cubic, b)
 
 
-@kernel
+@part
 def elastic_mean(
     elastic: ElasticPolynomial,
     columns: Array,
@@ -240,7 +240,7 @@ def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: A
     )
 
 
-@kernel
+@part
 def elastic_force_with(
     elastic: ElasticPolynomial,
     columns: Array,

@@ -66,7 +66,7 @@ class Sensitivity(NamedTuple):
         vectors: (2, n) scratch.
         rows: (m, n) of the contact displacements, weighted.
         column: (d,) scratch.
-        blending_vectors: (3, n) scratch.
+        blending_vectors: (5, n) scratch.
         pivots: (n,)
         law: derivative of the contact law.
     """
@@ -157,7 +157,7 @@ def no_sensitivity(
         vectors=np.zeros((2, n)),
         rows=np.zeros((points * dimension, n)),
         column=np.zeros(dimension),
-        blending_vectors=np.zeros((3, n)),
+        blending_vectors=np.zeros((5, n)),
         pivots=np.zeros(n, dtype=np.int64),
         law=law_derivative(contacts, points, dimension),
     )

@@ -220,24 +220,25 @@ def iterate(model, contacts, scheme, state, interval, coefficients, count):  # t
         y, unit, compliance = model.solve_effective(
             coefficients.mass, coefficients.velocity_dq, tangent, trial.residual, directions
         )
-        copy_vector(trial.displacement_before, x)
-        combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
-        copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
-        if iteration == 1:
-            implicit_blending(
-                contacts, interval, candidates, compliance.delassus, state.contact, scratch
-            )
-        if count > 0 and not solve_contact(
-            contacts,
-            interval,
-            candidates,
-            compliance,
-            trial.free_displacement,
-            state.contact,
-            trial.contact,
-            scratch,
-        ):
-            return False, iteration
+        if count > 0:
+            copy_vector(trial.displacement_before, x)
+            combine(trial.vector, 1.0, q0, 1.0, trial.dq, 1.0, y)
+            copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
+            if iteration == 1:
+                implicit_blending(
+                    contacts, interval, candidates, compliance.delassus, state.contact, scratch
+                )
+            if not solve_contact(
+                contacts,
+                interval,
+                candidates,
+                compliance,
+                trial.free_displacement,
+                state.contact,
+                trial.contact,
+                scratch,
+            ):
+                return False, iteration
         subtract_contact(trial.change, y, unit, candidates, scratch.mean_force)
         combine(trial.dq, 1.0, trial.dq, 1.0, trial.change)
         decrement, carried = contact_decrement(

@@ -145,7 +145,7 @@ def test_contact_problem_in_coordinates_has_the_solution_of_the_formed_one() -> 
             scratches[0].mean_force, scratches[1].mean_force, rtol=0, atol=1e-8
         )
         slid += int(np.any(scratches[0].mode == 0))
-        form_delassus(compliance, scratch.candidates, d)
+        form_delassus(rows, compliance, scratch.directions)
         np.testing.assert_allclose(compliance.delassus, delassus, rtol=1e-12)
     assert slid > 10
 

@@ -174,6 +174,20 @@ def test_monodromy_of_gyroscopic_model_matches_differences(name: str) -> None:
     assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
 
 
+@pytest.mark.parametrize("surface", ["plane", "casing"])
+def test_monodromy_of_gyroscopic_model_on_stiff_contact_matches_differences(surface: str) -> None:
+    """The weight of the implicit blending, here about a half, depends on S and its transpose."""
+    model = shaken()
+    contacts = one_contact(**RUB | {"preload": 50.0, "normal_stiffness": 600.0})
+    if surface == "casing":
+        contacts = curved(contacts, CYLINDER, 0.7)
+    skew = np.triu(np.random.default_rng(2).standard_normal((4, 4)), 1)
+    model = model._replace(velocity_matrix=np.ascontiguousarray(20.0 * (skew - skew.T)))
+    pmap = period_map(model, contacts, "discrete-gradient")
+    found = assert_matrix(pmap, model, contacts, run_in(pmap, model, contacts))
+    assert found.record.blending.max() > 0.1
+
+
 @pytest.mark.parametrize("name", SCHEMES)
 @pytest.mark.parametrize("spin", [0.0, 0.7])
 def test_monodromy_of_wavy_turning_cylinder_matches_differences(name: str, spin: float) -> None:
