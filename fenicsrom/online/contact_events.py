@@ -15,7 +15,7 @@ from fenicsrom.online.surfaces import Contacts
 OPENS, SLIPS, STICKS = 1, 2, 4  # bits of the contact states that occur
 _BITS = np.zeros(3, dtype=np.int64)  # by the contact state, of which -1 is the last entry
 _BITS[[OPEN, SLIP, STICK]] = OPENS, SLIPS, STICKS
-_TOLD = np.array([[SLIPS | STICKS], [OPENS], [SLIPS]])  # bits by the fields of `Extremes`
+_SHOWN = np.array([[SLIPS | STICKS], [OPENS], [SLIPS]])  # bits that count for each of `Extremes`
 NEGLIGIBLE = 1e-7  # slip below this part of the stretch of the friction spring is round-off
 SMALLEST = 1e-300  # an extreme of a state that occurs is at least this, so that it has a sign
 
@@ -61,7 +61,7 @@ def occurrences(record: Record, contacts: Contacts) -> tuple[NDArray[np.int64], 
     spare = limit - np.sqrt(np.sum(record.force[:, :, 1:] ** 2, axis=2))
     margin = np.min(spare, axis=0, initial=np.inf, where=record.state == STICK) / stiffness
     force = contacts.preload - contacts.normal_stiffness * record.gap
-    occurs = (bits & _TOLD) > 0
+    occurs = (bits & _SHOWN) > 0
     slip = np.where(occurs[2], slid, -margin)
     values = np.array([np.max(force, axis=0), -np.min(force, axis=0), slip])
     signed = np.where(occurs, np.maximum(values, SMALLEST), np.minimum(values, -SMALLEST))
