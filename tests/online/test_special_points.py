@@ -223,6 +223,25 @@ def test_smooth_change_of_sign_is_bracketed_by_few_evaluations(bend: float) -> N
     assert len(evaluated) <= 9  # bisection needs 24
 
 
+@pytest.mark.parametrize("small", [1e-2, 1e-6, 1e-9])
+@pytest.mark.parametrize("place", [0.1, 0.35, 0.9])
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_jump_from_a_tiny_value_is_bracketed(small: float, place: float, turn: float) -> None:
+    evaluated: list[float] = []
+
+    def between(points: list[float], ends: list[float], arc: float) -> float:
+        evaluated.append(arc)
+        return arc
+
+    def jump(x: float) -> float:
+        return 1.0 if turn * (x - 0.06 * place) > 0.0 else -small
+
+    found = bracketed(between, jump, 0.0, 0.06, 0.06, 1e-7)
+    assert found is not None
+    assert found.before <= 0.06 * place <= found.after <= found.before + 1e-7
+    assert len(evaluated) <= 42  # bisection needs 20
+
+
 def test_guess_that_is_a_motion_is_accepted_after_one_march() -> None:
     path, _, curve = curve_over_force(0.02, 0.5)
     point = curve.points[-2]
