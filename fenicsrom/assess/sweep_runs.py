@@ -18,7 +18,7 @@ from fenicsrom.assess.large_strains import equilibrium_warnings
 from fenicsrom.assess.verdicts import estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
-from fenicsrom.online.archive import StoredModel, load_model
+from fenicsrom.online.archive import FORMAT, StoredModel, load_model
 from fenicsrom.online.energy import check_energy
 from fenicsrom.online.measures import (
     amplitude,
@@ -88,13 +88,15 @@ class Sweep:
 
 
 def digest_of(scene: Scene, origin: str) -> str:
-    """A digest of a scene and of the origin of its reduced model.
+    """A digest of a scene, of the origin of its reduced model and of the format of models.
+
+    What another version of the program has kept is thus not used, if its models cannot be read.
 
     Args:
         scene: the scene of a run.
         origin: what determines the model: the digest of its file, or of what it is made from.
     """
-    return hashlib.sha256(f"{scene!r}\n{origin}".encode()).hexdigest()
+    return hashlib.sha256(f"{FORMAT}\n{scene!r}\n{origin}".encode()).hexdigest()
 
 
 def file_digest(path: Path) -> str:

@@ -45,7 +45,8 @@ def bracketed(
 
     The secant method keeps a distance from the ends of the bracket, so that both ends come near.
     The value at an end that stays twice is halved (Illinois), and a bracket that three evaluations
-    did not halve is bisected.
+    did not halve is bisected. After a bisection, a bracket that one evaluation did not halve is
+    bisected: a function that jumps from a tiny value to a large one needs many bisections.
 
     Args:
         between: gives the point of the curve at a distance from a, between two points at two
@@ -67,7 +68,8 @@ def bracketed(
         if ends[1] - ends[0] <= narrow:
             return found
         low, high = (value * weight for value, weight in zip(values, weights, strict=True))
-        if slow >= 3 or low == high:
+        bisects = slow >= 3 or low == high
+        if bisects:
             arc = 0.5 * (ends[0] + ends[1])
         else:
             near = 0.45 * narrow
@@ -85,5 +87,5 @@ def bracketed(
         moved = side
         slow += 1
         if ends[1] - ends[0] <= 0.5 * width:
-            slow, width = 0, ends[1] - ends[0]
+            slow, width = 2 if bisects else 0, ends[1] - ends[0]
     return None

@@ -16,7 +16,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.bifurcations import change_of_sign, special_points
-from fenicsrom.online.curve import LOST, Curve, CurvePoint, hermite, norm, replaced
+from fenicsrom.online.curve import END, LOST, Curve, CurvePoint, hermite, norm, replaced
 from fenicsrom.online.curve_correction import CURVE_TOLERANCE, Corrector
 from fenicsrom.online.families import Family
 from fenicsrom.online.model import ReducedModel
@@ -86,26 +86,24 @@ class Continuation(Corrector):
             guess = self._guess(before, behind, step)
             inside = self.low <= guess[-1] * self.range <= self.high
             found = self._next(behind, guess, step, smallest_step)
-            if found is not None and not self.low <= found.parameter <= self.high:
-                last = self._end(behind, found)
-                unseen, special = self._special(behind, last, locate)
-                if last is not None and special is not None:
-                    curve.points.extend([*unseen, last])
-                    curve.special.extend(special)
-                curve.reason = "end of the range"
-                return curve
+            ends = found is not None and not self.low <= found.parameter <= self.high
+            if found is not None and ends:
+                found = self._end(behind, found)
             unseen, special = self._special(behind, found, locate)
             if found is None or (special is None and step > 4.0 * smallest_step):
                 step *= 0.4
                 if step < smallest_step:
-                    curve.reason = LOST
+                    curve.reason = END if ends else LOST
                     return curve
                 continue
-            if reason := self._arrival(curve, behind, found):
+            if not ends and (reason := self._arrival(curve, behind, found)):
                 curve.reason = reason
                 return curve
             curve.special.extend(special or [])
             curve.points.extend([*unseen, found])
+            if ends:
+                curve.reason = END
+                return curve
             before, tangent = [behind, *unseen][-1], found.tangent
             marched, derived = found.marches
             effort = marched + derived

@@ -20,7 +20,9 @@ CONTACT_EVENTS = tuple(f"{end} {what}" for what in CONTACT_CHANGES for end in ("
 """Kinds of special points where a contact state first or last occurs along a curve."""
 LOST = "no convergence"
 """Reason for which a curve ends where no next point was found."""
-COMPLETE = ("end of the range", "closed", "end of the branch")
+END = "end of the range"
+"""Reason for which a curve ends at a bound of its parameter."""
+COMPLETE = (END, "closed", "end of the branch")
 """Reasons for which a curve ends where it is complete."""
 
 

@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from support import linear_model, one_contact
 
+from fenicsrom.online import continuation
 from fenicsrom.online.bifurcations import LOCATED, outside, special_points
 from fenicsrom.online.brackets import bracketed
 from fenicsrom.online.branching import follow_growing
@@ -221,6 +222,43 @@ def test_smooth_change_of_sign_is_bracketed_by_few_evaluations(bend: float) -> N
     assert found.before <= 0.3 <= found.after
     assert found.after - found.before <= 1e-7
     assert len(evaluated) <= 9  # bisection needs 24
+
+
+@pytest.mark.parametrize("small", [1e-2, 1e-6, 1e-9])
+@pytest.mark.parametrize("place", [0.1, 0.35, 0.9])
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_jump_from_a_tiny_value_is_bracketed(small: float, place: float, turn: float) -> None:
+    evaluated: list[float] = []
+
+    def between(points: list[float], ends: list[float], arc: float) -> float:
+        evaluated.append(arc)
+        return arc
+
+    def jump(x: float) -> float:
+        return 1.0 if turn * (x - 0.06 * place) > 0.0 else -small
+
+    found = bracketed(between, jump, 0.0, 0.06, 0.06, 1e-7)
+    assert found is not None
+    assert found.before <= 0.06 * place <= found.after <= found.before + 1e-7
+    assert len(evaluated) <= 42  # bisection needs 20
+
+
+def test_special_points_before_the_bound_are_sought_with_shorter_steps(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    refused = []
+
+    def located(path: Any, a: CurvePoint, b: CurvePoint) -> list[CurvePoint] | None:
+        if b.parameter == path.high and np.linalg.norm(path.place(b) - path.place(a)) > 0.005:
+            refused.append(a.parameter)
+            return None
+        return special_points(path, a, b)
+
+    monkeypatch.setattr(continuation, "special_points", located)
+    _, _, curve = curve_over_force(0.02, 0.5)
+    assert refused
+    assert curve.reason == "end of the range"
+    assert curve.points[-1].parameter == 0.5
 
 
 def test_guess_that_is_a_motion_is_accepted_after_one_march() -> None:

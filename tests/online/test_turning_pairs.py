@@ -104,6 +104,14 @@ def test_pair_that_turns_too_little_to_miss_a_stretch_is_not_sought(
     assert (path.calls > 0) == sought
 
 
+def test_nothing_is_sought_after_a_point_of_an_older_version() -> None:
+    a, b = response(0.0).points[:2]
+    path = Trials()
+    with np.errstate(all="raise"):
+        assert unseen_points(path, replaced(a, period=np.nan), b) == []
+    assert path.calls == 0
+
+
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_rates_of_turning_pairs_match_differences_at_any_frequency(scheme: str) -> None:
     frequencies, steps, period = np.array([0.7, 9.3, 60.0, 700.0]), 50, 2.0

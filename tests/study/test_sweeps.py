@@ -171,6 +171,15 @@ def test_results_of_another_model_are_not_reused(model: Path, tmp_path: Path) ->
     assert swept(model, tmp_path, ["loads.0.force=[10]"], resume=True).reused == 0
 
 
+def test_results_of_a_version_with_another_format_are_not_reused(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sweep_runs, "FORMAT", "fenicsrom reduced model 0")
+    swept(model, tmp_path, ["loads.0.force=[10]"])
+    monkeypatch.undo()
+    assert swept(model, tmp_path, ["loads.0.force=[10]"], resume=True).reused == 0
+
+
 def test_interrupted_sweep_keeps_finished_runs(model: Path, tmp_path: Path) -> None:
     def stop() -> bool:
         return len(list((tmp_path / sweeps.RUNS).glob("*.json"))) == 2
