@@ -39,6 +39,7 @@ from fenicsrom.scene import (
 )
 from fenicsrom.scene.overrides import names_of
 from fenicsrom.scene.rules import show
+from fenicsrom.scene.units import in_words
 
 START_PERIODS = 320  # largest number to march before a curve starts
 
@@ -147,7 +148,8 @@ def start_motion(
     """
     scene, problem = stored.scene, family(value)
     key, radius = response_table(scene).parameter, scene.time.spectral_radius
-    say(f"start at {key} = {value:g}: a march, then Newton's method")
+    place = in_words(scene, key, value)
+    say(f"start at {place}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
         periods=START_PERIODS,
@@ -168,6 +170,6 @@ def start_motion(
         )
     except ConvergenceError as error:
         raise ConvergenceError(
-            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            f"response: at {place} no periodic motion was found: {error}",
             kind=ErrorKind.CONVERGENCE,
         ) from error
