@@ -26,7 +26,7 @@ from fenicsrom.online.periodic import (
     periodic_motion,
     settled_contacts,
 )
-from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.online.scene_changes import changed_path
 from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.scene import (
     Families,
@@ -97,7 +97,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
                 raise
             reason = 'the scene has no such number; must be a key of it, such as "loads.0.force"'
             raise refusal(reason, ErrorKind.RANGE) from error
-        if (other := changed_key(scene, changed)) is not None:
+        if (other := changed_path(scene, changed)) is not None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 
 
