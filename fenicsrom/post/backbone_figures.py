@@ -40,7 +40,7 @@ def figure(found: Backbone) -> Figure:
             upper.annotate(
                 f"× {peak.factor:g}",
                 place,
-                xytext=(18, 4 if k % 2 == 0 else 14),  # neighbours at two heights
+                xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
                 arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},
                 textcoords="offset points",
                 fontsize=8,
