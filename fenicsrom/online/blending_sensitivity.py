@@ -13,7 +13,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.compiled import kernel
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_sensitivity import BLENDING_RESOLVED, perturb
-from fenicsrom.online.dense import lu_solve_transposed
+from fenicsrom.online.dense import copy_vector, lu_solve_transposed
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.polynomial import elastic_force_with
 from fenicsrom.online.scheme import Scheme
@@ -93,7 +93,11 @@ def differentiate_blending(
         for i in range(d):
             u[a] += point.gradient[i].real * model.work.compliance.unit[a, place * d + i]
             v[a] += point.gradient[i].real * model.contact_rows[row + i, a]
-    lu_solve_transposed(model.work.factor, model.work.pivots, v)
+    symmetric = not scheme.velocity_forces and model.pressure.numbers.shape[0] == 0
+    if symmetric:
+        copy_vector(v, u)
+    else:
+        lu_solve_transposed(model.work.factor, model.work.pivots, v)
     for i in range(d):
         along = 0.0
         for a in range(n):
@@ -113,9 +117,10 @@ def differentiate_blending(
         for a in range(n):
             direction[a] = 0.5 * (u[a] + v[a])
         add_elastic_blending(model, drift, s, p, h, last_step, 1.0)
-        for a in range(n):
-            direction[a] = 0.5 * (u[a] - v[a])
-        add_elastic_blending(model, drift, s, p, h, last_step, -1.0)
+        if not symmetric:
+            for a in range(n):
+                direction[a] = 0.5 * (u[a] - v[a])
+            add_elastic_blending(model, drift, s, p, h, last_step, -1.0)
     for c in range(k):
         s.blending[p, c] *= by_flexibility
     stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]

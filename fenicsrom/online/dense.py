@@ -27,7 +27,7 @@ def times(a: Array, x: Array) -> Array:
     return result
 
 
-@kernel
+@part
 def write_times(a: Array, x: Array, out: Array) -> None:
     """Write A x (n,) for a matrix a (n, k) and a vector x (k,)."""
     for i in range(a.shape[0]):
@@ -37,7 +37,7 @@ def write_times(a: Array, x: Array, out: Array) -> None:
         out[i] = value
 
 
-@kernel
+@part
 def add_times(offset: Array, a: Array, columns: Array, x: Array, out: Array) -> None:
     """Write offset + A x (m,) for a vector x (n,) and a matrix a (m, n) with columns (n, m).
 
@@ -65,7 +65,7 @@ def add_times(offset: Array, a: Array, columns: Array, x: Array, out: Array) -> 
             out[i] += factor * columns[j, i]
 
 
-@kernel
+@part
 def inner(x: Array, y: Array) -> float:
     """Inner product of two vectors."""
     value = 0.0

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.compiled import kernel, part
+from fenicsrom.online.compiled import part
 from fenicsrom.online.compliance import Compliance, form_delassus, is_formed
 from fenicsrom.online.dense import lu_factor, lu_solve
 
 
-@kernel
+@part
 def factorise_effective(
     mass: Array,
     velocity_matrix: Array,

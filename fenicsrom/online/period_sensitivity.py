@@ -16,7 +16,7 @@ from fenicsrom.online.blending_sensitivity import (
     is_resolved,
     solve_at_guess,
 )
-from fenicsrom.online.compiled import kernel
+from fenicsrom.online.compiled import kernel, part
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_candidates import list_candidates
 from fenicsrom.online.contact_sensitivity import ComplexInterval, differentiate_law
@@ -39,7 +39,7 @@ REST = ComplexInterval(0j, 0j, 0.0, False)
 """The step of zero length in which the points are at rest."""
 
 
-@kernel
+@part
 def start_derivatives(
     model: ReducedModel, s: Sensitivity, memory: NDArray[np.int64], with_a: bool
 ) -> None:
@@ -78,7 +78,7 @@ def start_derivatives(
     write_load_derivative(model, s, 0j, s.load_derivative[1])
 
 
-@kernel
+@part
 def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> int:
     """Write the step of a row of the record, of size h, into s.
 
@@ -100,7 +100,7 @@ def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitiv
     return list_candidates(s.law.scratch)
 
 
-@kernel
+@part
 def end_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> None:
     """Write the end of the step of a row of the record as the start of the next one."""
     n, growth = s.step.size, 2.0 / (h + last_step)
