@@ -48,7 +48,7 @@ def test_stage_says_how_far_it_is_after_some_seconds(monkeypatch: pytest.MonkeyP
         for _ in tracked(range(10)):
             now += 2.0
     assert lines[0] == "derivatives .."
-    ends = ["30%, about 14 s left", "60%, about 8 s left", "90%, about 2 s left"]
+    ends = ["30 %, about 14 s left", "60 %, about 8 s left", "90 %, about 2 s left"]
     assert lines[1:] == [f"  derivatives: {end} at most" for end in ends]
     assert watch.seconds["derivatives"] == 20.0
 
@@ -61,7 +61,7 @@ def test_time_left_does_not_count_the_compilation(monkeypatch: pytest.MonkeyPatc
     with stopwatch.Stopwatch(lines.append)("linear transient"):
         for k in tracked(range(1000)):
             now += 0.1 if k else 60.0
-    assert lines[1] == "  linear transient: 0%, about 100 s left at most"
+    assert lines[1] == "  linear transient: 0 %, about 100 s left at most"
     assert lines[-1].startswith("  linear transient: 9") and lines[-1].endswith(" s left at most")
 
 
@@ -88,7 +88,7 @@ def test_time_left_does_not_count_kernels_that_are_compiled_later(
                 compilation.on_end(event)
             now += 2.0
     motion(0.5, 1e-3)
-    assert lines[1] == "  selection: 20%, about 16 s left at most"
+    assert lines[1] == "  selection: 20 %, about 16 s left at most"
     assert lines[-1].endswith("at most 20 s left")
     assert watch.seconds["selection"] == 80.0
 

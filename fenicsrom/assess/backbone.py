@@ -376,7 +376,7 @@ def _peaks(
         reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
         if reasons:
             found.warnings.append(
-                f"The search for the peak at {peak.factor:g} times the loads ended with "
-                f"{' and '.join(reasons)} before the amplitude had fallen on both sides; a larger "
-                "amplitude may lie beyond."
+                f"{peak.factor:g} times the loads: the curve over the frequency ended early "
+                f"({' and '.join(reasons)}), before the amplitude had fallen on both sides of the "
+                "peak; a larger amplitude may lie beyond."
             )

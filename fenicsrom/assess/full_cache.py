@@ -69,7 +69,7 @@ def full_motion(
         if clock.perf_counter() - last > 5.0:
             last = clock.perf_counter()
             limit = f"at most {scene.time.periods} periods"
-            say(f"  full model: {fraction:.0%} of {limit}, change {change:.1e}")
+            say(f"  full model: {100.0 * fraction:.0f} % of {limit}, change {change:.1e}")
 
     model = full_model(body, contacts_of(scene, body.points))
     motion = simulate(model, scene, progress=progress)

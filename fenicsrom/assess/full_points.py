@@ -10,13 +10,20 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.full_periodic import full_periodic_motion
 from fenicsrom.assess.response_problem import family_of
-from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve, response_table
+from fenicsrom.assess.response_results import (
+    FullPoint,
+    Response,
+    ResponseCurve,
+    curve_title,
+    response_table,
+)
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.fem.solid import Solid
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.families import Family
 from fenicsrom.online.periodic import PeriodicMotion, Shooting, solve
+from fenicsrom.scene.units import in_words
 
 REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
 
@@ -43,10 +50,10 @@ def add_full_points(
             current, begin = stored, ""
             if families is not None:
                 current = stored.with_overrides([f"{families.key}={curve.value!r}"])
-                begin = f"{families.key} = {curve.value:g}: "
+                begin = curve_title(found.scene, curve.value)
             family = family_of(current)
             for value in found.table.full_values:
-                name = f"{begin}full model at {found.table.parameter} = {value:.6g}"
+                name = f"{begin}full model at {in_words(found.scene, found.table.parameter, value)}"
                 try:
                     shooting, reduced = _reduced_motion(current, family, curve, value)
                     motion = full_periodic_motion(

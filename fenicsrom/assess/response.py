@@ -18,7 +18,7 @@ from fenicsrom.assess.processes import run_jobs
 from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, forget
 from fenicsrom.assess.response_pieces import follow_curve
 from fenicsrom.assess.response_problem import check_response
-from fenicsrom.assess.response_results import Response, ResponseCurve, response_table
+from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title, response_table
 from fenicsrom.assess.trust import Check, RicherModel, contradiction
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
@@ -111,7 +111,7 @@ def response(
     ]
     if state is not None and (resume is None or resume.resolve() != state.resolve()):
         forget(state)
-    progress = CurveProgress([_name(table, value) for value in values], say)
+    progress = CurveProgress([curve_title(scene, value) for value in values], say)
     try:
         for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
             if isinstance(outcome, ConvergenceError):
@@ -120,7 +120,7 @@ def response(
             progress.finished(number)
             error = outcome.error or _lost(table, outcome.curve)
             if error is not None:
-                found.warnings.append(f"{_name(table, values[number])}{error}")
+                found.warnings.append(f"{curve_title(scene, values[number])}{error}")
                 found.unfinished = found.unfinished or error
             if outcome.interrupted:
                 found.interrupted = True
@@ -143,9 +143,9 @@ def _leave_out_unresolved(found: Response) -> None:
             piece.special = resolved_events(piece, found.steps)
         if count := before - len(curve.special):
             found.warnings.append(
-                f"{_name(found.table, curve.value)}a contact point grazes its surface: {count} "
-                "changes of contact were left out, because the time steps do not resolve them; "
-                "increase time.steps_per_period."
+                f"{curve_title(found.scene, curve.value)}a contact point grazes its surface: "
+                f"{count} changes of contact were left out, because the time steps do not resolve "
+                "them; increase time.steps_per_period."
             )
 
 
@@ -153,7 +153,7 @@ def _warn_of_contradictions(found: Response) -> None:
     """Warn where a richer basis judges the stability otherwise."""
     for curve in found.curves:
         if sentence := contradiction(curve.checks, found.table.parameter):
-            found.warnings.append(f"{_name(found.table, curve.value)}{sentence}")
+            found.warnings.append(f"{curve_title(found.scene, curve.value)}{sentence}")
 
 
 def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None:
@@ -169,11 +169,6 @@ def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None
         f"the curve was lost at {table.parameter} = {', '.join(f'{end:.6g}' for end in ends)}: "
         "no next point was found"
     )
-
-
-def _name(table: ResponseTable, value: float | None) -> str:
-    """The beginning of a sentence about a curve."""
-    return "" if table.families is None else f"{table.families.key} = {value:g}: "
 
 
 @dataclass

@@ -26,7 +26,7 @@ from fenicsrom.online.periodic import (
     periodic_motion,
     settled_contacts,
 )
-from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.online.scene_changes import changed_path
 from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.scene import (
     Families,
@@ -39,6 +39,7 @@ from fenicsrom.scene import (
 )
 from fenicsrom.scene.overrides import names_of
 from fenicsrom.scene.rules import show
+from fenicsrom.scene.units import in_words
 
 START_PERIODS = 320  # largest number to march before a curve starts
 
@@ -96,7 +97,7 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
                 raise
             reason = 'the scene has no such number; must be a key of it, such as "loads.0.force"'
             raise refusal(reason, ErrorKind.RANGE) from error
-        if (other := changed_key(scene, changed)) is not None:
+        if (other := changed_path(scene, changed)) is not None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 
 
@@ -147,7 +148,8 @@ def start_motion(
     """
     scene, problem = stored.scene, family(value)
     key, radius = response_table(scene).parameter, scene.time.spectral_radius
-    say(f"start at {key} = {value:g}: a march, then Newton's method")
+    place = in_words(scene, key, value)
+    say(f"start at {place}: a march, then Newton's method")
     settings = Time.of(
         scheme=scene.time.scheme,
         periods=START_PERIODS,
@@ -168,6 +170,6 @@ def start_motion(
         )
     except ConvergenceError as error:
         raise ConvergenceError(
-            f"response: at {key} = {value:g} no periodic motion was found: {error}",
+            f"response: at {place} no periodic motion was found: {error}",
             kind=ErrorKind.CONVERGENCE,
         ) from error

@@ -15,6 +15,7 @@ from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.periodic import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene
+from fenicsrom.scene.units import in_words
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,14 @@ def response_table(scene: Scene) -> ResponseTable:
         SceneError: the scene has none.
     """
     return required_table(scene, "response", scene.response)
+
+
+def curve_title(scene: Scene, value: float | None) -> str:
+    """The beginning of a sentence about the curve of a value, such as "loads.0.force = 25 N: "."""
+    families = response_table(scene).families
+    if families is None or value is None:
+        return ""
+    return f"{in_words(scene, families.key, value)}: "
 
 
 def judged_multiplier(point: CurvePoint) -> complex:

@@ -15,6 +15,7 @@ import numpy as np
 
 from fenicsrom.assess.estimates import MotionErrors
 from fenicsrom.assess.large_strains import equilibrium_warnings
+from fenicsrom.assess.multiplicity import multiplicity_warnings
 from fenicsrom.assess.verdicts import estimate_errors
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
@@ -176,7 +177,8 @@ def _model(path: Path, digest: str) -> StoredModel:
 def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
     """Integrate a model and measure its motion; a failed check makes the run doubtful.
 
-    The sentence of a run that is done is the warning of its equilibrium.
+    The sentence of a run that is done holds its warnings: of large strains in the equilibrium, of
+    buckling, and of points that stick all the time.
     """
 
     def asked(fraction: float, change: float) -> None:
@@ -185,8 +187,9 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     scene = stored.scene
     motion = simulate(stored.model, scene, progress=asked)
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
-    if warnings := equilibrium_warnings(stored.deformation):
-        found["sentence"] = warnings[0]
+    warnings = equilibrium_warnings(stored.deformation)
+    if warnings := [*warnings, *multiplicity_warnings("reduced", motion)]:
+        found["sentence"] = "; ".join(warnings)
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)

@@ -83,7 +83,7 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
     if np.isfinite(estimate):
         run = "eight times the tolerance" if name == "tolerance" else "twice the step"
-        found, other = f"{run} gives an error of about {100.0 * estimate:.2g} %", ""
+        found, other = f"{run} gives an error of about {_percent(estimate)}", ""
     else:
         differs = "settles" if unsteady else "does not settle"
         found = f"another step gives a motion that {differs}, or no motion"
@@ -96,6 +96,11 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
         kind=ErrorKind.TIME_STEP,
         key=f"time.{name}",
     )
+
+
+def _percent(error: float) -> str:
+    """A relative error in percent, with two digits or as a whole number."""
+    return f"{100.0 * error:.2g} %" if error < 0.995 else f"{100.0 * error:.0f} %"
 
 
 def other_scheme(scene: Scene) -> str:
@@ -124,15 +129,17 @@ def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> 
     if estimate <= allowed:
         return
     found = (
-        f"displacements that differ by {100.0 * estimate:.2g} %"
+        f"displacements that differ by {_percent(estimate)}"
         if np.isfinite(estimate)
         else "a motion that does not settle, or no motion"
     )
+    modes = scene.basis.modes
+    more = 'to more modes than "auto" takes' if modes == "auto" else f"above {modes}"
     raise AccuracyError(
         f"the basis is too small: a basis with the modes or derivatives that the motion lacks "
         f"gives {found} (at most {100.0 * allowed:g} % is accepted"
         f"{' for a motion that does not settle' if unsteady else ''}): lower basis.threshold, set "
-        f'basis.derivatives = "all", or set basis.modes above {scene.basis.modes}',
+        f'basis.derivatives = "all", or set basis.modes {more}',
         kind=ErrorKind.BASIS,
         key="basis",
     )

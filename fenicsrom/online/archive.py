@@ -62,7 +62,7 @@ from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.online.pressure import PressurePolynomial
 from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
-from fenicsrom.online.scene_changes import changed_key
+from fenicsrom.online.scene_changes import changed_key, changed_path
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
 
@@ -132,9 +132,10 @@ class StoredModel:
     def _with_scene(self, scene: Scene, source: str) -> StoredModel:
         """As `with_scene`; messages name this source of the scene."""
         if (key := changed_key(self.scene, scene)) is not None:
+            path = changed_path(self.scene, scene)
             raise SceneError(
-                f"{source}: {key} cannot change on a stored reduced model; "
-                "run the scene again, without --from",
+                f"{source}: {path} cannot change on a stored reduced model; run the scene "
+                "again, without --from",
                 kind=ErrorKind.MISMATCH,
                 key=key,
                 source=source,

@@ -115,11 +115,12 @@ def forced_peaks(
         first = path.at_parameter(s, frequency)
         top, ends = (None, ()) if first is None else _climb(path, first, height)
         if top is None:
-            reasons = " and ".join(dict.fromkeys(ends)) or "no convergence"
+            early = [end for end in dict.fromkeys(ends) if end != "fallen"]
+            reasons = " and ".join(early) or "no convergence"
             raise ConvergenceError(
                 f"no largest amplitude of the forced motion was found between {path.low:.6g} and "
-                f"{path.high:.6g} Hz with {factor:g} times the loads; the curve ended with "
-                f"{reasons}"
+                f"{path.high:.6g} Hz with {factor:g} times the loads: the curve over the frequency "
+                f"ended early ({reasons})"
             )
         s, frequency, before = top.s, top.parameter, factor
         yield ForcedPeak(factor, frequency, height(top), top, (ends[0], ends[1]))

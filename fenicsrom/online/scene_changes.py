@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
-from fenicsrom.scene import Contact, Geometry, Load, Scene
+from fenicsrom.scene import Contact, Load, Scene
 
 # keys of a contact and of its surface on which the offline stages depend
 CONTACT_KEYS = ("place", "normal", "surface")
@@ -22,17 +21,26 @@ def first_difference(one: Any, other: Any, names: Iterable[str]) -> str | None:
     return next((name for name in names if getattr(one, name) != getattr(other, name)), None)
 
 
+def changed_path(made: Scene, wanted: Scene) -> str | None:
+    """As `changed_key`, with the first entry that differs in a table: for messages."""
+    name = changed_key(made, wanted)
+    scenes = (made, _with_allowed(made, wanted))
+    one, other = (getattr(scene, name or "", None) for scene in scenes)
+    if name is None or not (is_dataclass(one) and is_dataclass(other)):
+        return name
+    inner = first_difference(one, other, (entry.name for entry in fields(one)))
+    return f"{name}.{inner}"
+
+
 def changed_key(made: Scene, wanted: Scene) -> str | None:
     """The first key of the offline stage in which two scenes differ, or None.
 
     A stored model allows other sizes and histories of the loads that vary, another damping, other
     contact parameters and another time integration. The mesh file may be in another folder.
     """
-    if wanted.basis.modes == "auto":  # a stored model keeps its modes
-        wanted = replace(wanted, basis=replace(wanted.basis, modes=made.basis.modes))
-    if _without_folder(made.geometry) != _without_folder(wanted.geometry):
-        return "geometry"
+    wanted = _with_allowed(made, wanted)
     names = (
+        "geometry",
         "geometrically_nonlinear",
         "materials",
         "supports",
@@ -41,11 +49,10 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
         "damping",
         "probe",
         "basis",
+        "material",
     )
     if (name := first_difference(made, wanted, names)) is not None:
         return name
-    if replace(made.material, mass_damping=0.0) != replace(wanted.material, mass_damping=0.0):
-        return "material"
     if len(made.loads) != len(wanted.loads):
         return "loads"
     for k, (load, other_load) in enumerate(zip(made.loads, wanted.loads, strict=True)):
@@ -59,9 +66,15 @@ def changed_key(made: Scene, wanted: Scene) -> str | None:
     return None
 
 
-def _without_folder(geometry: Geometry) -> Geometry:
-    """The geometry with the name of its mesh file only."""
-    return replace(geometry, mesh=Path(geometry.mesh.name))
+def _with_allowed(made: Scene, wanted: Scene) -> Scene:
+    """The wanted scene with the folder of the mesh, the damping α and open modes as made."""
+    basis, geometry = wanted.basis, wanted.geometry
+    if basis.modes == "auto":  # a stored model keeps its modes
+        basis = replace(basis, modes=made.basis.modes)
+    if geometry.mesh.name == made.geometry.mesh.name:
+        geometry = replace(geometry, mesh=made.geometry.mesh)
+    material = replace(wanted.material, mass_damping=made.material.mass_damping)
+    return replace(wanted, basis=basis, geometry=geometry, material=material)
 
 
 def _changed_load_key(made: Load, wanted: Load) -> str | None:

@@ -40,7 +40,8 @@ def figure(found: Backbone) -> Figure:
             upper.annotate(
                 f"× {peak.factor:g}",
                 place,
-                xytext=(6, 6 if k % 2 == 0 else 16),  # neighbours at two heights
+                xytext=(18, 4 + 10 * ((len(peaks) - 1 - k) % 4)),  # the next one is lower
+                arrowprops={"arrowstyle": "-", "color": COLOURS[1], "linewidth": 0.5},
                 textcoords="offset points",
                 fontsize=8,
                 color=COLOURS[1],

@@ -137,7 +137,7 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 def peak_table(found: Backbone) -> list[list[Any]]:
     """The peaks of the forced response, the head first; empty without any."""
-    head = ["times the loads", "frequency, Hz", "largest amplitude, mm", "stability"]
+    head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
     listed = [
         [
             f"{peak.factor:g}",

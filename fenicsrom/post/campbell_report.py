@@ -99,7 +99,7 @@ def sentences(found: Campbell) -> list[str]:
         f"{counted(modes, 'mode')} at {counted(speeds.size, 'speed')} from {speeds[0]:g} to "
         f"{speeds[-1]:g} rpm; largest displacement of the equilibrium "
         f"{1e3 * found.largest.max():.3g} mm.",
-        f"Critical speeds of the engine orders {orders}: {len(found.critical)}.",
+        f"{counted(len(found.critical), 'critical speed')} of the engine orders {orders}.",
     ]
     if found.names:
         lines.append(

@@ -175,14 +175,14 @@ def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
         if np.any(found[name] != 0.0):
             top = base + found[name]
             part = 100.0 * found[name][-1] / max(abs(float(work[-1])), 1e-300)
-            label = f"{name} (last period: {part:.3g} %)"
+            label = f"{name} (last period: {part:.3g} % of the work)"
             axis.stairs(top, edges, baseline=base, fill=True, color=colour, label=label)
             base = top
     axis.stairs(work, edges, color="#000000", label=f"work of {source}", linewidth=1.4)
     axis.set(xlabel="period of the loads", ylabel="energy per period, J")
     axis.set_xlim(edges[0], edges[-1])
     axis.locator_params(axis="x", integer=True)
-    figure.legend(loc="outside upper right", ncols=3)
+    figure.legend(loc="outside upper right", ncols=2)
     return figure
 
 

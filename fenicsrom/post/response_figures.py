@@ -68,11 +68,6 @@ OPPOSITE = 1.0
 """A phase that starts less than this from -180 degrees starts at +180 degrees: light damping."""
 
 
-def parameter_unit(found: Response, key: str) -> str:
-    """The unit of the parameter of a curve or of a family of curves."""
-    return "Hz" if key == "frequency" else unit_of(found.scene, key)
-
-
 def parameter_label(found: Response) -> str:
     """The parameter with its unit."""
     assert parameter_of(found.table.parameter)
@@ -81,7 +76,7 @@ def parameter_label(found: Response) -> str:
 
 def key_label(found: Response, key: str) -> str:
     """A key of the scene with its unit, for people."""
-    unit = parameter_unit(found, key)
+    unit = unit_of(found.scene, key)
     return f"{key}, {unit}" if unit else key
 
 
@@ -140,7 +135,7 @@ def figure(found: Response) -> Figure:
         panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
     panels.append(
         (
-            "friction and\ndamping, J per period",
+            "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period",
             each(lambda p: p.friction_dissipation + p.damping_dissipation),
         )
     )
@@ -232,7 +227,7 @@ def curve_name(found: Response, curve: ResponseCurve) -> str:
     families = found.table.families
     if families is None:
         return ""
-    unit = parameter_unit(found, families.key)
+    unit = unit_of(found.scene, families.key)
     return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
 
 

@@ -35,6 +35,14 @@ if TYPE_CHECKING:
 
 MULTIPLIERS = "multipliers.png"
 
+CHECKS_NOTE = (
+    "Each row compares one motion of a curve: that of the largest amplitude, a fold, the first and "
+    "the last point, points evenly between them, and points near instability, where a multiplier "
+    "of the richer basis is close to the unit circle or changes fast. The changes are relative to "
+    "the amplitude, at the same value of the parameter; at a fold, to the value of the parameter."
+)
+"""What the table of estimated errors holds."""
+
 
 def write_numbers(found: Response, folder: Path) -> list[Path]:
     """Write `response.json` and `response.csv`, and `response_full.csv` of the full model.
@@ -89,7 +97,7 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
         ),
         *([("Special points", [table])] if table else []),
         *([("Full model", [full])] if full else []),
-        ("Estimated errors", [trust_table(found)]),
+        ("Estimated errors", [trust_table(found), CHECKS_NOTE]),
         ("Effort", [run_table(found)]),
     ]
     title = f"{scene_heading(found.scene)}: response curves"

@@ -15,8 +15,9 @@ from fenicsrom.assess.response_results import (
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.online.provenance import provenance
-from fenicsrom.post.response_figures import directions, in_order, largest_component, parameter_unit
+from fenicsrom.post.response_figures import directions, in_order, largest_component
 from fenicsrom.post.response_motion import largest_point
+from fenicsrom.scene.units import unit_of
 
 
 def rows(found: Response) -> list[dict[str, Any]]:
@@ -69,7 +70,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
 
 def with_unit(found: Response, key: str) -> str:
     """The name of a column: a key of the scene with its unit."""
-    unit = parameter_unit(found, key).replace("²", "2")
+    unit = unit_of(found.scene, key).replace("²", "2")
     return f"{key}_{unit}" if unit else key
 
 

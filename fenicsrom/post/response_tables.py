@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fenicsrom.assess.response_results import Response, ResponseCurve
+from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title
 from fenicsrom.assess.trust import LARGEST, Check
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.post.response_figures import (
@@ -16,21 +16,22 @@ from fenicsrom.post.response_figures import (
 from fenicsrom.post.response_motion import largest_point
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
 
 
 def sentences(found: Response) -> list[str]:
     """The results in sentences, for the terminal and the report."""
-    families, name = found.table.families, direction_name(found)
+    name = direction_name(found)
     lines = []
     for curve in found.curves:
         top, points = largest_point(found, curve), curve.points
         amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
-        begin = "" if families is None else f"{families.key} = {curve.value:g}: "
+        begin = curve_title(found.scene, curve.value)
         unstable = sum(not point.stable for point in points)
         lines.append(
             f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
-            f"amplitude {amplitude:.5g} mm at {found.table.parameter} = {top.parameter:.6g}, "
-            f"{_verdict(top)}."
+            f"amplitude {amplitude:.5g} mm at "
+            f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         )
         lines += [f"{begin}Unstable points: {unstable}."] if unstable else []
         if curve.step_error is not None:
@@ -66,11 +67,14 @@ def _unknown_errors(curve: ResponseCurve) -> list[str]:
         )
     if unknown := sum(check.unknown for check in compared):
         largest = any(check.unknown and check.where == LARGEST for check in compared)
-        among = ", that of the largest amplitude among them" if largest else ""
+        named = ""
+        if largest:
+            named = ", the one" if unknown == 1 else ", among them the one"
+            named += " of the largest amplitude"
         lines.append(
             f"The change by a richer basis is unknown at {unknown} of "
-            f"{counted(len(compared), 'compared motion')}{among}: Newton's method with the richer "
-            f"basis did not find {'it' if unknown == 1 else 'them'}."
+            f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "
+            f"method did not find {'it' if unknown == 1 else 'them'}."
         )
     return lines
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.multiplicity import multiplicity_warnings
 from fenicsrom.online.contact_points import ContactPoints
 from fenicsrom.online.measures import (
     has_contact,
@@ -26,7 +27,7 @@ from fenicsrom.post.mode_agreement import agreement_sentence
 from fenicsrom.post.stress_tables import stress_sentences
 from fenicsrom.post.summary import errors_of, support_summary
 from fenicsrom.post.tables import text_table
-from fenicsrom.scene.rules import are, counted
+from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import refined, step_key
 
 if TYPE_CHECKING:
@@ -198,19 +199,6 @@ def periodic_sentence(motion: Motion) -> str | None:
     return f"{sentence}; the march went on."
 
 
-def free_slider_sentence(name: str, motion: Motion) -> str | None:
-    """Warn that the periodic motion is not unique; None if it is."""
-    search = motion.search
-    if search is None or not search.accepted or search.free_sliders == 0:
-        return None
-    free = counted(search.free_sliders, "slider position")
-    return (
-        f"the periodic motion of the {name} model is not unique: {free} of contact points that "
-        f"stick all the time {are(search.free_sliders)} free; the run takes the motion nearest to "
-        "the marched one"
-    )
-
-
 def basis_sentences(study: Study) -> list[str]:
     """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
     basis, modes, dropped = study.basis, study.modes, study.dropped_modes
@@ -282,9 +270,7 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
         motion: its motion.
         scene: the scene of the run.
     """
-    found = [buckled_sentence(name, motion)] if motion.buckled else []
-    if sentence := free_slider_sentence(name, motion):
-        found.append(sentence)
+    found = multiplicity_warnings(name, motion)
     if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
         found.append(unsteady_sentence(name, motion, scene))
     return found
@@ -327,15 +313,6 @@ def _without_effect(scene: Scene) -> dict[str, str]:
 def _is_in(key: str, table: str) -> bool:
     """Whether a key is this key or in this table."""
     return f"{key}.".startswith(f"{table}.")
-
-
-def buckled_sentence(name: str, motion: Motion) -> str:
-    """Warn that the preload has buckled a model."""
-    return (
-        f"the preload buckles the {name} model: its equilibrium nearest to the unloaded body is "
-        f"unstable in {counted(motion.buckled, 'direction')}, so the motion starts from a stable "
-        "equilibrium nearby"
-    )
 
 
 def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:

@@ -14,8 +14,10 @@ def unit_of(scene: Scene, path: str) -> str:
     """The unit of the number that a key such as `loads.0.force` holds; "" for one without a unit.
 
     So is that of a stiffness or preload of a contact with the nodes of a region, whose unit depends
-    on the region.
+    on the region. "frequency" is the lowest frequency of the loads, as in the table [response].
     """
+    if path == "frequency":
+        return "Hz"
     kind: type | None = Scene
     unit, names = "", names_of(path)
     for name in names:
@@ -28,6 +30,11 @@ def unit_of(scene: Scene, path: str) -> str:
     several = "," in unit  # of the columns of a table
     varies = names[0] == "contacts" and names[-1] in REGIONAL
     return "" if several or (varies and _is_region(scene, names)) else unit
+
+
+def in_words(scene: Scene, path: str, value: float, digits: int = 6) -> str:
+    """A number of the scene with its unit, such as `loads.0.force = 25 N`."""
+    return f"{path} = {value:.{digits}g} {unit_of(scene, path)}".rstrip()
 
 
 def _is_region(scene: Scene, names: list[str]) -> bool:

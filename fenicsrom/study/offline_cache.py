@@ -279,7 +279,8 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     from fenicsrom.fem.solid import KnownEquilibrium, solid_of
 
     user = f'the stage "{run.watch.stage}" needs the body' if run.watch.stage else "they are used"
-    run.watch.say(f"{BODY}: made again, because {user}; the equilibrium is the earlier one")
+    kept = "; the equilibrium is the earlier one" if run.study.solid.loaded else ""
+    run.watch.say(f"{BODY}: made again, because {user}{kept}")
     left_out = run.study.left_out
     left_out[:] = [line.removeprefix(f"{BODY}, ") for line in left_out]
     with run.watch("mesh"):

@@ -62,7 +62,7 @@ class Stopwatch:
             if now - self._last > SILENCE and known[1] < fraction < 1.0:
                 self._last = now
                 left = time_left(worked - known[0], (fraction - known[1]) / (1.0 - known[1]))
-                self.say(f"  {stage}: {fraction:.0%}, {left} at most")
+                self.say(f"  {stage}: {100.0 * fraction:.0f} %, {left} at most")
 
         try:
             with listening(report):
@@ -92,8 +92,8 @@ class Stopwatch:
                 goal = f" (steady at {steady:.0e})" if steady else ""
                 left = duration((working_time() - begin) * (1.0 - fraction) / fraction)
                 self.say(
-                    f"  {model}: period {count}, {fraction:.0%} of the largest number, change "
-                    f"{change:.1e}{goal}, at most {left} left"
+                    f"  {model}: period {count}, {100.0 * fraction:.0f} % of the largest number, "
+                    f"change {change:.1e}{goal}, at most {left} left"
                 )
 
         return report

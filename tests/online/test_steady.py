@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, one_contact, oscillator
 
 from fenicsrom.assess.estimates import check_motion, step_errors
+from fenicsrom.assess.multiplicity import free_slider_sentence
 from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
 from fenicsrom.online.energy import check_energy
 from fenicsrom.online.history import read_history
@@ -31,7 +32,7 @@ from fenicsrom.online.tendency import horizon_by_distance
 from fenicsrom.post.figures import plot_energy
 from fenicsrom.post.record import Rerun
 from fenicsrom.post.report import write_rerun_report
-from fenicsrom.post.sentences import free_slider_sentence, periodic_sentence
+from fenicsrom.post.sentences import periodic_sentence
 from fenicsrom.post.summary import write_history
 from fenicsrom.scene import Time
 from fenicsrom.scene.step_size import coarser, with_time

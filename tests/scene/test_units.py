@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from support import beam_scene
 
-from fenicsrom.scene.units import unit_of
+from fenicsrom.scene.units import in_words, unit_of
 
 
 @pytest.mark.parametrize(
@@ -24,6 +24,7 @@ from fenicsrom.scene.units import unit_of
         ("geometry.parameters.length", ""),
         ("basis.modes", ""),
         ("no.such.key", ""),
+        ("frequency", "Hz"),
     ],
 )
 def test_unit_of_a_key_is_that_of_its_table(key: str, unit: str) -> None:
@@ -36,3 +37,15 @@ def test_unit_of_a_key_is_that_of_its_table(key: str, unit: str) -> None:
 def test_unit_that_depends_on_the_region_of_a_contact_is_left_out(key: str, unit: str) -> None:
     scene = beam_scene(2, ("contacts.0.at='nodes'",))
     assert unit_of(scene, f"contacts.0.{key}") == unit
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("frequency", 21.1411357, "frequency = 21.1411 Hz"),
+        ("loads.0.force", 25.0, "loads.0.force = 25 N"),
+        ("contacts.0.friction", 0.5, "contacts.0.friction = 0.5"),
+    ],
+)
+def test_number_in_words_has_its_unit(key: str, value: float, words: str) -> None:
+    assert in_words(beam_scene(2), key, value) == words

@@ -66,6 +66,13 @@ def test_stored_model_keeps_its_modes_where_a_scene_leaves_them_open() -> None:
     assert changed_key(made, stored("basis.modes=2").scene) == "basis"
 
 
+@pytest.mark.parametrize("override", ["material.young=1e11", "basis.threshold=0.5"])
+def test_refused_change_of_a_stored_model_is_named_with_its_table(override: str) -> None:
+    table = override.split(".")[0]
+    with refusal(ErrorKind.MISMATCH, table, names=override.split("=")[0]):
+        stored("basis.modes=1").with_overrides([override, "material.mass_damping=3.0"])
+
+
 @pytest.mark.parametrize("key", ["reference.full", "output.motion", "output.animation"])
 def test_key_without_effect_on_stored_model_is_named_if_given(tmp_path: Path, key: str) -> None:
     model, table = stored(f"{key}=true"), key.partition(".")[0]

@@ -109,6 +109,17 @@ def test_runs_of_a_crushed_model_are_named_once(model: Path, tmp_path: Path) -> 
     assert said.startswith("runs 1, 2: ") and "15 %" in said
 
 
+def test_buckled_run_of_a_sweep_warns(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = sweep_runs.simulate
+    monkeypatch.setattr(sweep_runs, "simulate", lambda *a, **k: replace(real(*a, **k), buckled=1))
+    found = swept(model, tmp_path, ["loads.0.force=[10]"])
+    (said,) = sweep_report.remarks(found)
+    assert found.rows[0]["outcome"] == DONE
+    assert said.startswith("run 1: ") and "buckles" in said
+
+
 def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:
     found = swept(model, tmp_path, ["loads.0.frequency=[2, -1]", "loads.0.force=[1, 2]"])
     assert [row["outcome"] for row in found.rows] == [DONE, DONE, FAILED, FAILED]
