@@ -95,7 +95,7 @@ def differentiate_blending(
             v[a] += point.gradient[i].real * model.contact_rows[row + i, a]
     symmetric = not scheme.velocity_forces and model.pressure.numbers.shape[0] == 0
     if symmetric:
-        copy_vector(v, u)
+        copy_vector(v, u)  # type: ignore[no-untyped-call]
     else:
         lu_solve_transposed(model.work.factor, model.work.pivots, v)
     for i in range(d):
