@@ -205,7 +205,8 @@ def _end_of_curves(found: Any, comm: Any) -> int:
         from fenicsrom.post import response_tables
 
         table = response_tables.terminal(found)
-        print_results(found.scene, table, found.warnings, files=found.files)
+        varied = response_tables.varied_keys(found)
+        print_results(found.scene, table, found.warnings, files=found.files, varied=varied)
     if found.interrupted:
         raise KeyboardInterrupt
     return end(comm, found.unfinished)
@@ -324,7 +325,8 @@ def sweep(options: argparse.Namespace) -> int:
             fresh=options.fresh,
         )
         if first:
-            print_results(scene, sweep_report.terminal(found), [], files=found.files)
+            keys = sweep_report.swept_keys(found)
+            print_results(scene, sweep_report.terminal(found), [], files=found.files, varied=keys)
         if found.interrupted:
             raise KeyboardInterrupt
     return 1 if found.with_outcome(FAILED) else 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from fenicsrom.cli.ranks import all_ranks
@@ -25,14 +25,15 @@ def print_results(
     warnings: Sequence[str],
     sentences: Sequence[str] = (),
     files: Sequence[Path] = (),
+    varied: Collection[str] = (),
 ) -> None:
     """Print the title of the scene, a table, warnings, sentences and the list of written files.
 
-    Characters that a terminal would interpret are escaped.
+    Characters that a terminal would interpret are escaped. The title leaves out the varied keys.
     """
     print()
     if scene is not None and scene.title:
-        print(printable(scene_heading(scene)))
+        print(printable(scene_heading(scene, varied)))
     if table:
         print(table)
     for warning in warnings:

@@ -25,6 +25,7 @@ from fenicsrom.post.response_tables import (
     run_table,
     sentences,
     trust_table,
+    varied_keys,
 )
 from fenicsrom.post.sentences import MULTIPLIER_NOTE
 from fenicsrom.post.writers import write_rows, write_summary
@@ -100,7 +101,7 @@ def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) 
         ("Estimated errors", [trust_table(found), CHECKS_NOTE]),
         ("Effort", [run_table(found)]),
     ]
-    title = f"{scene_heading(found.scene)}: response curves"
+    title = f"{scene_heading(found.scene, varied_keys(found))}: response curves"
     return write_report(folder / "report.html", title, sections)
 
 

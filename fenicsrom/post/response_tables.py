@@ -19,6 +19,14 @@ from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
 
 
+def varied_keys(found: Response) -> list[str]:
+    """The keys of the scene that change along and between the curves."""
+    table = found.table
+    loads = [f"loads.{k}.frequency" for k in range(len(found.scene.loads))]
+    along = loads if table.parameter == "frequency" else [table.parameter]
+    return along if table.families is None else [*along, table.families.key]
+
+
 def sentences(found: Response) -> list[str]:
     """The results in sentences, for the terminal and the report."""
     name = direction_name(found)

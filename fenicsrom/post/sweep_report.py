@@ -21,9 +21,14 @@ from fenicsrom.scene.rules import counted
 MOST_LINES = 20  # of a table in the terminal
 
 
+def swept_keys(found: Sweep) -> list[str]:
+    """The keys of all axes."""
+    return [key for axis in found.axes for key in axis.keys]
+
+
 def table(found: Sweep) -> list[list[Any]]:
     """The runs as a table; the first row is the header."""
-    keys = [key for axis in found.axes for key in axis.keys]
+    keys = swept_keys(found)
     columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
     labels = key_labels(found, tuple(keys), " ")
     head = ["run", *labels, *(column.head for column in columns), "steady", "outcome"]
@@ -111,7 +116,7 @@ def write(found: Sweep, folder: Path) -> list[Path]:
         *([("Doubtful and failed runs, and warnings", noted)] if noted else []),
         ("Runs", [table(found)]),
     ]
-    title = f"{scene_heading(found.scene)}: sweep"
+    title = f"{scene_heading(found.scene, swept_keys(found))}: sweep"
     write_report(folder / "report.html", title, sections)
     names = ("report.html", "sweep.csv", "sweep.json")
     return [*(folder / name for name in names), *(path for _, path in pictures)]
@@ -120,7 +125,7 @@ def write(found: Sweep, folder: Path) -> list[Path]:
 def terminal(found: Sweep) -> str:
     """The table (or its beginning) and the sentences, for the terminal."""
     lines = table(found)
-    parts = [text_table(lines[: MOST_LINES + 1], 1 + sum(len(axis.keys) for axis in found.axes))]
+    parts = [text_table(lines[: MOST_LINES + 1], 1 + len(swept_keys(found)))]
     if (more := len(lines) - MOST_LINES - 1) > 0:
         parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
     return "\n".join([*parts, *sentences(found), *remarks(found)])

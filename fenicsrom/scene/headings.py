@@ -8,7 +8,7 @@ heading of a report names every changed value, also after a second change.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
@@ -44,18 +44,23 @@ def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str
     return {**table, "title": title} if title else dict(table)
 
 
-def scene_heading(scene: Scene) -> str:
+def scene_heading(scene: Scene, varied: Collection[str] = ()) -> str:
     """Give the title of a scene with the values of the keys that stand in braces.
 
     A part of the title between commas is left out if it names a key that the scene does not have,
-    such as the preload of a removed contact. Braces around anything else stay as they are. A scene
-    without a title is called by its file.
+    such as the preload of a removed contact, or a key that varies. Braces around anything else
+    stay as they are. A scene without a title is called by its file.
+
+    Args:
+        scene: the scene.
+        varied: keys that do not have one value in the results, as in a sweep.
     """
+    hidden = {".".join(names_of(key)) for key in varied}
     table = plain(scene)
     tables = {field.name for field in fields(scene)}
 
     def is_missing(name: str) -> bool:
-        return name.split(".")[0] in tables and _value(table, name) is None
+        return name in hidden or (name.split(".")[0] in tables and _value(table, name) is None)
 
     def shown(match: re.Match[str]) -> str:
         value = _value(table, match[1])

@@ -1186,6 +1186,7 @@ def test_heading_follows_overrides() -> None:
     table = override_table(scene_table(changed), "basis.modes=1", "s")
     again = parse_scene(titled(table, "basis.modes=1", "s"), "s", None)
     assert scene_heading(again) == "slip and lift-off, 40 N, 3.1 Hz, basis.modes = 1"
+    assert scene_heading(changed, ["loads[0].frequency"]).startswith("slip and lift-off, 40 N, b")
     own = read_scene(path, ["title='{not.a.key} {x}'"])
     assert scene_heading(own) == "{not.a.key} {x}"
     open_end = read_scene(path, ["contacts=[]", "probe.group='tip'", "probe.at='centre'"])
