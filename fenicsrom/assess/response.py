@@ -19,7 +19,7 @@ from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, fo
 from fenicsrom.assess.response_pieces import follow_curve
 from fenicsrom.assess.response_problem import check_response
 from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title, response_table
-from fenicsrom.assess.trust import Check, RicherModel, contradiction
+from fenicsrom.assess.trust import Check, RicherModel, contradiction, inaccuracies
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
@@ -130,7 +130,7 @@ def response(
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
-    _warn_of_contradictions(found)
+    _warn_of_errors(found)
     found.seconds = clock.perf_counter() - begin
     return found
 
@@ -149,11 +149,13 @@ def _leave_out_unresolved(found: Response) -> None:
             )
 
 
-def _warn_of_contradictions(found: Response) -> None:
-    """Warn where a richer basis judges the stability otherwise."""
+def _warn_of_errors(found: Response) -> None:
+    """Warn of large errors, and where a richer basis judges the stability otherwise."""
     for curve in found.curves:
+        said = inaccuracies(curve.checks, found.table.parameter)
         if sentence := contradiction(curve.checks, found.table.parameter):
-            found.warnings.append(f"{curve_title(found.scene, curve.value)}{sentence}")
+            said.append(sentence)
+        found.warnings += [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
 
 
 def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None:

@@ -177,8 +177,8 @@ def _model(path: Path, digest: str) -> StoredModel:
 def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
     """Integrate a model and measure its motion; a failed check makes the run doubtful.
 
-    The sentence of a run that is done holds its warnings: of large strains in the equilibrium, of
-    buckling, and of points that stick all the time.
+    The sentence holds the reason of the doubt and the warnings: of large strains in the
+    equilibrium, of buckling, and of points that stick all the time.
     """
 
     def asked(fraction: float, change: float) -> None:
@@ -188,14 +188,16 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     motion = simulate(stored.model, scene, progress=asked)
     found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
     warnings = equilibrium_warnings(stored.deformation)
-    if warnings := [*warnings, *multiplicity_warnings("reduced", motion)]:
-        found["sentence"] = "; ".join(warnings)
+    warnings += multiplicity_warnings("reduced", motion)
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)
         estimate_errors(stored.model, stored.candidates, scene, motion, errors)
     except AccuracyError as error:
-        found |= {"outcome": DOUBTFUL, "sentence": str(error)}
+        found["outcome"] = DOUBTFUL
+        warnings.insert(0, str(error))
+    if warnings:
+        found["sentence"] = "; ".join(warnings)
     for column, cause in (("error_by_step", "time step"), ("error_by_basis", "basis")):
         if cause in errors:
             estimate = errors[cause].amplitude

@@ -24,6 +24,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.stability_search import divide_gaps, lengths_along
+from fenicsrom.assess.verdicts import BASIS_ERROR, TIME_ERROR
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
@@ -324,6 +325,38 @@ def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
         f"{counted(known, 'compared motion')}: {listed}; "
         'lower basis.threshold, set basis.derivatives = "all", or raise basis.modes.'
     )
+
+
+def inaccuracies(curve_checks: Sequence[Check], parameter: str) -> list[str]:
+    """Sentences on the largest changes by half the time step and by a richer basis.
+
+    They name changes that are larger than the error that a run accepts.
+
+    Args:
+        curve_checks: of a curve.
+        parameter: its name.
+    """
+    said = []
+    for name, what, limit, advice in (
+        ("step_error", "half the time step", TIME_ERROR, "increase time.steps_per_period"),
+        (
+            "basis_error",
+            "a richer basis",
+            BASIS_ERROR,
+            "lower basis.threshold or raise basis.modes",
+        ),
+    ):
+        sizes = [getattr(check, name) or 0.0 for check in curve_checks]
+        worst = max(sizes, default=0.0)
+        if worst > limit:
+            check = curve_checks[sizes.index(worst)]
+            changed = "amplitude" if check.quantity == "amplitude" else f"{parameter} of a fold"
+            said.append(
+                f"{what} changes the {changed} by {100.0 * worst:.2g} % at "
+                f"{parameter} = {check.point.parameter:.6g} (a run accepts an error of "
+                f"{100.0 * limit:.0f} %): {advice}."
+            )
+    return said
 
 
 def _place(group: Sequence[Check], parameter: str) -> str:

@@ -19,6 +19,7 @@ from fenicsrom.assess.response import response
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.assess.stability_search import EXTRA
 from fenicsrom.assess.trust import SPREAD, richer_model, spread
+from fenicsrom.assess.verdicts import TIME_ERROR
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
@@ -231,16 +232,31 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
     assert contradicted and {check.where for check in contradicted} == {trust.NEAR_CHANGE}
     for check in added:
         assert check.point.stable and check.step_error is not None
-    (warning,) = found.warnings
+    (warning,) = on_stability(found)
     values = [check.point.parameter for check in contradicted]
     assert f"{min(values):.6g}" in warning and f"{max(values):.6g}" in warning
     outside = max(check.richer_multiplier for check in contradicted) - 1.0
     assert f" {outside:.2g} outside of the unit circle" in warning
 
 
+def on_stability(found: Response) -> list[str]:
+    """The warnings on the stability of motions."""
+    return [said for said in found.warnings if "stability" in said]
+
+
+def test_error_that_a_run_refuses_is_a_warning() -> None:
+    found = compared(oscillator("time.steps_per_period=12"), 30.0)
+    worst = max(check.step_error or 0.0 for check in found.curves[0].checks)
+    assert worst > TIME_ERROR
+    assert any(
+        f"by {100.0 * worst:.2g} %" in said and "steps_per_period" in said
+        for said in found.warnings
+    )
+
+
 def test_richer_basis_of_the_same_stability_is_no_warning() -> None:
     found = compared(oscillator("time.steps_per_period=50"), 30.0)
-    assert not found.warnings
+    assert not on_stability(found)
     assert not any("unknown" in line for line in sentences(found))
 
 
