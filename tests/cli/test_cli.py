@@ -421,12 +421,12 @@ def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
 @pytest.mark.parametrize(
     ("override", "key"),
     [
-        ("material.young=1e9", "material"),
+        ("material.young=1e9", "material.young"),
         ("contacts.0.normal=[0.0, 1.0]", "contacts[0].normal"),
         ("contacts.0.friction=-1", "contacts[0].friction"),
-        ("geometry.thickness=0.05", "geometry"),
+        ("geometry.thickness=0.05", "geometry.thickness"),
         ("supports.0.group='tip'", "supports"),
-        ("basis.modes=2", "basis"),
+        ("basis.modes=2", "basis.modes"),
         ("geometrically_nonlinear=false", "geometrically_nonlinear"),
     ],
 )
