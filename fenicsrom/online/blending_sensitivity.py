@@ -59,7 +59,7 @@ def differentiate_blending(
     by_mass: complex,
     by_velocity: complex,
 ) -> None:
-    """Write the derivatives of the weight of point p to s.blending.
+    """Add the derivatives of the weight of point p, above `BLENDING_RESOLVED`, to s.blending.
 
     The workspace of the model holds S^-1 B of the points that touch, and p is the one at `place`.
 
@@ -74,11 +74,7 @@ def differentiate_blending(
     n, k = s.q.shape
     d = s.x0.shape[1]
     last, row, law = k - 1, p * d, s.law
-    for c in range(k):
-        s.blending[p, c] = 0.0
     weight = s.weight[p]
-    if not weight > BLENDING_RESOLVED:
-        return
     ratio = np.sqrt(weight / (1.0 - weight))
     by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
     perturb(law.contacts, p, contacts, drift.contacts, STEP)

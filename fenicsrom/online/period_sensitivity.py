@@ -19,7 +19,11 @@ from fenicsrom.online.blending_sensitivity import (
 from fenicsrom.online.compiled import kernel, part
 from fenicsrom.online.complex_step import STEP
 from fenicsrom.online.contact_candidates import list_candidates
-from fenicsrom.online.contact_sensitivity import ComplexInterval, differentiate_law
+from fenicsrom.online.contact_sensitivity import (
+    BLENDING_RESOLVED,
+    ComplexInterval,
+    differentiate_law,
+)
 from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.scheme import Scheme
 from fenicsrom.online.sensitivity import Drift, Sensitivity
@@ -167,20 +171,23 @@ def carry_derivatives(
             solve_at_guess(model, scheme, s, h, directions)
         for place in range(count):
             p = touching[place]
-            differentiate_blending(
-                model,
-                contacts,
-                scheme,
-                drift,
-                s,
-                p,
-                place,
-                behind,
-                h,
-                last_step,
-                by_mass,
-                by_velocity,
-            )
+            for c in range(s.q.shape[1]):
+                s.blending[p, c] = 0.0
+            if s.weight[p] > BLENDING_RESOLVED:
+                differentiate_blending(
+                    model,
+                    contacts,
+                    scheme,
+                    drift,
+                    s,
+                    p,
+                    place,
+                    behind,
+                    h,
+                    last_step,
+                    by_mass,
+                    by_velocity,
+                )
             follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
             x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]
             differentiate_law(law, contacts, by, step, p, x0, x1, w0, s.weight[p], follows)
