@@ -35,7 +35,7 @@ def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
     states = [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
     contact = {
         "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
-        "friction_dissipated_per_period_J": motion.friction_dissipation,
+        "friction_dissipation_per_period_J": motion.friction_dissipation,
         "contact_states": " ".join(states),
     }
     axes = "xyz"[: found.dimension]
