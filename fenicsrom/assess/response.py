@@ -152,8 +152,8 @@ def _leave_out_unresolved(found: Response) -> None:
 def _warn_of_errors(found: Response) -> None:
     """Warn of large errors, and where a richer basis judges the stability otherwise."""
     for curve in found.curves:
-        said = inaccuracies(curve.checks, found.table.parameter)
-        if sentence := contradiction(curve.checks, found.table.parameter):
+        said = inaccuracies(curve.checks, found.scene, found.table.parameter)
+        if sentence := contradiction(curve.checks, found.scene, found.table.parameter):
             said.append(sentence)
         found.warnings += [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
 

@@ -24,7 +24,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.stability_search import divide_gaps, lengths_along
-from fenicsrom.assess.verdicts import BASIS_ERROR, TIME_ERROR
+from fenicsrom.assess.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
@@ -37,7 +37,9 @@ from fenicsrom.online.periodic import (
     largest_multiplier,
     periodic_motion,
 )
+from fenicsrom.scene import Scene
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
 
 LARGEST = "largest amplitude"
 BETWEEN = "between"
@@ -300,12 +302,13 @@ def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> Periodic
         return None
 
 
-def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
+def contradiction(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> str | None:
     """A sentence on the points whose stability a richer basis judges otherwise; None without any.
 
     Args:
         curve_checks: of a curve.
-        parameter: its name.
+        scene: the scene, for units.
+        parameter: name of the parameter of the curve.
     """
     found = [check for check in curve_checks if check.contradicted]
     if not found:
@@ -315,7 +318,7 @@ def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
         verdicts = (check.richer_verdict or "", check.point.verdict)
         groups.setdefault(verdicts, []).append(check)
     listed = "; ".join(
-        f"{_in_words(richer)} instead of {_in_words(own)} at {_place(group, parameter)} "
+        f"{_in_words(richer)} instead of {_in_words(own)} at {_place(group, scene, parameter)} "
         f"(multipliers up to {_outside(group):.2g} outside of the unit circle)"
         for (richer, own), group in groups.items()
     )
@@ -327,14 +330,15 @@ def contradiction(curve_checks: Sequence[Check], parameter: str) -> str | None:
     )
 
 
-def inaccuracies(curve_checks: Sequence[Check], parameter: str) -> list[str]:
+def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
     """Sentences on the largest changes by half the time step and by a richer basis.
 
     They name changes that are larger than the error that a run accepts.
 
     Args:
         curve_checks: of a curve.
-        parameter: its name.
+        scene: the scene, for units.
+        parameter: name of the parameter of the curve.
     """
     said = []
     for name, what, limit, advice in (
@@ -352,19 +356,20 @@ def inaccuracies(curve_checks: Sequence[Check], parameter: str) -> list[str]:
             check = curve_checks[sizes.index(worst)]
             changed = "amplitude" if check.quantity == "amplitude" else f"{parameter} of a fold"
             said.append(
-                f"{what} changes the {changed} by {100.0 * worst:.2g} % at "
-                f"{parameter} = {check.point.parameter:.6g} (a run accepts an error of "
-                f"{100.0 * limit:.0f} %): {advice}."
+                f"{what} changes the {changed} by {in_percent(worst)} at "
+                f"{in_words(scene, parameter, check.point.parameter)} (a run accepts an error of "
+                f"{in_percent(limit)}): {advice}."
             )
     return said
 
 
-def _place(group: Sequence[Check], parameter: str) -> str:
+def _place(group: Sequence[Check], scene: Scene, parameter: str) -> str:
     """Where some checks of a curve are: a value of the parameter, or a range."""
     values = [check.point.parameter for check in group]
     if len(values) == 1:
-        return f"{parameter} = {values[0]:.6g}"
-    return f"{len(values)} points from {parameter} = {min(values):.6g} to {max(values):.6g}"
+        return in_words(scene, parameter, values[0])
+    last = in_words(scene, parameter, max(values))
+    return f"{len(values)} points from {parameter} = {min(values):.6g} to {last}"
 
 
 def _outside(group: Sequence[Check]) -> float:

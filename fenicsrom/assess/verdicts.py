@@ -83,7 +83,7 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
     if np.isfinite(estimate):
         run = "eight times the tolerance" if name == "tolerance" else "twice the step"
-        found, other = f"{run} gives an error of about {_percent(estimate)}", ""
+        found, other = f"{run} gives an error of about {in_percent(estimate)}", ""
     else:
         differs = "settles" if unsteady else "does not settle"
         found = f"another step gives a motion that {differs}, or no motion"
@@ -98,7 +98,7 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     )
 
 
-def _percent(error: float) -> str:
+def in_percent(error: float) -> str:
     """A relative error in percent, with two digits or as a whole number."""
     return f"{100.0 * error:.2g} %" if error < 0.995 else f"{100.0 * error:.0f} %"
 
@@ -129,7 +129,7 @@ def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> 
     if estimate <= allowed:
         return
     found = (
-        f"displacements that differ by {_percent(estimate)}"
+        f"displacements that differ by {in_percent(estimate)}"
         if np.isfinite(estimate)
         else "a motion that does not settle, or no motion"
     )

@@ -59,9 +59,10 @@ def differentiate_blending(
     by_mass: complex,
     by_velocity: complex,
 ) -> None:
-    """Add the derivatives of the weight of point p, above `BLENDING_RESOLVED`, to s.blending.
+    """Write the derivatives of the weight of point p to its row of s.blending, which holds zeros.
 
-    The workspace of the model holds S^-1 B of the points that touch, and p is the one at `place`.
+    The weight is above `BLENDING_RESOLVED`. The workspace of the model holds S^-1 B of the points
+    that touch, and p is the one at `place`.
 
     With u = S^-1 B n and v = S^-T B n the flexibility changes by
 

@@ -173,7 +173,7 @@ def carry_derivatives(
             p = touching[place]
             for c in range(s.q.shape[1]):
                 s.blending[p, c] = 0.0
-            if s.weight[p] > BLENDING_RESOLVED:
+            if s.weight[p] > BLENDING_RESOLVED:  # the call costs a sixth of the step
                 differentiate_blending(
                     model,
                     contacts,

@@ -6,6 +6,7 @@ from typing import Any
 
 from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title
 from fenicsrom.assess.trust import LARGEST, Check
+from fenicsrom.assess.verdicts import in_percent
 from fenicsrom.online.curve import COMPLETE, CurvePoint
 from fenicsrom.post.response_figures import (
     direction_name,
@@ -45,12 +46,11 @@ def sentences(found: Response) -> list[str]:
         if curve.step_error is not None:
             lines.append(
                 f"{begin}Half the time step changes this amplitude by "
-                f"{100.0 * curve.step_error:.2g} %."
+                f"{in_percent(curve.step_error)}."
             )
         if curve.basis_error is not None:
             lines.append(
-                f"{begin}A richer basis changes this amplitude by "
-                f"{100.0 * curve.basis_error:.2g} %."
+                f"{begin}A richer basis changes this amplitude by {in_percent(curve.basis_error)}."
             )
         lines += [f"{begin}{text}" for text in _unknown_errors(curve)]
         free = sum(point.free_sliders > 0 for point in points)

@@ -11,10 +11,11 @@ REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
 
 
 def unit_of(scene: Scene, path: str) -> str:
-    """The unit of the number that a key such as `loads.0.force` holds; "" for one without a unit.
+    """The unit of the number that a key such as `loads.0.force` holds.
 
-    So is that of a stiffness or preload of a contact with the nodes of a region, whose unit depends
-    on the region. "frequency" is the lowest frequency of the loads, as in the table [response].
+    It is "" for a number without a unit. It is also "" for the stiffness or preload of a contact
+    with the nodes of a region, whose unit depends on the region. "frequency" is the lowest
+    frequency of the loads, as in the table [response].
     """
     if path == "frequency":
         return "Hz"
@@ -32,9 +33,9 @@ def unit_of(scene: Scene, path: str) -> str:
     return "" if several or (varies and _is_region(scene, names)) else unit
 
 
-def in_words(scene: Scene, path: str, value: float, digits: int = 6) -> str:
+def in_words(scene: Scene, path: str, value: float) -> str:
     """A number of the scene with its unit, such as `loads.0.force = 25 N`."""
-    return f"{path} = {value:.{digits}g} {unit_of(scene, path)}".rstrip()
+    return f"{path} = {value:.6g} {unit_of(scene, path)}".rstrip()
 
 
 def _is_region(scene: Scene, names: list[str]) -> bool:

@@ -120,6 +120,16 @@ def test_buckled_run_of_a_sweep_warns(
     assert said.startswith("run 1: ") and "buckles" in said
 
 
+def test_doubtful_run_keeps_its_warnings(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = sweep_runs.simulate
+    monkeypatch.setattr(sweep_runs, "simulate", lambda *a, **k: replace(real(*a, **k), buckled=1))
+    (row,) = swept(model, tmp_path, ["time.steps_per_period=[10]"]).rows
+    assert row["outcome"] == DOUBTFUL
+    assert row["sentence"].startswith("time.steps_per_period") and "buckles" in row["sentence"]
+
+
 def test_failed_runs_keep_their_sentence_and_the_others_run(model: Path, tmp_path: Path) -> None:
     found = swept(model, tmp_path, ["loads.0.frequency=[2, -1]", "loads.0.force=[1, 2]"])
     assert [row["outcome"] for row in found.rows] == [DONE, DONE, FAILED, FAILED]
