@@ -13,7 +13,7 @@ RESPONSE_KEYS = [
     "fraction",
     "peak_normal_force_N",
     "peak_total_normal_force_N",
-    "dissipated_per_period_J",
+    "friction_dissipation_per_period_J",
     "energy_imbalance",
     "steady",
     "periods",

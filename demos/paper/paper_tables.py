@@ -207,7 +207,7 @@ def state_table() -> Table:
         for kind in BODIES:
             motion = full(kind, name, *overrides)
             shares = [f"{100 * share:.1f}" for share in measures.contact_fractions(motion).values()]
-            energy = measures.dissipated_per_period(motion)
+            energy = measures.friction_dissipation_per_period(motion)
             found.append(
                 [label, kind, *shares, f"{measures.peak_normal_force(motion):.1f}", f"{energy:.4g}"]
             )

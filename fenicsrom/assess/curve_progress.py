@@ -8,16 +8,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.arrays import Array
+from fenicsrom.assess.response_results import response_table
 from fenicsrom.online.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curve import CurvePoint
 from fenicsrom.progress import duration
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
 
 if TYPE_CHECKING:
     from fenicsrom.assess.branches import Piece
     from fenicsrom.assess.response_files import CurveFile
     from fenicsrom.assess.response_results import ResponseCurve
-    from fenicsrom.scene import Response as ResponseTable
+    from fenicsrom.scene import Scene
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
@@ -62,7 +64,7 @@ class CurveWalk:
     def __init__(
         self,
         curve: ResponseCurve,
-        table: ResponseTable,
+        scene: Scene,
         report: Callable[[float, str], None],
         file: CurveFile | None,
     ):
@@ -70,12 +72,12 @@ class CurveWalk:
 
         Args:
             curve: the curve.
-            table: the table [response] of its scene.
+            scene: its scene, with a table [response].
             report: receives the part of the range that is covered and a line; where it is only
                 asked whether to stop, 0 and an empty line. It raises KeyboardInterrupt to stop.
             file: the file; None keeps nothing.
         """
-        self.curve, self.table, self.file = curve, table, file
+        self.curve, self.scene, self.file = curve, scene, file
         self.stand: Stand | None = None
         self._report = report
         self._said = self._kept = clock.perf_counter()
@@ -87,7 +89,8 @@ class CurveWalk:
     @property
     def fraction(self) -> float:
         """The part of the range of the parameter that the curve covers, from both ends."""
-        low, high = self.table.first, self.table.last
+        table = response_table(self.scene)
+        low, high = table.first, table.last
         covered = 0.0
         for piece in self.curve.pieces:
             values = [point.parameter for point in piece.points]
@@ -125,9 +128,9 @@ class CurveWalk:
         line = ""
         if now - self._said > REPORT_INTERVAL:
             self._said, point = now, piece.points[-1]
+            here = in_words(self.scene, response_table(self.scene).parameter, point.parameter)
             line = (
-                f"{counted(len(self.curve.points), 'point')}, "
-                f"{self.table.parameter} = {point.parameter:.5g}, amplitude "
+                f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
                 f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
         self(line)

@@ -25,7 +25,8 @@ from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
 from fenicsrom.online.curve import LOST, CurvePoint
 from fenicsrom.online.periodic import FALLBACK_STEPS
-from fenicsrom.scene import Response as ResponseTable
+from fenicsrom.scene import Scene
+from fenicsrom.scene.units import in_words
 
 CLASSES = {
     kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
@@ -118,7 +119,7 @@ def response(
                 outcome = _Outcome(ResponseCurve(values[number]), outcome)
             found.curves.append(outcome.curve)
             progress.finished(number)
-            error = outcome.error or _lost(table, outcome.curve)
+            error = outcome.error or _lost(scene, outcome.curve)
             if error is not None:
                 found.warnings.append(f"{curve_title(scene, values[number])}{error}")
                 found.unfinished = found.unfinished or error
@@ -158,7 +159,7 @@ def _warn_of_errors(found: Response) -> None:
         found.warnings += [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
 
 
-def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None:
+def _lost(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
     """The error of a curve that ends within the range because no next point was found."""
     ends = [
         piece.points[-1].parameter
@@ -167,10 +168,9 @@ def _lost(table: ResponseTable, curve: ResponseCurve) -> ConvergenceError | None
     ]
     if not ends:
         return None
-    return ConvergenceError(
-        f"the curve was lost at {table.parameter} = {', '.join(f'{end:.6g}' for end in ends)}: "
-        "no next point was found"
-    )
+    parameter = response_table(scene).parameter
+    places = in_words(scene, parameter, *ends)
+    return ConvergenceError(f"the curve was lost at {places}: no next point was found")
 
 
 @dataclass
@@ -197,7 +197,7 @@ def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
         if job.state is not None:
             job.state.save(curve, None, done=True)
         return outcome
-    walk = CurveWalk(curve, response_table(stored.scene), report, job.state)
+    walk = CurveWalk(curve, stored.scene, report, job.state)
     walk.stand = job.kept.stand if job.kept is not None else None
     try:
         follow_curve(stored, curve, walk, richer)

@@ -25,6 +25,7 @@ from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.families import Family
 from fenicsrom.online.periodic import PeriodicMotion
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
 
 LARGEST_STEP = 0.03  # along a curve, in parts of the range and of the size of the motion
 
@@ -134,7 +135,8 @@ def _begin_piece(
     path.size = float(np.linalg.norm(s))
     begin = path.at_parameter(s, value)
     if begin is None:
-        raise ConvergenceError(f"the motion at {walk.table.parameter} = {value:g} was lost")
+        here = in_words(walk.scene, response_table(walk.scene).parameter, value)
+        raise ConvergenceError(f"the motion at {here} was lost")
     piece.points.append(begin)
     walk.passed(path, begin, 0, piece.direction)
 
@@ -177,7 +179,8 @@ def _follow_more(
         path = Continuation(shooting_of(stored, family), family, table.first, table.last, size)
         point = path.at_parameter(s, value)
         if point is None:
-            raise ConvergenceError(f"the motion at {table.parameter} = {value:g} was lost")
+            here = in_words(stored.scene, table.parameter, value)
+            raise ConvergenceError(f"the motion at {here} was lost")
         return point
 
     follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)

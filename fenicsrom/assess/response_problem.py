@@ -93,10 +93,18 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
                 override_table(scene_table(scene), override, scene.source), scene.source, None
             )
         except SceneError as error:
-            if error.kind not in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
-                raise
-            reason = 'the scene has no such number; must be a key of it, such as "loads.0.force"'
-            raise refusal(reason, ErrorKind.RANGE) from error
+            if error.kind in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
+                reason = (
+                    'the scene has no such number; must be a key of it, such as "loads.0.force"'
+                )
+                raise refusal(reason, ErrorKind.RANGE) from error
+            reason = str(error).removeprefix(f"{scene.source}: ")
+            raise SceneError(
+                f"{scene.source}: response.families.values: {reason}",
+                kind=error.kind,
+                key="response.families.values",
+                source=scene.source,
+            ) from error
         if (other := changed_path(scene, changed)) is not None:
             raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
 

@@ -23,7 +23,7 @@ from fenicsrom.online.archive import FORMAT, StoredModel, load_model
 from fenicsrom.online.energy import check_energy
 from fenicsrom.online.measures import (
     amplitude,
-    dissipated_per_period,
+    friction_dissipation_per_period,
     has_contact,
     has_settled,
     peak_normal_force,
@@ -216,7 +216,7 @@ def _numbers(motion: Motion) -> dict[str, Any]:
             "amplitude_tangential_m": float(np.linalg.norm(first[1:])),
             "amplitude_normal_m": float(first[0]),
             "peak_normal_force_N": peak_normal_force(motion),
-            "dissipated_per_period_J": dissipated_per_period(motion),
+            "friction_dissipation_per_period_J": friction_dissipation_per_period(motion),
         }
     else:
         axes = zip("xyz", first, strict=False)

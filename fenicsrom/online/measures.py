@@ -194,7 +194,7 @@ def peak_total_normal_force(motion: Motion) -> float:
     return float(motion.force[motion.last_period(), :, 0].sum(axis=1).max(initial=0.0))
 
 
-def dissipated_per_period(motion: Motion) -> float:
+def friction_dissipation_per_period(motion: Motion) -> float:
     """Energy dissipated by friction in the last period (or, if there is none, in all), J."""
     if motion.period is None:
         return float(motion.friction_dissipation[-1] - motion.friction_dissipation[0])
@@ -211,7 +211,7 @@ def point_summaries(motion: Motion) -> list[dict[str, Any]]:
 
     Returns:
         For each point `peak_normal_force_N`, `fraction` (as `contact_fractions`) and
-        `dissipated_per_period_J`.
+        `friction_dissipation_per_period_J`.
     """
     part = motion.last_period()
     friction_dissipation = (
@@ -222,7 +222,7 @@ def point_summaries(motion: Motion) -> list[dict[str, Any]]:
         {
             "peak_normal_force_N": float(peaks[p]),
             "fraction": {name: float(share[p]) for name, share in fractions.items()},
-            "dissipated_per_period_J": float(friction_dissipation[p]),
+            "friction_dissipation_per_period_J": float(friction_dissipation[p]),
         }
         for p in range(motion.force.shape[1])
     ]
@@ -233,8 +233,8 @@ def response_summary(motion: Motion) -> dict[str, Any]:
 
     Returns:
         `amplitude_m` (of the first contact point), `fraction`, `peak_normal_force_N` (of any
-        point), `peak_total_normal_force_N` (of all together), `dissipated_per_period_J` (by
-        friction), `energy_imbalance` (relative), `steady`, `periods`, `steps`, `newton_iterations`;
+        point), `peak_total_normal_force_N` (of all together), `friction_dissipation_per_period_J`,
+        `energy_imbalance` (relative), `steady`, `periods`, `steps`, `newton_iterations`;
         and `periodic_motion` (see `search_summary`) where Newton's method has looked for it.
     """
     found = {
@@ -242,7 +242,7 @@ def response_summary(motion: Motion) -> dict[str, Any]:
         "fraction": contact_fractions(motion),
         "peak_normal_force_N": peak_normal_force(motion),
         "peak_total_normal_force_N": peak_total_normal_force(motion),
-        "dissipated_per_period_J": dissipated_per_period(motion),
+        "friction_dissipation_per_period_J": friction_dissipation_per_period(motion),
         "energy_imbalance": float(motion.relative_imbalance),
         "steady": bool(motion.steady),
         "periods": int(motion.periods),
@@ -296,10 +296,10 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
 
     Returns:
         `{"amplitude_tangential": ..., "amplitude_normal": ..., "peak_normal_force": ...,
-        "dissipated_per_period": ...}`; tangential amplitudes are compared as a vector. None where
-        the reference has no such motion, force or friction, and where both are `NEGLIGIBLE`
-        relative to the whole amplitude or to the largest energy of the reference. A negligible
-        reference of a larger value counts as the largest negligible one.
+        "friction_dissipation_per_period": ...}`; tangential amplitudes are compared as a
+        vector. None where the reference has no such motion, force or friction, and where both are
+        `NEGLIGIBLE` relative to the whole amplitude or to the largest energy of the reference. A
+        negligible reference of a larger value counts as the largest negligible one.
     """
     ours, theirs = amplitudes(motion), amplitudes(reference)
     pairs = list(itertools.zip_longest(ours["tangential"], theirs["tangential"], fillvalue=0.0))
@@ -310,7 +310,7 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
             return None
         return 100 * abs(difference) / max(of, least)
 
-    force, friction = peak_normal_force(reference), dissipated_per_period(reference)
+    force, friction = peak_normal_force(reference), friction_dissipation_per_period(reference)
     energy = NEGLIGIBLE * float(np.max(reference.kinetic + reference.elastic, initial=0.0))
     return {
         "amplitude_tangential": percent(
@@ -318,8 +318,8 @@ def errors_percent(motion: Motion, reference: Motion) -> dict[str, float | None]
         ),
         "amplitude_normal": percent(ours["normal"] - theirs["normal"], theirs["normal"], least),
         "peak_normal_force": percent(peak_normal_force(motion) - force, force),
-        "dissipated_per_period": percent(
-            dissipated_per_period(motion) - friction, friction, energy
+        "friction_dissipation_per_period": percent(
+            friction_dissipation_per_period(motion) - friction, friction, energy
         ),
     }
 

@@ -32,7 +32,7 @@ ERRORS = {
     "amplitude_tangential": "tangential amplitude",
     "history": "time history",
     "peak_normal_force": "peak normal force",
-    "dissipated_per_period": "energy per period",
+    "friction_dissipation_per_period": "energy per period",
     "state": "wrong state",
 }
 SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}

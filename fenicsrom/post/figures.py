@@ -147,7 +147,7 @@ def plot_points(
     curves = {
         "peak normal force, N": lambda point: point["peak_normal_force_N"],
         "time in contact, %": lambda point: 100.0 * (1.0 - point["fraction"]["open"]),
-        "friction dissipation, J": lambda point: point["dissipated_per_period_J"],
+        "friction dissipation, J": lambda point: point["friction_dissipation_per_period_J"],
     }
     for axis, (label, value) in zip(axes, curves.items(), strict=True):
         for name in motions:

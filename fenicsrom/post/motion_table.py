@@ -56,7 +56,7 @@ def response_rows(
         contact: list[str | None] = [
             *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
             f"{r['peak_normal_force_N']:.5g}",
-            f"{r['dissipated_per_period_J']:.5g}",
+            f"{r['friction_dissipation_per_period_J']:.5g}",
         ]
         rows.append(
             [

@@ -45,7 +45,7 @@ MULTIPLIER_NOTE = (
 )
 ERROR_NAMES = {
     "peak_normal_force": "peak normal force",
-    "dissipated_per_period": "dissipation",
+    "friction_dissipation_per_period": "dissipation",
 }
 UNJUDGED = (
     "the stored model does not hold the vectors that its basis leaves out, so the error due to the "

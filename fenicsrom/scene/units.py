@@ -33,9 +33,10 @@ def unit_of(scene: Scene, path: str) -> str:
     return "" if several or (varies and _is_region(scene, names)) else unit
 
 
-def in_words(scene: Scene, path: str, value: float) -> str:
-    """A number of the scene with its unit, such as `loads.0.force = 25 N`."""
-    return f"{path} = {value:.6g} {unit_of(scene, path)}".rstrip()
+def in_words(scene: Scene, path: str, *values: float) -> str:
+    """A number of the scene with its unit, such as `loads.0.force = 25 N`, or `= 25 and 30 N`."""
+    listed = " and ".join(f"{value:.6g}" for value in values)
+    return f"{path} = {listed} {unit_of(scene, path)}".rstrip()
 
 
 def _is_region(scene: Scene, names: list[str]) -> bool:

@@ -79,7 +79,7 @@ def test_errors_of_known_motions_match_hand_calculation():
     assert found["amplitude_tangential"] == pytest.approx(2.0)
     assert found["amplitude_normal"] == pytest.approx(30.0)
     assert found["peak_normal_force"] == pytest.approx(10.0)
-    assert found["dissipated_per_period"] == pytest.approx(25.0)
+    assert found["friction_dissipation_per_period"] == pytest.approx(25.0)
     assert found["state"] == pytest.approx(25.0, abs=0.6)
     assert agreement.wrong_state(reference, motion(switch=0.75)) == pytest.approx(
         25.0, abs=0.6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -286,6 +287,14 @@ def test_second_number_that_cannot_be_used_is_refused_by_its_own_key(
     assert (caught.value.key, caught.value.kind) == ("response.families.key", kind)
 
 
+def test_second_number_with_a_bad_value_is_refused_by_the_key_of_the_values() -> None:
+    scene = scene_with('response.families={key="material.mass_damping", values=[1.0, -2.0]}')
+    with pytest.raises(SceneError) as caught:
+        check_response(scene)
+    assert (caught.value.key, caught.value.kind) == ("response.families.values", ErrorKind.RANGE)
+    assert "response.families.values: material.mass_damping = -2.0: must be" in str(caught.value)
+
+
 def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
     from dataclasses import replace
 
@@ -310,7 +319,8 @@ def test_lost_curve_says_where_and_exits_1(
     monkeypatch.setattr(Continuation, "_next", lost)
     assert run(model, tmp_path / "out") == 1
     summary = json.loads((tmp_path / "out" / "response.json").read_text())
-    assert "frequency = " in summary["unfinished"] and summary["curves"][0]["points"] > 2
+    assert summary["curves"][0]["points"] > 2
+    assert re.search(r"lost at frequency = [0-9. and]+ Hz: no next point", summary["unfinished"])
     assert "lost" in capsys.readouterr().err
 
 

@@ -68,7 +68,7 @@ def test_dissipation_matches_area_of_jenkins_loop(uneven):
     case = jenkins(normal=0.0, steps=4000, uneven=uneven)
     limit = FRICTION * 30.0
     area = 4 * limit * (8e-3 - limit / STIFFNESS)
-    assert measures.dissipated_per_period(case) == pytest.approx(area, rel=1e-4)
+    assert measures.friction_dissipation_per_period(case) == pytest.approx(area, rel=1e-4)
     part = case.last_period()
     assert np.trapezoid(case.force[part, 0, 1], case.displacement[part, 0, 1]) == pytest.approx(
         area, rel=1e-4
@@ -97,7 +97,7 @@ def test_response_without_contact_is_open_and_without_dissipation():
     assert summary["amplitude_m"]["normal"] == pytest.approx(0.001, rel=1e-3)
     assert summary["amplitude_m"]["tangential"] == pytest.approx([0.2], rel=1e-3)
     assert summary["fraction"] == {"open": 1.0, "slip": 0.0, "stick": 0.0}
-    assert summary["peak_normal_force_N"] == summary["dissipated_per_period_J"] == 0.0
+    assert summary["peak_normal_force_N"] == summary["friction_dissipation_per_period_J"] == 0.0
 
 
 def test_dissipation_without_period_counts_whole_motion():
@@ -105,7 +105,8 @@ def test_dissipation_without_period_counts_whole_motion():
     free = motion(
         case.time, case.displacement, case.force, case.state, case.friction_dissipation, period=None
     )
-    assert measures.dissipated_per_period(free) == pytest.approx(case.friction_dissipation[-1])
+    energy = case.friction_dissipation[-1]
+    assert measures.friction_dissipation_per_period(free) == pytest.approx(energy)
 
 
 def test_response_summary_has_documented_keys():
@@ -135,16 +136,16 @@ def test_point_summaries_match_single_points(dimension):
     for point, case in zip(points, cases, strict=True):
         assert point["peak_normal_force_N"] == measures.peak_normal_force(case)
         assert point["fraction"] == pytest.approx(measures.contact_fractions(case))
-        assert point["dissipated_per_period_J"] == pytest.approx(
-            measures.dissipated_per_period(case), rel=1e-6, abs=1e-9
+        assert point["friction_dissipation_per_period_J"] == pytest.approx(
+            measures.friction_dissipation_per_period(case), rel=1e-6, abs=1e-9
         )
     limit = FRICTION * 30.0
     if dimension == 2:
         area = 4 * limit * (8e-3 - limit / STIFFNESS)
-        assert points[0]["dissipated_per_period_J"] == pytest.approx(area, rel=2e-3)
-    assert points[2]["dissipated_per_period_J"] == pytest.approx(0.0, abs=1e-12)
-    assert sum(point["dissipated_per_period_J"] for point in points) == pytest.approx(
-        measures.dissipated_per_period(together)
+        assert points[0]["friction_dissipation_per_period_J"] == pytest.approx(area, rel=2e-3)
+    assert points[2]["friction_dissipation_per_period_J"] == pytest.approx(0.0, abs=1e-12)
+    assert sum(point["friction_dissipation_per_period_J"] for point in points) == pytest.approx(
+        measures.friction_dissipation_per_period(together)
     )
 
 
@@ -174,7 +175,7 @@ def test_errors_are_percent_of_reference():
         "amplitude_tangential",
         "amplitude_normal",
         "peak_normal_force",
-        "dissipated_per_period",
+        "friction_dissipation_per_period",
     ]
     assert errors["amplitude_tangential"] == pytest.approx(0.5, rel=1e-6)
     assert errors["amplitude_normal"] == pytest.approx(10, rel=1e-6)
@@ -187,12 +188,12 @@ def test_errors_are_percent_of_reference():
         / (exact.friction_dissipation[-1] - exact.friction_dissipation[1200])
         - 100
     )
-    assert errors["dissipated_per_period"] == pytest.approx(abs(more)) and abs(more) > 0.1
+    assert errors["friction_dissipation_per_period"] == pytest.approx(abs(more)) and abs(more) > 0.1
     assert set(measures.errors_percent(exact, exact).values()) == {0.0}
     assert measures.errors_percent(close, jenkins(normal=0.0))["amplitude_normal"] is None
     free = motion(exact.time, exact.displacement)
     assert measures.errors_percent(exact, free)["peak_normal_force"] is None
-    assert measures.errors_percent(exact, free)["dissipated_per_period"] is None
+    assert measures.errors_percent(exact, free)["friction_dissipation_per_period"] is None
 
 
 def test_errors_of_small_and_large_forces_are_equal():
@@ -254,12 +255,13 @@ def test_negligible_dissipation_is_not_compared():
         return replace(case, friction_dissipation=dissipated * case.time / PERIOD)
 
     def error(ours, theirs):
-        return measures.errors_percent(sticking(ours), sticking(theirs))["dissipated_per_period"]
+        errors = measures.errors_percent(sticking(ours), sticking(theirs))
+        return errors["friction_dissipation_per_period"]
 
     assert error(1.9e-10, 1e-15) is None and error(1e-15, 1e-10) is None
     assert error(1e-3, 1e-15) == pytest.approx(100.0 * 1e-3 / 2e-9)
     assert error(1.1e-3, 1e-3) == pytest.approx(10.0)
-    errors = {"amplitude_tangential": 1.0, "dissipated_per_period": None}
+    errors = {"amplitude_tangential": 1.0, "friction_dissipation_per_period": None}
     assert "zero or negligible: dissipation" in error_sentence(
         errors, beam_scene(2), contact_points([1.0, 0.0])
     )

@@ -155,7 +155,7 @@ def test_points_figure_shows_loops_of_largest_normal_force(tmp_path, dimension):
         share.lines[1].get_ydata()[[0, 2]], [100.0, 100 - 100 * np.arccos(0.6) / np.pi], rtol=5e-3
     )
     assert friction_dissipation.lines[0].get_ydata().sum() == pytest.approx(
-        measures.dissipated_per_period(motions["reduced"])
+        measures.friction_dissipation_per_period(motions["reduced"])
     )
     assert [len(axis.lines) for axis in (peak, share, friction_dissipation)] == [3, 3, 3]
     hardest = cases[2]
