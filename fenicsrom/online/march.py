@@ -277,8 +277,12 @@ def _confirm(
     """Whether a march that repeats is steady.
 
     A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
-    method decides; the march is believed where it finds no motion, or after the last period.
+    method decides; the march is believed where it finds no motion, or after the last period. Where
+    it found a motion to which the march did not tend, the next attempt is the one that is due: each
+    looks ahead over many periods, and one in every period would cost the square of their number.
     """
+    if run.search is not None and run.search.verdict != "not found" and not last:
+        return False
     kept = run.state, run.history[-1]
     _try_newton(run, settings, span, stop)
     if run.found and last:

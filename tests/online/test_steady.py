@@ -156,6 +156,22 @@ def test_slow_decay_is_not_taken_for_the_steady_state(tolerance: float) -> None:
     np.testing.assert_allclose(amplitude(motion), amplitude(long), rtol=1e-6)
 
 
+def test_march_that_repeats_without_tending_to_the_motion_tries_seldom(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried = []
+
+    def tends(problem: Any, path: Any, motion: Any, marched: int) -> bool:
+        tried.append(marched)
+        return False
+
+    monkeypatch.setattr(_Problem, "_tends", tends)
+    model, period = duffing(0.05, 1.0, 0.0, 0.1, 0.8)
+    motion = run(model, period, periods=90, steady_tolerance=0.5)
+    assert not motion.steady and motion.periods == 90
+    assert tried == [5, 10, 20, 40, 80, 90]
+
+
 @pytest.mark.parametrize(("force", "multiple"), [(0.20, 1), (0.28, 2), (0.29, 4), (0.37, 5)])
 def test_subharmonic_motion_is_found(force: float, multiple: int) -> None:
     """The oscillator with two wells, whose motions at these forces are known to repeat so."""
