@@ -86,8 +86,8 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     peak force is above `UNRESOLVED_FORCE`. If a stiff contact lasts only a few steps, its peak
     force is not resolved. The error of this force counts as unknown if a contact has a blending
     weight of a half or more (`fenicsrom.online.contact_step`). A motion with such a contact may
-    repeat for this step only, or fail to repeat for this step only. There is then no estimate
-    unless the motion with half the step does the same.
+    repeat for this step only, and any motion may fail to repeat for this step only. There is then
+    no estimate unless the motion with half the step does the same.
 
     Args:
         model: the model that was integrated.
@@ -108,12 +108,9 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force = _force_error(motion, other)
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
-    if (
-        np.isinf(force)
-        and (motion.steady or is_unsteady(motion))
-        and motion.steady != _settles_with_half_step(model, scene, motion)
-    ):
-        return unknown
+    if is_unsteady(motion) or (motion.steady and np.isinf(force)):
+        if motion.steady != _settles_with_half_step(model, scene, motion):
+            return unknown
     found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
     order = 1 if force > UNRESOLVED_FORCE else 2
     least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
@@ -121,11 +118,15 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
 
 
 def _settles_with_half_step(model: Any, scene: Scene, motion: Motion) -> bool:
-    """Whether a motion still settles with half its step."""
+    """Whether a motion settles with half its step: within half of the periods if it is unsteady.
+
+    An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
+    """
     try:
-        return has_settled(check_motion(model, refined(scene), motion))
+        fine = check_motion(model, refined(scene), motion)
     except (ConvergenceError, AccuracyError):
         return False
+    return has_settled(fine) and (motion.steady or 2 * fine.periods <= motion.periods)
 
 
 def check_motion(

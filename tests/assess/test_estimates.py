@@ -11,7 +11,7 @@ from support import beam_scene, first, linear_model
 
 from fenicsrom.assess import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.measures import amplitude, has_settled
+from fenicsrom.online.measures import amplitude, has_settled, is_unsteady
 from fenicsrom.online.model import ReducedModel, reduced_model
 from fenicsrom.online.motion import Motion
 from fenicsrom.online.polynomial import ElasticPolynomial, pairs
@@ -109,6 +109,28 @@ def test_check_takes_only_a_stable_motion_nearby_without_a_march(
     assert found.period == pytest.approx(multiple * scene.period)
     assert (found.search is None) == nearby
     np.testing.assert_allclose(amplitude(found), amplitude(marched), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("part", "known"), [(None, True), (0.6, True), (0.4, False)])
+def test_unsteady_motion_has_no_estimate_if_it_soon_settles_with_half_the_step(
+    monkeypatch: pytest.MonkeyPatch, part: float | None, known: bool
+) -> None:
+    """Half the step settles never, or within a part of the periods."""
+    model, scene = double_well(0.35)
+    motion = simulate(model, scene)
+    assert is_unsteady(motion)
+    settled = simulate(double_well(0.2)[0], scene)
+    steps = scene.time.steps_per_period
+    assert has_settled(settled) and steps is not None
+
+    def check(model: ReducedModel, other: Scene, motion: Motion) -> Motion:
+        if part is None or (other.time.steps_per_period or 0) < steps:
+            return motion
+        return replace(settled, periods=int(part * motion.periods))
+
+    monkeypatch.setattr(estimates, "check_motion", check)
+    found = estimates.step_errors(model, scene, motion)
+    assert found.amplitude == (0.0 if known else np.inf)
 
 
 def test_rule_refuses_an_estimate_above_its_limit() -> None:

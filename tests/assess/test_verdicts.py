@@ -234,7 +234,8 @@ def test_unresolved_contact_has_an_estimate_only_if_half_the_step_does_the_same(
     model, scene, steady = oscillator()
     growth = (1.0 + 0.05 * steady.time / steady.period)[:, None, None]
     unsteady = replace(steady, steady=False, displacement=growth * steady.displacement)
-    motion, contrary = (steady, unsteady) if settles else (unsteady, steady)
+    early = replace(steady, periods=unsteady.periods // 2)
+    motion, contrary = (steady, unsteady) if settles else (unsteady, early)
     assert measures.has_settled(motion) is settles
     monkeypatch.setattr(estimates, "_force_error", lambda *_: np.inf)
     half = scene.time.steps_per_period * 2
