@@ -87,7 +87,8 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force is not resolved. The error of this force counts as unknown if a contact has a blending
     weight of a half or more (`fenicsrom.online.contact_step`). A motion with such a contact may
     repeat for this step only, and any motion may fail to repeat for this step only. There is then
-    no estimate unless the motion with half the step does the same.
+    no estimate unless the motion with half the step does the same. The estimate of a motion that
+    does not settle is that from half or from twice the step, whichever is larger.
 
     Args:
         model: the model that was integrated.
@@ -108,24 +109,27 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
     force = _force_error(motion, other)
     if has_settled(motion) and not has_settled(other):
         return unknown._replace(peak_force=force)
+    compared = _compared(motion, other)
     if is_unsteady(motion) or (motion.steady and np.isinf(force)):
-        if motion.steady != _settles_with_half_step(model, scene, motion):
+        try:
+            fine = check_motion(model, refined(scene), motion)
+        except (ConvergenceError, AccuracyError):
             return unknown
-    found = _errors(_compared(motion, other), dimension, 2.0, relative_to=0)
+        if motion.steady != _fine_settles(fine, motion):
+            return unknown
+        if not motion.steady:
+            compared += _compared(motion, fine)
+    found = _errors(compared, dimension, 2.0, relative_to=0)
     order = 1 if force > UNRESOLVED_FORCE else 2
     least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
     return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
 
 
-def _settles_with_half_step(model: Any, scene: Scene, motion: Motion) -> bool:
-    """Whether a motion settles with half its step: within half of the periods if it is unsteady.
+def _fine_settles(fine: Motion, motion: Motion) -> bool:
+    """Whether the motion with half the step settles: within half of the periods of an unsteady one.
 
     An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
     """
-    try:
-        fine = check_motion(model, refined(scene), motion)
-    except (ConvergenceError, AccuracyError):
-        return False
     return has_settled(fine) and (motion.steady or 2 * fine.periods <= motion.periods)
 
 

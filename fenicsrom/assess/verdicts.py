@@ -82,7 +82,8 @@ def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> N
     name = step_key(scene)
     given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
     if np.isfinite(estimate):
-        run = "eight times the tolerance" if name == "tolerance" else "twice the step"
+        coarse = "eight times the tolerance" if name == "tolerance" else "twice the step"
+        run = "another step" if unsteady else coarse
         found, other = f"{run} gives an error of about {in_percent(estimate)}", ""
     else:
         differs = "settles" if unsteady else "does not settle"
