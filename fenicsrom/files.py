@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import warnings
+import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -194,8 +195,12 @@ def read_archive(
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # overlapping entries: the file was manipulated
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                arrays = {name: np.array(file[name]) for name in file.files}
+            with open(path, "rb") as raw:
+                if not zipfile.is_zipfile(raw):
+                    raise _damaged(path, f"{path}: is not {what} written by this program")
+                raw.seek(0)
+                with np.load(raw, allow_pickle=False) as file:
+                    arrays = {name: np.array(file[name]) for name in file.files}
             header = json.loads(str(arrays.pop("header")[()]))
         if earlier and str(header.get("format")).startswith(earlier) and header["format"] != form:
             raise _damaged(

@@ -145,7 +145,7 @@ def integrate(
             if status == FAILED or period is None:
                 break
             change = _change(run, settings.steady_tolerance, period, q0)
-            steady = change <= settings.steady_tolerance
+            steady = change <= settings.steady_tolerance and not run.approaching(period)
             if steady and by_newton and not run.found:
                 steady = _confirm(run, settings, span, stop, last=span == spans)
             if progress is not None:
@@ -250,8 +250,8 @@ def _try_newton(run: MarchRun, settings: Any, done: int, stop: Callable[[], bool
         Stopped: `stop` returned True; nothing has changed.
     """
     assert run.period is not None
-    if run.contacts.times.size > 1 and run.state.scalars[TIME] < run.contacts.times[-1]:
-        return  # the surfaces still approach
+    if run.approaching():
+        return
     if run.search is not None and run.search.marched == done:
         return  # tried already
     fractions = fractions_of(run.history[-1], run.period) if settings.tolerance else None

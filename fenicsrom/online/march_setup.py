@@ -19,6 +19,7 @@ from fenicsrom.online.scheme import Control, Scheme
 from fenicsrom.online.state import (
     SIZE,
     STEP,
+    TIME,
     Checkpoint,
     PeriodicSearch,
     Record,
@@ -135,6 +136,11 @@ class MarchRun:
     def found(self) -> bool:
         """Whether Newton's method has replaced the marched motion by the periodic one."""
         return self.search is not None and self.search.time is not None
+
+    def approaching(self, before: float = 0.0) -> bool:
+        """Whether a rigid surface still approached so many seconds ago."""
+        times, slack = self.contacts.times, 1e-9 * self.horizon
+        return times.size > 1 and self.state.scalars[TIME] - before < times[-1] - slack
 
     @property
     def multiple(self) -> int:

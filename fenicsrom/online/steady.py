@@ -262,6 +262,7 @@ def fractions_of(rows: Record, period: float) -> Array | None:
 
 def periods_of(history: Sequence[Record], period: float, count: int, back: int = 0) -> Record:
     """The rows of the `count` periods that ended `back` periods before the end of a history."""
+    history = history[-(count + back + 1) :]
     rows = Record._make(
         np.concatenate(arrays)
         for arrays in zip(

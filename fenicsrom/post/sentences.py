@@ -184,7 +184,8 @@ def periodic_sentence(motion: Motion) -> str | None:
         f"(relative residual {search.residual:.1e})"
     )
     if search.verdict == "not found":
-        return f"Periodic motion: not found {tried}: the march went on."
+        after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
+        return f"Periodic motion: not found {tried}: {after}."
     found = search_summary(search)
     size = found["largest_multiplier"]
     several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""

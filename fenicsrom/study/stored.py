@@ -181,20 +181,29 @@ def _integrate(
 def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool]) -> None:
     """Write the numbers, the pictures and the report, and note the files, the report first.
 
-    A picture that cannot be drawn adds a warning.
+    A picture that cannot be drawn adds a warning. An interrupt before the report keeps the whole
+    motion in the checkpoint.
+
+    Raises:
+        KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
     from fenicsrom.post.report import write_rerun_report
-    from fenicsrom.post.summary import write_rerun_numbers
+    from fenicsrom.post.summary import write_checkpoint, write_rerun_numbers
 
+    stored = found.stored
     stop_where_asked(stop)
     with watch("numbers"):
         files = write_rerun_numbers(found, folder)
-    stop_where_asked(stop)
     written: list[tuple[str, Path]] = []
-    if found.stored.scene.output.pictures:
-        with watch("pictures"):
-            written = _draw(found, folder)
-    report = write_rerun_report(found, written, folder)
+    try:
+        stop_where_asked(stop)
+        if stored.scene.output.pictures:
+            with watch("pictures"):
+                written = _draw(found, folder)
+        report = write_rerun_report(found, written, folder)
+    except KeyboardInterrupt:
+        write_checkpoint(folder, stored.model, stored.scene, found.motion, whole=True)
+        raise
     found.files += [report, *files, *(path for _, path in written)]
 
 

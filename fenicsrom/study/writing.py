@@ -26,16 +26,20 @@ def numbers(run: Run) -> None:
 
 
 def keep_motion(run: Run) -> None:
-    """Write the numbers of a finished motion of a run that was interrupted before its numbers."""
+    """Write the numbers of a finished motion of an interrupted run; the checkpoint holds it all."""
+    from fenicsrom.online.model import ReducedModel
     from fenicsrom.post.sentences import unchecked_sentence
-    from fenicsrom.post.summary import write_numbers
+    from fenicsrom.post.summary import write_checkpoint, write_numbers
 
     study, done = run.study, run.watch.seconds
-    if run.folder is None or run.comm.rank or study.unfinished or "numbers" in done:
+    if run.folder is None or run.comm.rank or study.unfinished or "reduced" not in study.motions:
         return
-    if "reduced" in study.motions:
+    if "numbers" not in done:
         study.warnings.extend([] if "checks" in done else [unchecked_sentence(study.errors)])
         write_numbers(study, run.folder, whole=True)
+    elif isinstance(study.model, ReducedModel):
+        motion = study.motions["reduced"]
+        write_checkpoint(run.folder, study.model, study.scene, motion, whole=True)
 
 
 def paraview_modes(run: Run) -> None:

@@ -113,6 +113,21 @@ def test_rubbing_motion_equals_that_of_a_long_march(scheme: str) -> None:
     np.testing.assert_allclose(now, before, atol=1e-5 * float(np.abs(before).max()))
 
 
+@pytest.mark.parametrize("steady", ["newton", "march"])
+def test_motion_is_not_steady_before_the_surface_has_arrived(steady: str) -> None:
+    """Out of reach of the surface the motion repeats; later the surface comes and is touched."""
+    model, contacts, period = rubbing()
+    late = 60.0 * period
+    away = contacts._replace(
+        times=np.array([0.0, late, late + period]), approach=np.array([[-100.0, -100.0, 0.0]])
+    )
+    motion = run(model, period, away, steady=steady)
+    there = run(model, period, contacts, steady=steady)
+    assert motion.steady and motion.time[-1] > late + period
+    assert motion.force[motion.last_period()].max() > 0.0
+    np.testing.assert_allclose(amplitude(motion), amplitude(there), rtol=1e-4)
+
+
 def test_march_is_kept_where_it_is_asked_for() -> None:
     model, contacts, period = rubbing()
     marched = run(model, period, contacts, steady="march", periods=30)

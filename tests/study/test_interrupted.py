@@ -20,6 +20,7 @@ from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.checkpoints import FORMAT, load_checkpoint, load_start
 from fenicsrom.online.motion import Motion
 from fenicsrom.post.sentences import HALF_CHECKED, UNCHECKED
+from fenicsrom.study import stored as stored_runs
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 SHORT = ("geometrically_nonlinear=false", "output.pictures=false")
@@ -76,6 +77,20 @@ def test_run_that_is_interrupted_in_its_checks_repeats_only_these(
         load_checkpoint(path, model.model, model.scene)
 
 
+def test_run_that_is_interrupted_in_its_pictures_keeps_its_motion(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = stored(*SPANS["period"], "output.pictures=true")
+    with monkeypatch.context() as patched:
+        patched.setattr(stored_runs, "_draw", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            study.rerun(model, tmp_path)
+    kept = load_start(tmp_path / "checkpoint.npz", model.model, model.scene)
+    assert isinstance(kept, Motion)
+    found = study.rerun(model, tmp_path, resume=tmp_path / "checkpoint.npz")
+    assert_same(found.motion, kept)
+
+
 def test_run_that_is_interrupted_between_its_checks_says_which_errors_are_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -108,6 +123,9 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     monkeypatch.setattr(verdicts, "estimate_errors", lambda *_: None)
     monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
     resume = ["--resume", str(tmp_path / "checkpoint.npz")]
+    with monkeypatch.context() as patched:  # then in the report
+        patched.setattr("fenicsrom.post.report.write_study_report", interrupt)
+        assert main([*call, str(tmp_path), *resume]) == 130
     assert main([*call, str(tmp_path), *resume]) == 0
     kept = json.loads((tmp_path / "summary.json").read_text())
     assert kept["response"] == told["response"] and UNCHECKED not in kept["warnings"]
