@@ -189,6 +189,6 @@ class CurveProgress:
         gained = total - sum(first or 0.0 for first in self._first) / len(self._now)
         seconds = clock.perf_counter() - self._begin
         text = f"{100.0 * total:.0f} % of the range"
-        if gained < 0.02:
+        if gained < 0.02 or total == 1.0:  # the checks are still to come
             return text
         return f"{text}, about {duration(seconds * (1.0 - total) / gained)} left"

@@ -53,7 +53,8 @@ def required_table(scene: Scene, name: str, table: Table | None) -> Table:
     """
     if table is None:
         raise SceneError(
-            f"{scene.source}: {name} is missing: must be a table with first and last",
+            f"{scene.source}: {name} is missing: must be a table with first and last (or add "
+            f"--set {name}.first=NUMBER --set {name}.last=NUMBER)",
             kind=ErrorKind.MISSING,
             key=name,
             source=scene.source,

@@ -129,7 +129,7 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
         found = _measured(stored, report)
     except (SceneError, ConvergenceError, AccuracyError) as error:
         found = failure(error)
-    found["seconds"] = clock.perf_counter() - begin
+    found["run_time_s"] = clock.perf_counter() - begin
     keep(run, found)
     report(1.0, f"run {run.number + 1}: {found['outcome']}")
     return row_of(run, found)
@@ -198,7 +198,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
         warnings.insert(0, str(error))
     if warnings:
         found["sentence"] = "; ".join(warnings)
-    for column, cause in (("error_by_step", "time step"), ("error_by_basis", "basis")):
+    for column, cause in (("step_error", "time step"), ("basis_error", "basis")):
         if cause in errors:
             estimate = errors[cause].amplitude
             found[column] = float(estimate) if np.isfinite(estimate) else None

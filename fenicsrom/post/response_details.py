@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FARTHEST = 2.5  # multipliers farther from the origin are drawn at the edge
 MOST = 6000  # largest number of multipliers in one picture
 # thin and bright: seen on the dots that lie on it
-CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 1.4, "zorder": 4}
+CIRCLE: dict[str, Any] = {"color": "#E31A1C", "linewidth": 0.7, "zorder": 4}
 FLOOR = 1e-5  # harmonics below this part of the largest are not drawn
 
 

@@ -17,14 +17,14 @@ from fenicsrom.online.measures import STATE_NAMES
 from fenicsrom.online.provenance import provenance
 from fenicsrom.post.response_figures import directions, in_order, largest_component
 from fenicsrom.post.response_motion import largest_point
-from fenicsrom.scene.units import unit_of
+from fenicsrom.scene.units import column_name
 
 
 def rows(found: Response) -> list[dict[str, Any]]:
     """The rows of `response.csv`: every point and event in the order along its curve."""
     families, component = found.table.families, largest_component(found)
     return [
-        ({} if families is None else {with_unit(found, families.key): curve.value})
+        ({} if families is None else {column_name(found.scene, families.key): curve.value})
         | {"piece": number}
         | _row(found, point, component)
         for curve in found.curves
@@ -48,7 +48,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "contact_states": " ".join(_states(point)),
     }
     return {
-        with_unit(found, found.table.parameter): point.parameter,
+        column_name(found.scene, found.table.parameter): point.parameter,
         **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
         "phase_deg": float(np.degrees(np.angle(main[0]))),
         **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
@@ -58,7 +58,7 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "event": point.kind,
         "contact_point": None if point.contact < 0 else point.contact + 1,
         "periods": point.periods,
-        "multiplier_size": abs(multiplier),
+        "largest_multiplier": abs(multiplier),
         "multiplier_real": multiplier.real,
         "multiplier_imaginary": multiplier.imag,
         "free_sliders": point.free_sliders,
@@ -66,12 +66,6 @@ def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict
         "marched_periods": point.marches[0],
         "marched_periods_with_derivatives": point.marches[1],
     }
-
-
-def with_unit(found: Response, key: str) -> str:
-    """The name of a column: a key of the scene with its unit."""
-    unit = unit_of(found.scene, key).replace("²", "2")
-    return f"{key}_{unit}" if unit else key
 
 
 def _states(point: CurvePoint) -> list[str]:

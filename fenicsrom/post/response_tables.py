@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title
+from fenicsrom.assess.response_results import (
+    Response,
+    ResponseCurve,
+    curve_title,
+    judged_multiplier,
+)
 from fenicsrom.assess.trust import LARGEST, Check
 from fenicsrom.assess.verdicts import in_percent
 from fenicsrom.online.curve import COMPLETE, CurvePoint
@@ -36,22 +41,14 @@ def sentences(found: Response) -> list[str]:
         top, points = largest_point(found, curve), curve.points
         amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
         begin = curve_title(found.scene, curve.value)
-        unstable = sum(not point.stable for point in points)
         lines.append(
             f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
             f"amplitude {amplitude:.5g} mm at "
             f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
         )
-        lines += [f"{begin}Unstable points: {unstable}."] if unstable else []
-        if curve.step_error is not None:
-            lines.append(
-                f"{begin}Half the time step changes this amplitude by "
-                f"{in_percent(curve.step_error)}."
-            )
-        if curve.basis_error is not None:
-            lines.append(
-                f"{begin}A richer basis changes this amplitude by {in_percent(curve.basis_error)}."
-            )
+        if unstable := [point for point in points if not point.stable]:
+            lines.append(f"{begin}{_unstable_sentence(found, unstable)}")
+        lines += [f"{begin}{text}" for text in _changes(curve)]
         lines += [f"{begin}{text}" for text in _unknown_errors(curve)]
         free = sum(point.free_sliders > 0 for point in points)
         if free:
@@ -61,6 +58,34 @@ def sentences(found: Response) -> list[str]:
             )
         ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
         lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
+    return lines
+
+
+def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:
+    """The sentence on the unstable points of a curve: where they are, and how unstable."""
+    name, values = found.table.parameter, [point.parameter for point in points]
+    place = in_words(found.scene, name, *sorted({min(values), max(values)}))
+    many = f"Unstable points: {len(points)}, "
+    size = max(abs(judged_multiplier(point)) for point in points)
+    where = f"at {place}" if len(set(values)) == 1 else f"between {place}"
+    return f"{many}{where} (largest multiplier {size:.5g})."
+
+
+def _changes(curve: ResponseCurve) -> list[str]:
+    """Sentences on the known changes by half the time step and by a richer basis."""
+    lines = []
+    for name, what in (("step_error", "Half the time step"), ("basis_error", "A richer basis")):
+        here: float | None = getattr(curve, name)
+        if here is None:
+            continue
+        elsewhere = [
+            error
+            for check in curve.checks
+            if check.quantity == "amplitude" and (error := getattr(check, name)) is not None
+        ]
+        most = max(elsewhere, default=here)
+        more = f", and other amplitudes by at most {in_percent(most)}" if most > here else ""
+        lines.append(f"{what} changes this amplitude by {in_percent(here)}{more}.")
     return lines
 
 
@@ -82,7 +107,8 @@ def _unknown_errors(curve: ResponseCurve) -> list[str]:
         lines.append(
             f"The change by a richer basis is unknown at {unknown} of "
             f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "
-            f"method did not find {'it' if unknown == 1 else 'them'}."
+            f"method did not find {'it' if unknown == 1 else 'them'}. "
+            "Next to a fold there may be none."
         )
     return lines
 

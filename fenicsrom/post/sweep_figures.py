@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_CURVES = 8  # more curves are drawn as a map
+LEGEND_COLUMNS = 4
 
 
 @styled
@@ -42,7 +43,10 @@ def figure(found: Sweep) -> Figure:
     panels[-1].set_xlabel(" and ".join(key_labels(found, found.axes[0].keys)))
     if not as_map and len(shape) > 1:
         others = tuple(key for axis in found.axes[1:] for key in axis.keys)
-        panels[0].legend(title=", ".join(map(_short, key_labels(found, others, " in "))))
+        handles, labels = panels[0].get_legend_handles_labels()
+        title = ", ".join(map(_short, key_labels(found, others, " in ")))
+        columns = min(len(handles), LEGEND_COLUMNS)
+        made.legend(handles, labels, title=title, loc="outside upper center", ncols=columns)
     return made
 
 

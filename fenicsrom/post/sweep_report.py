@@ -17,8 +17,9 @@ from fenicsrom.post.tables import text_table
 from fenicsrom.post.writers import write_rows, write_summary
 from fenicsrom.scene import scene_heading
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import column_name
 
-MOST_LINES = 20  # of a table in the terminal
+MOST_LINES = 20  # of a table in the terminal, without its head
 
 
 def swept_keys(found: Sweep) -> list[str]:
@@ -102,7 +103,9 @@ def write(found: Sweep, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    write_rows(folder / "sweep.csv", found.rows)
+    names = {key: column_name(found.scene, key) for key in swept_keys(found)}
+    named = [{names.get(key, key): value for key, value in row.items()} for row in found.rows]
+    write_rows(folder / "sweep.csv", named)
     write_summary(folder / "sweep.json", summary(found))
     pictures: list[tuple[str, Path]] = []
     notes: list[str] = []
@@ -118,14 +121,16 @@ def write(found: Sweep, folder: Path) -> list[Path]:
     ]
     title = f"{scene_heading(found.scene, swept_keys(found))}: sweep"
     write_report(folder / "report.html", title, sections)
-    names = ("report.html", "sweep.csv", "sweep.json")
-    return [*(folder / name for name in names), *(path for _, path in pictures)]
+    files = ("report.html", "sweep.csv", "sweep.json")
+    return [*(folder / name for name in files), *(path for _, path in pictures)]
 
 
 def terminal(found: Sweep) -> str:
     """The table (or its beginning) and the sentences, for the terminal."""
     lines = table(found)
-    parts = [text_table(lines[: MOST_LINES + 1], 1 + len(swept_keys(found)))]
-    if (more := len(lines) - MOST_LINES - 1) > 0:
+    more = len(lines) - MOST_LINES - 1
+    shown = lines if more <= 1 else lines[: MOST_LINES + 1]  # the sentence takes a line, too
+    parts = [text_table(shown, 1 + len(swept_keys(found)))]
+    if more > 1:
         parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
     return "\n".join([*parts, *sentences(found), *remarks(found)])

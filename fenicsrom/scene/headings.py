@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from fenicsrom.scene.schema import Scene
 
 KEY_IN_BRACES = re.compile(r"\{([A-Za-z_][\w.]*)\}")
-WITHOUT_EFFECT = ("title", "output")  # changes of these keys do not change the results
+# changes of these keys do not change the motion of a scene
+WITHOUT_EFFECT = ("title", "output", "reference", "response", "backbone")
 LONGEST = 40  # longest text of one value in a heading
 
 

@@ -39,6 +39,12 @@ def in_words(scene: Scene, path: str, *values: float) -> str:
     return f"{path} = {listed} {unit_of(scene, path)}".rstrip()
 
 
+def column_name(scene: Scene, path: str) -> str:
+    """The name of the column of a table that holds a key: with its unit, such as `gap_m`."""
+    unit = unit_of(scene, path).replace("²", "2")
+    return f"{path}_{unit}" if unit else path
+
+
 def _is_region(scene: Scene, names: list[str]) -> bool:
     """Whether a path leads to a contact with the nodes of a region."""
     places = [contact.place for contact in scene.contacts]

@@ -120,6 +120,8 @@ def _range(text: str, key: str, values: str) -> list[float]:
     ):
         reason = "must be a list in brackets, or FIRST:LAST:COUNT or FIRST:LAST:COUNT:log with at "
         raise _refuse(text, reason + "least 2 values", key)
+    if first == last:
+        raise _refuse(text, "the ends of a range must differ", key)
     if spacing == "log" and not (first > 0.0 and last > 0.0):
         raise _refuse(text, "a range with equal ratios needs ends above 0", key)
     shares = [k / (count - 1) for k in range(count)]

@@ -19,7 +19,7 @@ from fenicsrom.assess.response import response
 from fenicsrom.assess.response_results import Response, ResponseCurve
 from fenicsrom.assess.stability_search import EXTRA
 from fenicsrom.assess.trust import SPREAD, richer_model, spread
-from fenicsrom.assess.verdicts import TIME_ERROR
+from fenicsrom.assess.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
@@ -252,6 +252,19 @@ def test_error_that_a_run_refuses_is_a_warning() -> None:
         f"by {100.0 * worst:.2g} %" in said and "steps_per_period" in said
         for said in found.warnings
     )
+
+
+def test_sentences_say_where_a_curve_is_unstable_and_its_largest_change() -> None:
+    found = compared(oscillator("time.steps_per_period=50"), 30.0)
+    (curve,) = found.curves
+    unstable = [point for point in curve.points if not point.stable]
+    ends = sorted(point.parameter for point in unstable)
+    said = " ".join(sentences(found))
+    assert f"Unstable points: {len(unstable)}, between frequency = {ends[0]:.6g} and " in said
+    assert f"{ends[-1]:.6g} Hz (largest multiplier " in said
+    changes = [c.step_error for c in curve.checks if c.quantity == "amplitude" and c.step_error]
+    assert curve.step_error is not None and max(changes) > curve.step_error
+    assert f"and other amplitudes by at most {in_percent(max(changes))}." in said
 
 
 def test_richer_basis_of_the_same_stability_is_no_warning() -> None:

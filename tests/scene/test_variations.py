@@ -49,6 +49,7 @@ def test_axes_combine_and_zipped_keys_change_together() -> None:
         "p=1:nan:3",
         "p=1:2:3:linear",
         "p=0:1:3:log",
+        "p=2:2:3",
         "p=[inf]",
         "p=[{a=1}]",
         "p=[1]\nq=[2]",
