@@ -215,7 +215,7 @@ class Corrector:
             periods=m,
             alternation=(displacement[first_period] - displacement[-1]).ravel(),
             harmonics=harmonics(record, problem.model.load_histories, problem.period),
-            period_states=states_over_period(record),
+            period_states=states_over_period(record, states),
             damping_dissipation=float(record.energies[-1, DAMPING_DISSIPATION - WORK]),
             turning=turning,
             turn_rates=turn_rates,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from fenicsrom.online.contact_events import SLIPS
+from fenicsrom.online.contact_state import SLIP, STICK
 from fenicsrom.online.load_histories import AMPLITUDE, OMEGA, PHASE, LoadHistories
 from fenicsrom.online.state import Record
 
@@ -54,7 +56,14 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
     return np.asarray(found.reshape(HARMONICS, *displacement.shape[1:]), dtype=np.complex128)
 
 
-def states_over_period(record: Record) -> NDArray[np.int8]:
-    """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time."""
+def states_over_period(record: Record, bits: NDArray[np.int64]) -> NDArray[np.int8]:
+    """Contact states (`PHASES`, P) in the middle of equal parts of the recorded time.
+
+    Args:
+        record: the rows.
+        bits: (P,) which states occur, of `fenicsrom.online.contact_events.occurrences`; the slip of
+            a point that counts as sticking is stick here too.
+    """
     instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
-    return record.state[record.time.searchsorted(instants)]
+    found = record.state[record.time.searchsorted(instants)]
+    return np.where((found == SLIP) & ((bits & SLIPS) == 0), np.int8(STICK), found)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
 from fenicsrom.online.curve_measures import (
     HARMONICS,
     PHASES,
@@ -70,11 +71,13 @@ def test_load_harmonic_is_the_lowest_varying_sine() -> None:
 def test_states_are_those_of_the_step_that_covers_each_phase() -> None:
     record = record_of(np.array([0.1, 0.4, 0.5]), 0.0)
     record.state[:, 0] = [-1, 1, 0]
-    states = states_over_period(record)
+    states = states_over_period(record, np.array([OPENS | SLIPS | STICKS]))
     assert states.shape == (PHASES, 1) and states.dtype == np.int8
     counts = {state: int(np.sum(states == state)) for state in (-1, 0, 1)}
     assert counts == {-1: PHASES // 5, 1: 3 * PHASES // 5, 0: PHASES // 5}
     assert list(states[[0, -1], 0]) == [-1, 0]
+    negligible = states_over_period(record, np.array([OPENS | STICKS]))
+    np.testing.assert_array_equal(negligible, np.where(states == 0, 1, states))
 
 
 class Pair(NamedTuple):
