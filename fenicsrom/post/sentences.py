@@ -272,6 +272,13 @@ def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
         scene: the scene of the run.
     """
     found = multiplicity_warnings(name, motion)
+    end = float(motion.time[-1])
+    for number, contact in enumerate(scene.contacts):
+        if contact.approach and contact.approach[-1][0] > end * (1.0 + 1e-9):
+            found.append(
+                f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
+                f"surface still moves until {contact.approach[-1][0]:.6g} s"
+            )
     if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
         found.append(unsteady_sentence(name, motion, scene))
     return found

@@ -83,9 +83,20 @@ def test_row_of_responses_has_the_order_of_the_directions() -> None:
 
 def test_warning_of_an_unsteady_motion_names_shorter_steps() -> None:
     """With the key of the scene, and with the other scheme only where it helps."""
-    motion: Any = SimpleNamespace(steady=False, buckled=0, search=None, periods=100)
+    unsteady = {"steady": False, "buckled": 0, "search": None, "periods": 100}
+    motion: Any = SimpleNamespace(**unsteady, time=np.array([0.0, 30.0]))
     (told,) = motion_warnings("reduced", motion, beam_scene(2, ("time.steps_per_period=200",)))
     assert "time.steps_per_period = 400" in told and "generalised-alpha" in told
     other = ("time.tolerance=8e-3", "time.scheme='generalised-alpha'")
     (told,) = motion_warnings("reduced", motion, beam_scene(2, other))
     assert "time.tolerance = 0.001" in told and "generalised-alpha" not in told
+
+
+@pytest.mark.parametrize(("end", "told"), [(1.9, True), (2.0, False)])
+def test_motion_that_ends_before_its_surface_has_arrived_is_warned_of(
+    end: float, told: bool
+) -> None:
+    motion: Any = SimpleNamespace(steady=True, buckled=0, search=None, time=np.array([0.0, end]))
+    scene = beam_scene(2, ("contacts.0.approach=[[0.0, 0.0], [2.0, 1e-3]]",))
+    found = motion_warnings("reduced", motion, scene)
+    assert [line.startswith("contacts.0.approach: ") for line in found] == [True] * told
