@@ -203,7 +203,7 @@ def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, i
         raise _refusal(
             scene,
             "backbone.mode",
-            f"= {number}: the reduced model has {counted(len(modes), 'mode')}",
+            f"= {number}: must be from 1 to {len(modes)}, the number of modes of the reduced model",
             ErrorKind.RANGE,
         )
     moves = [np.abs(stored.model.probe @ mode.shape) for mode in modes]

@@ -20,7 +20,7 @@ def response_problems(scene: Scene) -> Problems:
         allowed = "only allowed in a scene whose loads repeat"
         yield Problem("response.parameter", response.parameter, allowed)
     if not response.last > response.first:
-        allowed = f"must be above first, {response.first:g}"
+        allowed = f"must be above response.first = {response.first:g}"
         yield Problem("response.last", response.last, allowed, ErrorKind.RANGE)
     for value in response.isolated or ():
         if not response.first <= value <= response.last:
@@ -57,7 +57,7 @@ def backbone_problems(scene: Scene) -> Problems:
     if backbone is None:
         return
     if not backbone.last > backbone.first:
-        allowed = f"must be above first, {backbone.first:g}"
+        allowed = f"must be above backbone.first = {backbone.first:g}"
         yield Problem("backbone.last", backbone.last, allowed, ErrorKind.RANGE)
     factors = backbone.load_factors
     if list(factors) != sorted(factors):
