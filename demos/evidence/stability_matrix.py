@@ -223,7 +223,6 @@ RICHER_AXES = {
 UNSTEADY: dict[str, tuple[str, ...]] = {
     "load": ("30 times",),
     "damping": ("0 1/s", "0.1 1/s"),
-    "tolerance": ("0.1",),
     "impact": ("gap 20 mm, 1e+08 N/m",),
     "worst pairs": ("impact, 1e10 N/m, 50 steps",),
 }
