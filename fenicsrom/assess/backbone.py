@@ -28,6 +28,7 @@ from fenicsrom.online.periodic import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.periodic_record import recorded_motion
 from fenicsrom.online.support_motion import displacement_sines
 from fenicsrom.online.surfaces import Contacts
+from fenicsrom.progress import duration
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
 from fenicsrom.scene.rules import counted
@@ -237,17 +238,21 @@ def _follow(
     Raises:
         ConvergenceError: the first point was not found, or the curve ends within the range.
     """
-    last = clock.perf_counter()
+    begin = last = clock.perf_counter()
+    first, width = found.table.first, np.log(found.table.last / found.table.first)
 
     def keep(point: CurvePoint) -> None:
         nonlocal last
         found.points.append(_mode_point(path, point, unit, found.scene.time))
         if clock.perf_counter() - last > REPORT_INTERVAL:
             last, here = clock.perf_counter(), found.points[-1]
+            part = float(np.clip(np.log(here.linear_amplitude / first) / width, 0.01, 1.0))
+            left = duration((last - begin) * (1.0 - part) / part)
             say(
                 f"{counted(len(found.points), 'point')}, linear amplitude "
                 f"{1e3 * here.linear_amplitude:.4g} mm, {here.frequency:.6g} Hz, "
-                f"damping ratio {100.0 * here.damping_ratio:.4g} %"
+                f"damping ratio {100.0 * here.damping_ratio:.4g} %; {100.0 * part:.0f} % of the "
+                f"range, about {left} left"
             )
 
     keep(_first_point(path))
@@ -326,7 +331,7 @@ def _step_errors(
     settings = stored.scene.time.changed(steps_per_period=2 * found.steps)
     path = _path(stored, contacts, found, unit, settings)
     for k in sorted({0, len(found.points) // 2, len(found.points) - 1}):
-        say(f"point {k + 1} with half the time step")
+        say(f"checking point {k + 1} with half the time step")
         point = found.points[k]
         finer = path.at_parameter(point.motion.s, point.motion.parameter)
         if finer is not None:

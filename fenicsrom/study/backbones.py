@@ -75,4 +75,4 @@ def _followed(stored: StoredModel, say: Callable[[str], None] | None) -> Backbon
 
     watch = Stopwatch(say)
     with watch("nonlinear mode"):
-        return modes.backbone(stored, watch.say)
+        return modes.backbone(stored, lambda line: watch.say(f"  {line}"))
