@@ -1,9 +1,12 @@
 """Files and folders that appear complete or not at all."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from fenicsrom.files import atomic_folder, atomic_write
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.files import atomic_folder, atomic_write, read_archive
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit, ValueError, OSError])
@@ -61,3 +64,13 @@ def test_atomic_folder_after_failed_swap_restores_older_folder(tmp_path, monkeyp
         (temporary / "new").write_text("new")
     assert [p.name for p in tmp_path.iterdir()] == ["motion"] and (path / "old").exists()
     assert len(calls) == 3
+
+
+def test_file_that_is_no_archive_is_refused_without_advice_to_load_it_unsafely(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "model.npz"
+    path.write_text("no archive")
+    with pytest.raises(SceneError) as caught, read_archive(path, "a reduced model", "form"):
+        pass
+    assert caught.value.kind is ErrorKind.FORMAT and "pickle" not in str(caught.value)

@@ -86,21 +86,19 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
         raise refusal(reason, ErrorKind.CONFLICT)
     if key == parameter or key.startswith("response."):
         raise refusal("must be a number that [response] does not set", ErrorKind.CONFLICT)
+    place = f"{scene.source}: response.families.values"
     for value in families.values:
         override = [f"{families.key}={value!r}"]
         try:
-            changed = parse_scene(
-                override_table(scene_table(scene), override, scene.source), scene.source, None
-            )
+            changed = parse_scene(override_table(scene_table(scene), override, place), place, None)
         except SceneError as error:
             if error.kind in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
                 reason = (
                     'the scene has no such number; must be a key of it, such as "loads.0.force"'
                 )
                 raise refusal(reason, ErrorKind.RANGE) from error
-            reason = str(error).removeprefix(f"{scene.source}: ")
             raise SceneError(
-                f"{scene.source}: response.families.values: {reason}",
+                str(error),
                 kind=error.kind,
                 key="response.families.values",
                 source=scene.source,

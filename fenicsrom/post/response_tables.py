@@ -64,11 +64,10 @@ def sentences(found: Response) -> list[str]:
 def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:
     """The sentence on the unstable points of a curve: where they are, and how unstable."""
     name, values = found.table.parameter, [point.parameter for point in points]
-    place = in_words(found.scene, name, *sorted({min(values), max(values)}))
-    many = f"Unstable points: {len(points)}, "
+    ends = sorted({min(values), max(values)})
+    where = f"{'at' if len(ends) == 1 else 'between'} {in_words(found.scene, name, *ends)}"
     size = max(abs(judged_multiplier(point)) for point in points)
-    where = f"at {place}" if len(set(values)) == 1 else f"between {place}"
-    return f"{many}{where} (largest multiplier {size:.5g})."
+    return f"Unstable points: {len(points)}, {where} (largest multiplier {size:.5g})."
 
 
 def _changes(curve: ResponseCurve) -> list[str]:

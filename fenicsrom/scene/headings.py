@@ -2,7 +2,7 @@
 
 A title may hold keys in braces, such as `{loads.0.frequency}`; the heading shows their values.
 An override of a key that the title does not hold is appended to it in this form, so that the
-heading of a report names every changed value, also after a second change.
+heading of a report names every changed value of the motion, also after a second change.
 """
 
 from __future__ import annotations

@@ -244,6 +244,8 @@ def test_progress_tells_the_fraction_and_the_time_left(monkeypatch: pytest.Monke
     assert "50 %" in lines[-1] and "about 20 s left" in lines[-1]
     progress.finished(0)
     assert progress.remaining().startswith("75 %")
+    progress(1, 1.0, "checks")
+    assert "100 %" in lines[-1] and "left" not in lines[-1]
 
 
 def test_picture_that_fails_becomes_a_warning_after_the_numbers(

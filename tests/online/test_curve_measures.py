@@ -17,8 +17,10 @@ from fenicsrom.online.curve_measures import (
     states_over_period,
 )
 from fenicsrom.online.load_histories import harmonic
+from fenicsrom.online.march_records import joined_rows
 from fenicsrom.online.packing import pack, unpack
 from fenicsrom.online.state import Record, no_record
+from fenicsrom.online.steady import periods_of
 
 PERIOD = 0.5
 
@@ -58,6 +60,17 @@ def test_harmonics_of_unequal_steps_converge_with_the_square_of_the_step() -> No
 
     assert 0.0 < error(100) < 1e-2
     assert error(100) / error(200) == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.parametrize("back", [0, 1, 2])
+def test_last_periods_of_a_history_are_those_of_its_joined_rows(back: int) -> None:
+    """The history has an entry for each period; the slow twin has one entry with all rows."""
+    entries = [record_of(k + np.linspace(0.0, 1.0, 5)[1:], float(k)) for k in range(8)]
+    whole = joined_rows(entries, [entry.time.size for entry in entries])
+    found, slow = (periods_of(rows, 1.0, 2, back) for rows in (entries, [whole]))
+    np.testing.assert_array_equal(found.time, slow.time)
+    np.testing.assert_array_equal(found.displacement, slow.displacement)
+    assert found.time.size == 8 and found.time[-1] == 8.0 - back
 
 
 def test_load_harmonic_is_the_lowest_varying_sine() -> None:

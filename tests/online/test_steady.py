@@ -257,6 +257,9 @@ def test_chaotic_motion_is_marched_to_the_end_and_told() -> None:
     told = response_summary(motion)["periodic_motion"]["verdict"]
     assert told == "not found" or told == "not reached" or told.startswith("unstable")
     assert "the march went on" in str(periodic_sentence(motion))
+    search = motion.search._replace(verdict="not found")
+    believed = str(periodic_sentence(replace(motion, steady=True, search=search)))
+    assert "not found" in believed and "went on" not in believed
 
 
 def test_sliders_that_are_not_unique_are_told() -> None:

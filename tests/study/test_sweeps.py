@@ -122,6 +122,15 @@ def test_buckled_run_of_a_sweep_warns(
     assert said.startswith("run 1: ") and "buckles" in said
 
 
+@pytest.mark.parametrize(("runs", "more"), [(21, ""), (22, "sweep.csv lists 2 more runs.")])
+def test_table_in_the_terminal_leaves_out_more_than_one_run(
+    model: Path, tmp_path: Path, runs: int, more: str
+) -> None:
+    found = swept(model, tmp_path, ["loads.0.force=[10]"])
+    said = sweep_report.terminal(replace(found, rows=found.rows * runs))
+    assert more in said and ("more run" in said) == bool(more)
+
+
 def test_doubtful_run_keeps_its_warnings(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
