@@ -39,45 +39,6 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "AccuracyError",
-    "ConvergenceError",
-    "ErrorKind",
-    "FullModel",
-    "History",
-    "Mesh",
-    "ModelArrays",
-    "Motion",
-    "ReducedModel",
-    "Scene",
-    "SceneError",
-    "Solid",
-    "StoredModel",
-    "Study",
-    "amplitudes",
-    "build_mesh",
-    "build_model",
-    "build_solid",
-    "choose",
-    "component_modes",
-    "contact_fractions",
-    "differentiate",
-    "enrich",
-    "load_model",
-    "make_scene",
-    "mesh_from_dolfinx",
-    "mesh_from_gmsh_model",
-    "model_arrays",
-    "parse_scene",
-    "read_history",
-    "read_scene",
-    "reduce",
-    "run",
-    "save_model",
-    "simulate",
-    "solid_of",
-]
-
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
@@ -97,6 +58,9 @@ _MODULES = {
     "records": ("Study",),
     "study": ("build_model", "run"),
 }
+"""The public names of each module."""
+
+__all__ = sorted(name for names in _MODULES.values() for name in names)
 
 
 def __getattr__(name: str) -> Any:

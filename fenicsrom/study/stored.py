@@ -210,8 +210,8 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     """Draw the motion and the stresses; give the titles and the files."""
     from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.run.pictures import (
-        draw_pictures,
         motion_pictures,
         working,
         write_stress_picture,

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem import formats
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile

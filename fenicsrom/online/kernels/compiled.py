@@ -26,7 +26,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic, overload, overload_method
 
 PACKAGE = "fenicsrom.online"
-TYPES = ("fenicsrom.online.model", "fenicsrom.online.scheme")
+TYPES = ("fenicsrom.online.model.model", "fenicsrom.online.step.scheme")
 """Modules of the named tuples that kernels receive but do not import."""
 
 _FOLDER = Path(sys.modules[PACKAGE].__path__[0])
