@@ -11,3 +11,7 @@ def counted(number: int, noun: str, plural: str = "") -> str:
 def are(number: int) -> str:
     """The verb of a sentence whose subject is a number of things."""
     return "is" if number == 1 else "are"
+
+
+IMPLAUSIBLE = "implausible: "
+"""How the sentences on most likely mistakes start. After one, its consequences need none."""

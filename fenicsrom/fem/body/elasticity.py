@@ -137,6 +137,11 @@ class ElasticBody:
         self.rotation = self._rotating_frame(rotation)
 
     @property
+    def extent(self) -> float:
+        """Largest extent of the undeformed body along an axis, m. Collective."""
+        return self.mesh.extent()
+
+    @property
     def dimension(self) -> int:
         """Dimension d of space, 2 or 3."""
         return self.geometry.dimension
