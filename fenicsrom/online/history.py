@@ -84,7 +84,7 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
             run.
 
     Returns:
-        The motion of each model that ran, by its name: "reduced", "full", "beam".
+        The motion of each model that ran, by its name ("reduced", "full" or "beam").
 
     Raises:
         SceneError: the file is missing, damaged, or not a `history.npz`, or the period is not a

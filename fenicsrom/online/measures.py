@@ -163,7 +163,8 @@ def amplitudes(motion: Motion) -> dict[str, Any]:
             global axes, and then the first axis counts as the normal direction.
 
     Returns:
-        `{"normal": m, "tangential": [m, ...]}`, one tangential amplitude per tangent direction.
+        The amplitudes in m: the number "normal", and under "tangential" a list with one number for
+        each tangent direction.
     """
     half = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2
     return {"normal": float(half[0]), "tangential": [float(value) for value in half[1:]]}
@@ -175,7 +176,7 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
+        The fractions "open", "slip" and "stick", whose sum is 1; without contact "open" is 1.
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
