@@ -50,6 +50,12 @@ def read_scene(
 
     Raises:
         SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> scene = fr.read_scene("demos/slip_liftoff_2d.toml", "loads.0.force=150")
+        >>> scene.loads[0].size, scene.contacts[0].friction
+        (150.0, 0.5)
     """
     source = os.fspath(path)
     table = override_table(read_toml(source), overrides, source)
@@ -63,11 +69,23 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
     Args:
         folder: folder to which the paths of the mesh and of tables are relative.
         tables: the tables and keys of a scene file, as plain data or as the dataclasses of this
-            package: `make_scene(geometry={"mesh": "beam3d.geo", "dimension": 3}, material={...},
-            supports=[{"group": "root"}], loads=[Load.of(group="load", ...)])`.
+            package.
 
     Raises:
         SceneError: a key or value is not allowed.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> steel = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
+        >>> shaken = {"group": "load", "direction": [0, 0, 1], "force": 100.0, "frequency": 3.0}
+        >>> scene = fr.make_scene(
+        ...     geometry={"mesh": "beam3d.geo", "dimension": 3},
+        ...     material=steel,
+        ...     supports=[{"group": "root"}],
+        ...     loads=[shaken],
+        ... )
+        >>> scene.time.scheme, round(scene.period, 6)  # the defaults are filled in
+        ('discrete-gradient', 0.333333)
     """
     return parse_scene(
         {name: plain(table) for name, table in tables.items()}, "scene", Path(folder)
@@ -97,6 +115,15 @@ def parse_scene(
 
     Raises:
         SceneError: one sentence that names the source, the key, its value and what is allowed.
+
+    Example:
+        >>> import tomllib
+        >>> import fenicsrom as fr
+        >>> with open("demos/open_2d.toml", "rb") as file:
+        ...     table = tomllib.load(file)
+        >>> table["loads"][0]["frequency"] = 3.1
+        >>> fr.parse_scene(table, "open_2d", None).loads[0].frequency
+        3.1
     """
     where = Where(source)
     if not isinstance(table, Mapping):
