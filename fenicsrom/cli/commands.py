@@ -31,7 +31,7 @@ from fenicsrom.scene import Scene, json_schema, read_scene
 from fenicsrom.scene.rules import counted
 
 OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
-"""Commands with a table of their own in the scene, which has their name."""
+"""Commands that have a table in the scene; the table has the name of the command."""
 
 
 def run(options: argparse.Namespace) -> int:
@@ -96,7 +96,7 @@ def _rerun(options: argparse.Namespace) -> int:
 def plan(options: argparse.Namespace) -> int:
     """List the stages of `run`, and the other commands that the scene has tables for.
 
-    The parts of a stage are indented. The picture of the set-up is drawn if it is asked for.
+    The parts of a stage are indented. With --picture, the set-up is drawn.
 
     Raises:
         SceneError: the scene or the file of the picture cannot be used.
@@ -200,7 +200,7 @@ def response(options: argparse.Namespace) -> int:
 
 
 def _end_of_curves(found: Any, comm: Any) -> int:
-    """Print the response curves, and end as their computation did."""
+    """Print the response curves; give the exit code, or raise the error of the curves."""
     if found.curves and (comm is None or comm.rank == 0):
         from fenicsrom.post import response_tables
 
@@ -235,7 +235,7 @@ def backbone(options: argparse.Namespace) -> int:
 
 
 def _end_of_mode(found: Any, comm: Any, folder: Path) -> int:
-    """Write and print a nonlinear mode, and end as its computation did."""
+    """Write and print a nonlinear mode; give the exit code, or raise the error of the mode."""
     if found.points and (comm is None or comm.rank == 0):
         from fenicsrom.post import backbone_report
 
@@ -336,7 +336,7 @@ def stability(options: argparse.Namespace) -> int:
     """Run extreme or random variants of a scene.
 
     Raises:
-        SceneError: axes and random variants are asked for together.
+        SceneError: --axis and --random are given together.
     """
     from fenicsrom.assess import stability
     from fenicsrom.post import stability_report

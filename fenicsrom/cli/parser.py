@@ -1,4 +1,4 @@
-"""The table of commands, and the parser that it makes.
+"""The table of commands, and the parser that is made from the table.
 
 A new command is one row of `COMMANDS` and one function in `commands`.
 """
@@ -18,7 +18,7 @@ def natural(text: str) -> int:
     """Read a whole number of at least 0.
 
     Raises:
-        ValueError: the text is not such a number.
+        ValueError: the text is not a whole number of at least 0.
     """
     number = int(text)
     if number < 0:
@@ -30,7 +30,7 @@ class Argument:
     """An argument of a command, as `ArgumentParser.add_argument` takes it."""
 
     def __init__(self, *names: str, **settings: Any):
-        """Keep the names and the settings."""
+        """Store the names and the settings."""
         self.names = names
         self.settings = settings
 
@@ -40,10 +40,10 @@ class Command:
     """One command.
 
     Attributes:
-        name: its name.
-        help: what it does, in one line.
-        run: does it, and returns the exit code.
-        arguments: its arguments.
+        name: name of the command.
+        help: one line for the list of commands.
+        run: function that runs the command and returns the exit code.
+        arguments: arguments of the command.
     """
 
     name: str

@@ -1,9 +1,9 @@
-"""How many normal modes a basis has, and the solve for them.
+"""The number of normal modes of a basis, and their computation.
 
 With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highest frequency that the
 scene excites (`fenicsrom.scene.excitation`) and the next one, but at least `LEAST_MODES`. A mode
-above twice the frequency of a load answers with at most 1/(1 − 1/4) = 1.3 times its static
-response, so the responses of the modes that are left out are small and nearly static.
+above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
+response. The responses of the modes that are left out are therefore small and nearly static.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MOST_LINEAR_MODES = 100
 """Most modes of "auto" in a linear scene; at most half of the free unknowns in any scene."""
 
 EXTRA_MODES = 2
-"""Modes computed beyond those asked for, so that the last group of close modes is complete."""
+"""Modes computed beyond the wanted ones, so that the last group of close modes is complete."""
 
 
 def solve_eigenmodes(
@@ -79,7 +79,7 @@ def solve_eigenmodes(
 
 
 def missing_modes(highest: float, frequencies: Array) -> str | None:
-    """Warn of loads that are too fast for the modes of a basis; None if there are none.
+    """Give a warning of loads that are too fast for the modes of a basis; None without such loads.
 
     Args:
         highest: the highest frequency that the scene excites, Hz.

@@ -41,8 +41,10 @@ def read_scene(
 
     Args:
         path: the file.
-        overrides: values to replace, see `override_table`. The title names them.
-        mesh: find the mesh file; False takes its path as it is, since a stored model needs no mesh.
+        overrides: one or several texts KEY=VALUE that replace values of the file, such as
+            "loads.0.force=150". The title names them.
+        mesh: whether to look for the mesh file. A stored model needs no mesh: False takes the path
+            as it is.
         unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
 
     Returns:
@@ -105,9 +107,9 @@ def parse_scene(
     Args:
         table: the data, as TOML or JSON gives it.
         source: name of the data in messages, usually that of the file.
-        folder: folder to which the path of the mesh is relative; None to take the path as it is,
-            without looking for the file (a reduced model needs no mesh).
-        mesh: False does not look for the mesh file, although tables are read from the folder.
+        folder: folder to which the path of the mesh is relative. None takes the path as it is and
+            does not look for the file, because a reduced model needs no mesh.
+        mesh: whether to look for the mesh file in the folder; the files of tables are read anyway.
         unloaded: whether the scene may be without loads, contacts and probe.
 
     Returns:
@@ -163,7 +165,7 @@ def read_toml(source: str) -> dict[str, Any]:
 
 
 def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:
-    """Give the table of a scene with frequencies in place of the engine orders of its loads."""
+    """Replace the engine orders of the loads by frequencies in the table of a scene."""
     loads = table.get("loads")
     if not is_sequence(loads):
         return table
@@ -190,7 +192,7 @@ def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
 
 
 def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:
-    """Give the scene with its files found and the defaults that depend on other keys filled in."""
+    """Find the files of the scene, and fill in the defaults that depend on other keys."""
     probe = scene.probe
     if probe is None and not scene.contacts:
         places = (load.place for load in scene.loads if not load.everywhere)
