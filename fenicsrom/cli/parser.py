@@ -119,7 +119,7 @@ ZIP = Argument(
     default=[],
     metavar="KEY=VALUES",
     dest="together",
-    help="the same, but all keys of --zip change together; may be repeated",
+    help="as --over, but all keys of --zip change together; may be repeated",
 )
 RESUME_SWEEP = Argument(
     "--resume",
@@ -138,8 +138,7 @@ SET = Argument(
 PICTURE = Argument(
     "--picture",
     metavar="FILE",
-    help="make the mesh, and draw it undeformed with its supports, loads and contacts to this "
-    "PNG file",
+    help="draw the undeformed mesh with its supports, loads and contacts to this PNG file",
 )
 OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
 FORCE = Argument(
@@ -155,15 +154,15 @@ MESH = Argument("mesh", help="mesh or geometry file")
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
-FILE = Argument("--output", metavar="FILE", help="write it to this file")
+FILE = Argument("--output", metavar="FILE", help="file to write")
 MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
     "--format",
     required=True,
     choices=("mat", "jax", "fmu", "dmig", "op4", "inp"),
     help="mat (MATLAB and Octave), jax (a Python module) and fmu (a Functional Mock-up Unit) hold "
-    "the nonlinear model; dmig and op4 "
-    "(Nastran) hold its linear part; inp is the CalculiX deck of a scene",
+    "the nonlinear model; dmig and op4 (Nastran) hold the linear part of the model; inp "
+    "is the CalculiX deck of a scene",
 )
 MATRICES = Argument("matrices", help="file of the matrices: .op4, .bdf, .pch, .mtx, .mat or .npz")
 INTERFACE_SCENE = Argument(

@@ -71,9 +71,9 @@ def solve_eigenmodes(
         count = min(2 * count, most)
     if needed - 1 > most:
         structure.warnings.append(
-            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz; the '
-            f"scene excites up to {structure.excitation:.5g} Hz: set basis.modes to a larger "
-            "number to include more"
+            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz, but '
+            f"the scene excites up to {structure.excitation:.5g} Hz; for more modes, set "
+            "basis.modes to a larger number"
         )
     return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
@@ -90,7 +90,6 @@ def missing_modes(highest: float, frequencies: Array) -> str | None:
         return None
     return (
         f"the scene excites up to {highest:.5g} Hz, and the normal modes of the basis "
-        f"({frequencies.size}) end at {last:.5g} Hz, {last / highest:.2g} times this frequency; "
-        f'they should reach {ENOUGH:g} times: run the scene with basis.modes = "auto", or with '
-        "more modes"
+        f"({frequencies.size}) end at {last:.5g} Hz; they should reach {ENOUGH:g} times the "
+        'highest excited frequency: run the scene with basis.modes = "auto", or with more modes'
     )

@@ -75,7 +75,7 @@ def _parsed(override: str, source: str) -> tuple[list[str], Any]:
     path, equals, text = override.partition("=")
     names = names_of(path)
     if not equals or not all(names) or len(names) > DEEPEST:
-        raise _refuse(override, source, "must be a key, = and a value")
+        raise _refuse(override, source, "must be KEY=VALUE, such as loads.0.force=200")
     try:
         value = parse_toml(f"value = {text}")
     except ValueError:

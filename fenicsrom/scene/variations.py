@@ -87,7 +87,7 @@ def _read(text: str) -> tuple[str, list[Any]]:
     """Read the key and the values of `KEY=VALUES`."""
     key, equals, values = (part.strip() for part in text.partition("="))
     if not key or not equals:
-        raise _refuse(text, "must be a key, = and a list or a range", key)
+        raise _refuse(text, "must be KEY=VALUES, where VALUES is a list or a range", key)
     if values.startswith("["):
         return key, _list(text, key, values)
     return key, _range(text, key, values)
