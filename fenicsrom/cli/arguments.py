@@ -12,7 +12,7 @@ class Argument:
     """An argument of a command, as `ArgumentParser.add_argument` takes it."""
 
     def __init__(self, *names: str, **settings: Any):
-        """Keep the names and the settings."""
+        """Store the names and the settings."""
         self.names = names
         self.settings = settings
 
@@ -22,10 +22,10 @@ class Command:
     """One command.
 
     Attributes:
-        name: its name.
-        help: what it does, in one line.
-        run: does it, and returns the exit code.
-        arguments: its arguments.
+        name: name of the command.
+        help: one line for the list of commands.
+        run: function that runs the command and returns the exit code.
+        arguments: arguments of the command.
     """
 
     name: str
@@ -63,4 +63,4 @@ SCENE = Argument("scene", help="scene file (TOML)")
 MESH = Argument("mesh", help="mesh or geometry file")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
-FILE = Argument("--output", metavar="FILE", help="write it to this file")
+FILE = Argument("--output", metavar="FILE", help="file to write")

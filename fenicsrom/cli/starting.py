@@ -18,10 +18,11 @@ from fenicsrom.scene.reading import read_toml
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Import modules in the body while the collector of garbage waits.
+    """Switch the collector of garbage off while modules are imported.
 
-    It would look at all imported objects again and again, which takes a tenth of a short command.
-    Afterwards it leaves them out, because they are never garbage.
+    The collector would look at all imported objects again and again, which takes a tenth of the
+    time of a short command. After the imports it leaves these objects out, because they are never
+    garbage.
     """
     gc.disable()
     try:
@@ -36,7 +37,7 @@ def require_scene(options: argparse.Namespace) -> None:
     """Check that a command without a stored model has a scene file.
 
     Raises:
-        SceneError: it has none.
+        SceneError: the command has no scene file.
     """
     if options.scene is not None:
         return
@@ -79,7 +80,7 @@ def ranks() -> Any:
 
 
 def changed_model(options: argparse.Namespace, stored: Any) -> Any:
-    """Give a stored model under the scene file, or under its own scene with the overrides."""
+    """Give a stored model under the scene file, or under its own scene with the values of --set."""
     if options.scene is not None:
         return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
     return stored.with_overrides(options.overrides)
@@ -101,7 +102,7 @@ def source(options: argparse.Namespace) -> tuple[Any, Any, Any, Scene]:
 
 
 def given_keys(options: argparse.Namespace) -> set[str]:
-    """The keys that the user gave: those of the scene file, such as "output.motion", and --set."""
+    """The keys that the user gave in the scene file and by --set, such as "output.motion"."""
     keys = {".".join(names_of(override.partition("=")[0])) for override in options.overrides}
     for name, value in (read_toml(options.scene) if options.scene is not None else {}).items():
         keys |= {f"{name}.{key}" for key in value} if isinstance(value, dict) else {name}

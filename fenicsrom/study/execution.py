@@ -157,6 +157,14 @@ def build_model(
         SceneError: the scene cannot be used, all its loads are static, or its elastic force is
             projected, which needs the mesh.
         ConvergenceError, AccuracyError: a stage failed.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> stored = fr.build_model(fr.read_scene("demos/open_2d.toml"))
+        >>> stored.labels
+        ('1V', '2V', '3V', '1V1V', '1V2V', '1V3V')
+        >>> stored.frequencies_hz.round(2).tolist()
+        [3.28, 20.59, 57.78]
     """
     from fenicsrom.post.run.summary import stored_model
 

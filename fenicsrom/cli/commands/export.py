@@ -16,8 +16,8 @@ FORMAT = Argument(
     required=True,
     choices=("mat", "jax", "fmu", "dmig", "op4", "inp"),
     help="mat (MATLAB and Octave), jax (a Python module) and fmu (a Functional Mock-up Unit) hold "
-    "the nonlinear model; dmig and op4 "
-    "(Nastran) hold its linear part; inp is the CalculiX deck of a scene",
+    "the nonlinear model; dmig and op4 (Nastran) hold the linear part of the model; inp "
+    "is the CalculiX deck of a scene",
 )
 
 

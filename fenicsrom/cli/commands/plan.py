@@ -16,19 +16,18 @@ from fenicsrom.scene import read_scene
 PICTURE = Argument(
     "--picture",
     metavar="FILE",
-    help="make the mesh, and draw it undeformed with its supports, loads and contacts to this "
-    "PNG file",
+    help="draw the undeformed mesh with its supports, loads and contacts to this PNG file",
 )
 
 
 OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
-"""Commands with a table of their own in the scene, which has their name."""
+"""Commands that have a table in the scene; the table has the name of the command."""
 
 
 def plan(options: argparse.Namespace) -> int:
     """List the stages of `run`, and the other commands that the scene has tables for.
 
-    The parts of a stage are indented. The picture of the set-up is drawn if it is asked for.
+    The parts of a stage are indented. With --picture, the set-up is drawn.
 
     Raises:
         SceneError: the scene or the file of the picture cannot be used.

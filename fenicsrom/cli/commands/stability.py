@@ -18,7 +18,7 @@ def natural(text: str) -> int:
     """Read a whole number of at least 0.
 
     Raises:
-        ValueError: the text is not such a number.
+        ValueError: the text is not a whole number of at least 0.
     """
     number = int(text)
     if number < 0:
@@ -49,7 +49,7 @@ def stability(options: argparse.Namespace) -> int:
     """Run extreme or random variants of a scene.
 
     Raises:
-        SceneError: axes and random variants are asked for together.
+        SceneError: --axis and --random are given together.
     """
     from fenicsrom.assess.studies.stability import Verdict
 

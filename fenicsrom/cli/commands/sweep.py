@@ -39,7 +39,7 @@ ZIP = Argument(
     default=[],
     metavar="KEY=VALUES",
     dest="together",
-    help="the same, but all keys of --zip change together; may be repeated",
+    help="as --over, but all keys of --zip change together; may be repeated",
 )
 RESUME_SWEEP = Argument(
     "--resume",
