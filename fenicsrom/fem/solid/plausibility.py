@@ -14,12 +14,12 @@ import dolfinx.mesh
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.scene import Elasticity, Region, Scene
 from fenicsrom.words import IMPLAUSIBLE
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
-    from fenicsrom.fem.solid.solid import Solid
 
 WAVE_SPEEDS = (100.0, 20e3)
 """Speeds of waves along a bar of a solid, m/s: soft rubber, diamond."""
@@ -78,7 +78,7 @@ def _material_sentence(key: str, material: Elasticity) -> str | None:
         return None
     return (
         f"{IMPLAUSIBLE}{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
-        f"waves of {math.sqrt(young / density):.3g} m/s (solids: {WAVE_SPEEDS[0]:g} to "
+        f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} to "
         f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density)}"
     )
 
@@ -127,20 +127,21 @@ def _is_solid(young: float, density: float, usual: bool = False) -> bool:
     )
 
 
-def implausible_normals(scene: Scene, solid: Solid) -> list[str]:
+def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[str]:
     """One sentence on the first contact whose surface is on the side of the body. Collective.
 
     Only contacts on facets of the boundary are judged.
 
     Args:
         scene: the scene.
-        solid: the solid.
+        mesh: its mesh.
+        points: its contact points.
     """
     for k, contact in enumerate(scene.contacts):
-        if not solid.mesh.has_facets(contact.place):
+        if not mesh.has_facets(contact.place):
             continue
-        outward = _outward(solid.mesh, contact.place)
-        normal = solid.points.frame[solid.points.contact == k, 0].mean(axis=0)
+        outward = _outward(mesh, contact.place)
+        normal = points.frame[points.contact == k, 0].mean(axis=0)
         size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
         if float(outward @ normal) < OPPOSITE * size:
             name = "normal" if contact.surface is None else "surface"
@@ -159,19 +160,18 @@ def _outward(mesh: Mesh, region: Region) -> Array:
     facets = mesh.facets(region)
     domain.topology.create_connectivity(d - 1, d)
     cells = domain.topology.connectivity(d - 1, d)
-    single = np.diff(cells.offsets)[facets] == 1
-    inside = domain.comm.allreduce(int(np.sum(~single)))
-    places = dolfinx.mesh.entities_to_geometry(domain, d - 1, facets[single])
-    x, corners = domain.geometry.x, domain.geometry.x[places]
-    middle = x[domain.geometry.dofmap[cells.array[cells.offsets[facets[single]]]]].mean(axis=1)
-    along = corners[:, 1] - corners[:, 0]
-    across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
-    normals = np.cross(along, across)
-    away = np.einsum("fi,fi->f", normals, corners.mean(axis=1) - middle)
-    normals *= np.sign(away)[:, None]
-    total = domain.comm.allreduce(
-        np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
-    )
-    mean, area = total[:3], total[3]
-    is_direction = not inside and np.linalg.norm(mean) > FLAT * area
-    return np.asarray(mean[:d] if is_direction else np.zeros(d))
+    outer = facets[np.diff(cells.offsets)[facets] == 1]
+    found = np.zeros(4)
+    if outer.size:  # dolfinx fails without facets
+        x = domain.geometry.x
+        corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, outer)]
+        middle = x[domain.geometry.dofmap[cells.array[cells.offsets[outer]]]].mean(axis=1)
+        across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
+        normals = np.cross(corners[:, 1] - corners[:, 0], across)
+        normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]
+        found = np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
+    *mean, area = domain.comm.allreduce(found)
+    inside = domain.comm.allreduce(int(facets.size - outer.size))
+    if inside or np.linalg.norm(mean) <= FLAT * area:
+        return np.zeros(d)
+    return np.array(mean[:d])

@@ -576,7 +576,7 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
             raise
         cause = f"{error}; {suspicious[0]}"
         raise ConvergenceError(cause, error.partial, kind=error.kind) from None
-    found.warnings += suspicious or implausible_normals(scene, found)
+    found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
     return found
 
 
