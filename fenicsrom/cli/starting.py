@@ -1,4 +1,4 @@
-"""The start of a command from a scene or a stored model, and its end."""
+"""The start of a command from a scene or from a stored model."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from fenicsrom.cli.printing import progress
@@ -78,24 +79,26 @@ def ranks() -> Any:
     return MPI.COMM_WORLD
 
 
-def end(comm: Any, error: Exception | None) -> int:
-    """Give the exit code 0, or raise the error after the first rank has written its files.
-
-    Raises:
-        ConvergenceError, AccuracyError: the given error.
-    """
-    if error is None:
-        return 0
-    if comm is not None:
-        comm.barrier()
-    raise error
-
-
 def changed_model(options: argparse.Namespace, stored: Any) -> Any:
     """Give a stored model under the scene file, or under its own scene with the values of --set."""
     if options.scene is not None:
         return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
     return stored.with_overrides(options.overrides)
+
+
+def source(options: argparse.Namespace) -> tuple[Any, Any, Any, Scene]:
+    """Give the communicator, the progress callback, a scene or a stored model, and its scene.
+
+    A stored model needs no MPI, and has no communicator.
+    """
+    if options.stored:
+        from fenicsrom.online.store import archive
+
+        current = changed_model(options, archive.load_model(Path(options.stored)))
+        return None, progress, current, current.scene
+    require_scene(options)
+    comm, say, scene = start(options)
+    return comm, say, scene, scene
 
 
 def given_keys(options: argparse.Namespace) -> set[str]:

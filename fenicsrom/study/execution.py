@@ -64,7 +64,7 @@ def run(
 
     if resume is not None:
         _require_resumable(resume, scene)
-    comm = comm or _all_ranks()
+    comm = comm or all_ranks()
     run = Run(Study(scene), comm, Stopwatch(say), folder, resume, stop, mesh)
     guarded = (
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
@@ -73,6 +73,14 @@ def run(
         listed = stages(scene, modes_only, files=folder is not None)
         execute(run, listed, None if modes_only else _cache(run, fresh))
     return run.study
+
+
+def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study:
+    """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
+
+    Arguments and errors as `run`.
+    """
+    return run(scene, comm, folder=folder, modes_only=True)
 
 
 def offline(
@@ -95,7 +103,7 @@ def offline(
     """
     from fenicsrom.records import Study
 
-    run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
+    run = Run(Study(scene), comm or all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
 
@@ -244,7 +252,7 @@ def _require_resumable(resume: Path, scene: Scene) -> None:
     check_checkpoint(resume, scene)
 
 
-def _all_ranks() -> Any:
+def all_ranks() -> Any:
     """Give the communicator of all ranks."""
     from mpi4py import MPI
 

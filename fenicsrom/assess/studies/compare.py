@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,6 +118,7 @@ class Comparison:
         points: the contact points.
         compilation: seconds of compilation and warming up; no other number contains them.
         warnings: sentences for the user.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -127,6 +129,7 @@ class Comparison:
     points: ContactPoints
     compilation: float
     warnings: list[str]
+    files: list[Path] = field(default_factory=list)
 
     def rank_correlation(self, name: str = "indicator") -> float | None:
         """Spearman's correlation of the indicator with the error of the tangential amplitude.
