@@ -19,10 +19,10 @@ def inspected(options: argparse.Namespace) -> Any:
 
 
 def positive(text: str | None, name: str) -> float | None:
-    """Read the number of an option, or None without it.
+    """Read the number of an option; None if the option is not given.
 
     Raises:
-        SceneError: it is not a number above 0.
+        SceneError: the number is not above 0.
     """
     if text is None:
         return None
