@@ -54,7 +54,7 @@ class Rerun:
 
 @dataclass(eq=False)
 class Study:
-    """What the stages of a scene found. A stage that did not run leaves its default.
+    """The results of the stages of a scene. A stage that did not run leaves its default.
 
     Attributes:
         scene: the scene.

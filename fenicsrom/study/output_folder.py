@@ -1,4 +1,4 @@
-"""The folder of a run: it holds one run, says what was run, and is written by one process.
+"""The output folder, which holds one run, says what was run, and is written by one process.
 
 The same scene may run again in its folder; the new files replace the old ones. The results of
 another scene are replaced only on request. Files of the earlier run wait in a hidden folder until
@@ -44,7 +44,7 @@ def output_folder(
         folder: the folder, made if missing.
         scene: the scene.
         comm: MPI communicator, of which the first rank writes; None for one process.
-        origin: how the computation was started; by default by a Python program.
+        origin: start of the computation; by default a Python program.
         overwrite: replace the results of another scene, too.
 
     Raises:
@@ -163,7 +163,7 @@ def _require_free(folder: Path, record: dict[str, Any] | None, earlier: list[str
     """Check that a folder holds no results.
 
     Raises:
-        SceneError: it holds some.
+        SceneError: the folder holds other results.
     """
     if record is None:
         unnamed = [name for name in UNNAMED_RESULTS if (folder / name).exists()]
@@ -224,7 +224,7 @@ def _earlier_results(folder: Path, record: dict[str, Any] | None) -> list[str]:
 
 
 def _usual_names(folder: Path) -> set[str]:
-    """Names that a run that was killed may have left: those of this program's kinds of files."""
+    """Names of files that a killed run may have left."""
     kinds = {".html", ".json", ".npz", ".png", ".gif", ".csv", ".vtu"}
     return {path.name for path in folder.iterdir() if path.suffix in kinds or _is_series(path)}
 

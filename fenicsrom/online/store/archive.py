@@ -27,8 +27,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
-A model without follower pressures has no arrays of them. That of a body that static loads or its
-speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+A model without follower pressures has no arrays of pressures. The model of a body that static loads
+or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 
@@ -156,7 +156,7 @@ class StoredModel:
         """The same model under its scene with other values.
 
         Args:
-            overrides: as `--set` takes them, such as "loads.0.force=200"; one or several.
+            overrides: one or several texts KEY=VALUE, such as "loads.0.force=200".
 
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
@@ -198,7 +198,7 @@ class StoredModel:
 
 
 def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = "") -> Scene:
-    """A scene with other values, which its title names; its paths stay as they are.
+    """A scene with other values, which its title names; the paths of files do not change.
 
     Args:
         scene: the scene.

@@ -2,7 +2,7 @@
 
 Both files are written before the computation. `scene.toml` holds the scene with all defaults and
 overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a stored model that is
-not large, is copied beside it.
+not large, is copied into the same folder.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def write_record(folder: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """Read `provenance.json`; None if the folder has none that can be read."""
+    """Read `provenance.json`; None if the folder has no record that can be read."""
     try:
         found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -207,7 +207,7 @@ def _keep_model(model: Path | None, folder: Path) -> dict[str, Any] | None:
 
 
 def _copied(file: Path, folder: Path, name: str, other: str) -> str:
-    """Copy a file into the folder; the other name is used where another file has the first one."""
+    """Copy a file into the folder, under the other name if another file has the first name."""
     copy = folder / name
     if copy.exists() and checksum(copy) == checksum(file):
         return name
@@ -257,7 +257,7 @@ def _program(record: Mapping[str, Any], versions: str) -> str:
 
 
 def _file_words(named: Mapping[str, Any]) -> str:
-    """Name an input file with its checksum, and say whether it is in the folder."""
+    """Name an input file with its checksum, and say whether the folder has a copy of the file."""
     words = f"{named['file']}, SHA-256 {named['sha256']}"
     if named.get("copy"):
         return f"{words}; copied to {named['copy']}"
