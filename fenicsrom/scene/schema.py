@@ -256,8 +256,6 @@ class Output:
             table with the places of the maxima, a picture, arrays in the ParaView files, and the
             largest values in the summary. The stored model can then give stresses under other
             loads. Viscous forces are part of the reactions, not of the stresses.
-        stress_fractions: more instants at which stresses are listed, as fractions of the last
-            period.
     """
 
     pictures: Annotated[bool, flag] = True
@@ -265,9 +263,6 @@ class Output:
     motion: Annotated[bool, flag] = False
     animation: Annotated[bool, flag] = False
     stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
-    stress_fractions: Annotated[tuple[float, ...] | None, list_of(number(least=0.0, most=1.0))] = (
-        None
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,7 +276,6 @@ class Compare:
         modes: values of `basis.modes`.
         elastic_force: values of `basis.elastic_force`.
         schemes: values of `time.scheme`; by default that of [time].
-        repeats: number of timed runs of each model.
     """
 
     full: Annotated[bool, flag] = True
@@ -300,7 +294,6 @@ class Compare:
         "polynomial",
     )
     schemes: Annotated[tuple[str, ...] | None, list_of(choice(*SCHEMES))] = None
-    repeats: Annotated[int, integer(5, 1000)] = 5
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -150,7 +150,6 @@ def test_combination_sets_basis_and_scheme_of_the_scene():
 @pytest.mark.parametrize(
     ("override", "key"),
     [
-        ("compare.repeats=4", "repeats"),
         ("compare.modes=[]", "modes"),
         ("compare.modes=[1,1]", "modes[1]"),
         ('compare.methods=["guyan"]', "methods[0]"),

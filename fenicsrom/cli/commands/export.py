@@ -14,8 +14,8 @@ MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp
 FORMAT = Argument(
     "--format",
     required=True,
-    choices=("mat", "jax", "fmu", "dmig", "op4", "inp"),
-    help="mat (MATLAB and Octave), jax (a Python module) and fmu (a Functional Mock-up Unit) hold "
+    choices=("mat", "fmu", "dmig", "op4", "inp"),
+    help="mat (MATLAB and Octave) and fmu (a Functional Mock-up Unit) hold "
     "the nonlinear model; dmig and op4 (Nastran) hold the linear part of the model; inp "
     "is the CalculiX deck of a scene",
 )
@@ -70,7 +70,7 @@ def _export_scene(options: argparse.Namespace) -> int:
 
 COMMAND = Command(
     "export",
-    "write a stored reduced model for MATLAB, Nastran or jax, or a scene for CalculiX",
+    "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
     export,
     (
         MODEL,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from fenicsrom.assess.full.full_cache import machine
-from fenicsrom.assess.studies.compare import Comparison
+from fenicsrom.assess.studies.compare import REPEATS, Comparison
 from fenicsrom.online.motion.measures import response_summary
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
@@ -243,10 +243,9 @@ def _runs(count: int | None) -> str:
 def timing_note(comparison: Comparison) -> list[str]:
     """State how the run times were measured, and on which machine."""
     here = machine()
-    repeats = comparison.scene.compare.repeats
     short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
     found = [
-        f"Online seconds are the median of {counted(repeats, 'run')}; ± is half of their "
+        f"Online seconds are the median of {counted(REPEATS, 'run')}; ± is half of their "
         "range. Offline seconds are the sum of the stages that a basis needs. Compilation and "
         f"warm-up took {comparison.compilation:.2g} s and are not included.",
         f"Measured on {here['processor']}, {counted(here['cores'], 'core')}, {here['system']}, "
