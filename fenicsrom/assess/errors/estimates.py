@@ -60,8 +60,8 @@ class MotionErrors(NamedTuple):
         peak_force: error of the largest normal force; also infinite where the step does not resolve
             the contact.
         directions: errors (d,) by direction, each relative to this direction: [normal, tangents],
-            or the global axes without contact. A direction with less than `SMALL_DIRECTION` of the
-            whole motion is compared with this part.
+            or the global axes without contact. The error of a direction with less than
+            `SMALL_DIRECTION` of the whole motion is relative to this part of the whole motion.
     """
 
     amplitude: float

@@ -138,7 +138,7 @@ class FollowerPressures:
             matrix: the matrix, which stays regular on the clamped rows.
             u: (local,) displacement, m.
             factors: (k,) Pa.
-            symmetric: take the symmetric part of the tangents.
+            symmetric: whether to take the symmetric part of the tangents.
         """
         self._body.set_field(self._u, u)
         for factor, surface in zip(factors, self._surfaces, strict=True):

@@ -75,7 +75,7 @@ def _vertex_nodes(solid: ElasticBody) -> Array:
 
 
 def _extrapolation(cell: basix.CellType, degree: int, points: Array) -> Array:
-    """Values (v, g) at the vertices of the polynomials of degree k - 1 through the Gauss points."""
+    """Extrapolation (v, g) from Gauss points to vertices by polynomials of degree k - 1."""
     corners = np.asarray(basix.geometry(cell))
     element = basix.create_element(
         basix.ElementFamily.P,

@@ -62,7 +62,7 @@ class Stresses:
         modes: largest stresses of the modes about the equilibrium.
         reactions: reactions of the supports in the equilibrium.
         motion_reactions: the reactions during the last period; None without a motion.
-        deformations: deformations of the states of the peaks.
+        deformations: deformations in the states of the peaks.
     """
 
     measure: str
