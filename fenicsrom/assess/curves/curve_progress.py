@@ -141,7 +141,7 @@ class CurveProgress:
         self._begin = clock.perf_counter()
 
     def __call__(self, number: int, fraction: float, line: str) -> None:
-        """Pass on a line of a curve, with the part of all curves that is done."""
+        """Report a line of one curve, with the finished part of all curves."""
         if self._first[number] is None:
             self._first[number] = fraction
         self._now[number] = fraction
