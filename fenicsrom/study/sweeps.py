@@ -6,7 +6,6 @@ model has the modes, derivatives and basis of the first of these runs.
 
 from __future__ import annotations
 
-import json
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import working_time
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
@@ -58,7 +57,7 @@ def sweep(
     from fenicsrom.post.base.origin import MODEL
 
     scene = scene_of(given)
-    axes = make_axes([f"{key}={json.dumps(list(values))}" for key, values in over.items()])
+    axes = make_axes(override_texts({key: list(values) for key, values in over.items()}))
     with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
         stored = None
         if not isinstance(given, Scene):

@@ -19,7 +19,7 @@ from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.scene import Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
@@ -54,7 +54,8 @@ class Equilibrium:
     kind: str = ""
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class EquilibriumPath:
     """The equilibria of a scene.
 

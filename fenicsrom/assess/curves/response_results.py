@@ -15,6 +15,7 @@ from fenicsrom.online.periodic.shooting import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,8 @@ class ResponseCurve:
         return next((c.basis_error for c in self.checks if c.where == LARGEST), None)
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Response(CurveRecord):
     """The response curves of a scene.
 

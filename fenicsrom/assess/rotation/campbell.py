@@ -34,6 +34,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneEr
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene
+from fenicsrom.words import brief
 
 if TYPE_CHECKING:
     from fenicsrom.fem.body.deformation import DeformationGauge
@@ -43,7 +44,8 @@ DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped 
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Campbell:
     """The frequencies of a body at several speeds.
 

@@ -33,7 +33,7 @@ from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.scene.step_size import with_time
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
@@ -105,7 +105,8 @@ class Outcome:
         return float(np.median(self.online)) if self.online else float("nan")
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Comparison:
     """All combinations of a scene, with the full model they are measured against.
 

@@ -44,7 +44,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 from fenicsrom.scene.step_size import refined
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -107,7 +107,8 @@ class Finding:
     buckled: int = 0
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Matrix:
     """All findings of a scene.
 

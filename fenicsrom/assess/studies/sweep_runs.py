@@ -31,8 +31,9 @@ from fenicsrom.online.motion.measures import (
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.variations import Axis
+from fenicsrom.words import brief
 
 DONE, DOUBTFUL, FAILED = "done", "doubtful", "failed"
 """Outcomes: all checks passed, a check did not pass, or there is no motion."""
@@ -59,7 +60,8 @@ class SweepRun:
     digest: str
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Sweep:
     """The runs of a sweep and their results.
 
@@ -98,7 +100,9 @@ def digest_of(scene: Scene, origin: str) -> str:
         scene: the scene of a run.
         origin: digest of the file of the model, or of the inputs from which the model is made.
     """
-    return hashlib.sha256(f"{FORMAT}\n{scene!r}\n{origin}".encode()).hexdigest()
+    return hashlib.sha256(
+        f"{FORMAT}\n{toml_text(scene_table(scene))}\n{origin}".encode()
+    ).hexdigest()
 
 
 def file_digest(path: Path) -> str:

@@ -24,6 +24,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
 from fenicsrom.formats.mesh_file import Floats, Ints
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
+from fenicsrom.words import brief
 
 CELLS_ALONG = 20
 """Cells along a body from a .step file whose cell size is not given."""
@@ -59,7 +60,8 @@ class Group:
     members: Ints | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class Inspection:
     """What a mesh file holds.
 

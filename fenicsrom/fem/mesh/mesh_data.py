@@ -14,6 +14,7 @@ from dolfinx import fem
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Region
+from fenicsrom.words import brief
 
 Ints = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
@@ -28,7 +29,8 @@ ROUNDING = 1e-9
 """Smaller distances, relative to the extent of the mesh, count as zero."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief("source", "facet_groups", "cell_groups", "node_groups", "warnings")
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """A distributed mesh with named groups of cells, facets and nodes.
 
