@@ -24,6 +24,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.kernels.symmetric import scaled_condition
+from fenicsrom.words import brief
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
@@ -38,7 +39,8 @@ ORTHOGONALITY = 1e-10
 """Largest error of the properties (1), relative to the largest sum of terms |b r| in Bᵀ R."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class ReducedBasis:
     """A basis of n vectors, the first m for the contact displacements.
 

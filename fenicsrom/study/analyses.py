@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from fenicsrom.assess.rotation.campbell import Campbell
     from fenicsrom.assess.studies.compare import Comparison
     from fenicsrom.assess.studies.stability import Matrix
-    from fenicsrom.scene import Scene
+    from fenicsrom.scene import Overrides, Scene
 
 
 def quiet(line: str) -> None:
@@ -131,7 +131,7 @@ def compare(
 
 def stability(
     scene: Path,
-    overrides: Sequence[str] = (),
+    overrides: Overrides = (),
     say: Callable[[str], None] = quiet,
     *,
     axes: Sequence[str] = (),
@@ -143,11 +143,11 @@ def stability(
 
     Args:
         scene: the scene file.
-        overrides: changes of the scene, as "KEY=VALUE".
+        overrides: changes of the scene, as texts "KEY=VALUE" or as values by their keys.
         say: receives the progress, one line at a time; by default nobody.
         axes: names of the axes that are run; by default all.
         variants: number of random variants, which run instead of the axes.
-        seed: of the random variants.
+        seed: seed of the random variants.
         folder: folder of the output files; None writes no files.
 
     Raises:
@@ -155,8 +155,11 @@ def stability(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.studies import stability as extremes
+    from fenicsrom.scene import override_texts
 
-    found = extremes.stability(scene, overrides, say, axes, variants=variants, seed=seed)
+    found = extremes.stability(
+        scene, override_texts(overrides), say, axes, variants=variants, seed=seed
+    )
     if folder is not None:
         from fenicsrom.post.studies.stability_report import report
 
