@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
 
+LARGE_CONDITION = 1e4
+"""Condition number of the scaled reduced mass from which the user is warned."""
+
 
 def mesh(run: Run) -> None:
     """Make or read the mesh, unless the caller gave one."""
@@ -116,7 +119,14 @@ def derivatives(run: Run) -> None:
 
 def basis(run: Run) -> None:
     """Build the reduced basis."""
-    run.study.basis = run.reduction.basis
+    study = run.study
+    study.basis = run.reduction.basis
+    if study.basis.condition > LARGE_CONDITION:
+        study.warnings.append(
+            f"the reduced mass has a condition number of {study.basis.condition:.2g} (above "
+            f"{LARGE_CONDITION:g}): contact coordinates move almost together, and rounding grows "
+            "by this factor; set basis.masters to a smaller number of interface modes"
+        )
 
 
 def reduced_model(run: Run) -> None:

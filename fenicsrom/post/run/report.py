@@ -13,7 +13,7 @@ from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
 from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
-from fenicsrom.post.run.motion_table import RESPONSE_NOTE, open_sentence, points_note, response_rows
+from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
 from fenicsrom.post.run.sentences import (
     MULTIPLIER_NOTE,
     equilibrium_sentence,
@@ -147,7 +147,7 @@ def _results(study: Study) -> list[Any]:
 def _notes(motions: Mapping[str, Motion], scene: Scene, points: ContactPoints) -> list[str]:
     """Compose the notes below the table of responses."""
     notes = points_note(motions, scene), direction_note(scene, points)
-    return [RESPONSE_NOTE, *filter(None, notes)]
+    return [response_note(motions), *filter(None, notes)]
 
 
 def _periodic(motion: Motion) -> list[str]:
