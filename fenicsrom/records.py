@@ -57,7 +57,7 @@ class Rerun:
 @brief("scene", "labels", "modes", "model", "motions", "errors", "unfinished", "left_out", "files")
 @dataclass(eq=False, repr=False)
 class Study:
-    """What the stages of a scene found. A stage that did not run leaves its default.
+    """The results of the stages of a scene. A stage that did not run leaves its default.
 
     Attributes:
         scene: the scene.

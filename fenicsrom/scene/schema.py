@@ -1,4 +1,4 @@
-"""The scene: what to compute, as frozen dataclasses. All quantities are in SI units.
+"""The scene, which says what to compute, as frozen dataclasses in SI units.
 
 Every key of the file is one field below. The annotation of the field holds the rule of the key
 (type, range and unit), and the docstring describes the key. The reference of all keys and the JSON

@@ -147,7 +147,7 @@ def stability(
         say: receives the progress, one line at a time; by default nobody.
         axes: names of the axes that are run; by default all.
         variants: number of random variants, which run instead of the axes.
-        seed: of the random variants.
+        seed: seed of the random variants.
         folder: folder of the output files; None writes no files.
 
     Raises:

@@ -41,7 +41,7 @@ def response(
             `assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Raises:
         SceneError: the scene or the earlier state cannot be used.

@@ -48,7 +48,7 @@ def run(
         stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None makes or reads the mesh of the scene.
         overwrite: replace the results of another scene in the folder.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
@@ -99,7 +99,7 @@ def offline(
         watch: times the stages.
         mesh: the mesh; None makes or reads the mesh of the scene.
         stop: called between stages; the run ends when it returns True.
-        fresh: compute all results, also where the cache has them.
+        fresh: compute all results, also those that the cache has.
     """
     from fenicsrom.records import Study
 
@@ -148,7 +148,7 @@ def build_model(
         scene: the scene.
         mesh: the mesh; None makes or reads the mesh of the scene.
         comm: MPI communicator; by default all ranks.
-        fresh: compute all results, also where the cache has them.
+        fresh: compute all results, also those that the cache has.
 
     Returns:
         The model with its scene and labels, for `StoredModel.simulate` and `save_model`.

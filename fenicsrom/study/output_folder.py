@@ -1,4 +1,4 @@
-"""The folder of a run: it holds one run, says what was run, and is written by one process.
+"""The output folder, which holds one run, says what was run, and is written by one process.
 
 The program touches the names of `fenicsrom.post.base.origin.RESULTS` and its copies of input files,
 and nothing else. The same scene may run again in its folder: new files replace the old ones, and
@@ -41,7 +41,7 @@ def output_folder(
         folder: the folder, made if missing.
         scene: the scene.
         comm: MPI communicator, of which the first rank writes; None for one process.
-        origin: how the computation was started; by default by a Python program.
+        origin: start of the computation; by default a Python program.
         overwrite: replace the results of another scene, too.
 
     Raises:

@@ -1,7 +1,7 @@
 """Sweeps: a scene or a stored model under all combinations of values of its keys.
 
-The runs whose scenes agree in all keys of the offline stage share one reduced model. Its modes,
-derivatives and basis are those of the first of these runs.
+The runs whose scenes agree in all keys of the offline stage share one reduced model. The shared
+model has the modes, derivatives and basis of the first of these runs.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def run_sweep(
 
     Args:
         scene: the scene that the runs change.
-        variant: makes the scene under overrides; it raises SceneError where they are wrong.
+        variant: makes the scene with overrides; raises SceneError if an override is wrong.
         axes: the keys and their values.
         folder: folder of the output files, of the reduced models and of the results.
         stored: file of the reduced model of all runs; by default the models are built.
@@ -104,7 +104,7 @@ def run_sweep(
         workers: largest number of processes; with several ranks there are no processes.
         resume: keep the results that an earlier sweep left in the folder.
         stop: asked often; the sweep ends where it returns True.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Returns:
         The sweep; on ranks above 0 without results and files.
@@ -159,7 +159,7 @@ def run_sweep(
 def _rows_and_scenes(
     variant: Callable[[Sequence[str]], Scene], axes: tuple[Axis, ...]
 ) -> tuple[list[Row], dict[int, Scene]]:
-    """The row of each run with its values, and its scene; a wrong scene ends its row.
+    """The row of each run with its values, and the scene of the run; a wrong scene ends the row.
 
     Raises:
         SceneError: all scenes are wrong.
@@ -236,7 +236,7 @@ class _Jobs:
     def __init__(
         self, comm: Any, workers: int, stop: Callable[[], bool], say: Callable[[str], None]
     ):
-        """Keep the ranks or the number of processes; arguments as `sweep`."""
+        """Store the ranks or the number of processes; arguments as `sweep`."""
         self._comm, self._workers, self._stop, self._say = comm, workers, stop, say
 
     def __call__(

@@ -1,8 +1,8 @@
 """Backbones: the damped nonlinear mode of a reduced model over its amplitude.
 
 The curve starts at the linear mode and is followed by its amplitude
-(`fenicsrom.online.curves.nonlinear_mode`). The peaks of the forced response
-(`fenicsrom.online.curves.forced_peak`) stand beside it.
+(`fenicsrom.online.curves.nonlinear_mode`). The report shows the peaks of the forced response
+(`fenicsrom.online.curves.forced_peak`) beside the curve.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class ModePoint:
         frequency: Hz.
         damping_ratio: zeta.
         amplitude: (d,) half of peak-to-peak of the probe, m.
-        motion: the motion; its stability means nothing, as the damping is artificial.
+        motion: the motion; because the damping is artificial, the stability of this motion means
+            nothing.
     """
 
     linear_amplitude: float
@@ -63,7 +64,7 @@ class ModePoint:
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """What half the time step changes at one point.
+    """The changes at one point by half the time step.
 
     Attributes:
         point: number of the point, from 0.
@@ -83,12 +84,12 @@ class Backbone(CurveRecord):
 
     Attributes:
         mode: the linear mode.
-        direction: of the probe's largest motion in the linear mode.
+        direction: direction of the probe's largest motion in the linear mode.
         points: the motions in the order in which they were found.
         reason: why the curve ends: "end of the range", "number of points", "no convergence" or
             "interrupted".
         step_errors: at the first, the middle and the last point.
-        peaks: of the forced response.
+        peaks: peaks of the forced response.
     """
 
     mode: LinearMode
@@ -108,7 +109,7 @@ def backbone_table(scene: Scene) -> BackboneTable:
     """The table [backbone] of a scene.
 
     Raises:
-        SceneError: the scene has none.
+        SceneError: the scene has no table [backbone].
     """
     return required_table(scene, "backbone", scene.backbone)
 
@@ -280,7 +281,7 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
     """The motion at the smallest amplitude: from the linear mode, or from a smaller amplitude.
 
     Raises:
-        ConvergenceError: it was not found.
+        ConvergenceError: the first point was not found.
     """
     start, low = path.linear_start(), path.low
     for tried in range(SMALLER_STARTS):

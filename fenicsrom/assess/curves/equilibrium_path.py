@@ -102,7 +102,8 @@ def varied_loads(scene: Scene) -> list[int]:
     """The numbers of the static loads that the load factor multiplies.
 
     Raises:
-        SceneError: there is none, or the equilibria of the scene are no path of the bare body.
+        SceneError: no static load varies, or the equilibria of the scene are no path of the bare
+            body.
     """
     chosen = scene.statics.loads
     listed = range(len(scene.loads)) if chosen is None else chosen
@@ -141,7 +142,7 @@ def equilibrium_path(
         visit: receives each point with its displacement.
 
     Returns:
-        The equilibria. After an interrupt they end where they were, and `interrupted` is set; if
+        The equilibria. After an interrupt, `interrupted` is set, and the equilibria end there. If
         the path was lost, `unfinished` holds the error.
 
     Raises:

@@ -1,11 +1,10 @@
 """Error against run time: every basis of a scene's [compare] table against the full model.
 
-The full model runs once; its motion is kept in the user's cache folder
-(`assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
-modes and the snapshots. The modes are computed once, for the largest requested number, and each
-combination uses the first of them. The offline seconds of a combination are the sum of the stages
-that it needs, as if it were the only combination. The indicator (`assess.errors.residual`) needs
-no full run.
+The full model runs once; its motion is kept in the user's cache folder (`assess.full.full_cache`).
+The combinations share the mesh, the solid with its factor, the modes and the snapshots. The modes
+are computed once, for the largest requested number, and each combination uses the first modes. The
+offline seconds of a combination are the sum of the stages that it needs, as if it were the only
+combination. The indicator (`assess.errors.residual`) needs no full run.
 """
 
 from __future__ import annotations
@@ -301,8 +300,8 @@ def time_runs(
     """Time `REPEATS` runs.
 
     Returns:
-        Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
-        timed: the seconds are then scaled to the whole run, and the number of periods is given.
+        The seconds of each run, and None. If the whole run is too slow to repeat, only some periods
+        are timed: the seconds are then scaled to the whole run, and the number of periods is given.
     """
     if (
         comm.bcast(motion.seconds) <= SLOW

@@ -60,7 +60,7 @@ SMALLEST_LOAD_STEP = 2e-4
 
 
 class Statics:
-    """Finds equilibria of a body that follow one another, with one factor as long as it serves.
+    """Finds successive equilibria of a body, with one factor as long as the corrections contract.
 
     Every method is collective.
     """
@@ -272,11 +272,11 @@ class _Step:
         return (slow or far) and not decrement <= max(enough, STATIC_TOLERANCE**2 * self.scale)
 
     def forget(self) -> None:
-        """Forget the corrections with the factor so far."""
+        """Forget the earlier corrections with the factor."""
         self._last, self._differences = None, []
 
     def accelerated(self, residual: Array, change: Array) -> Array:
-        """A correction (local,) combined with those before that have the same factor.
+        """A correction (local,) combined with the earlier corrections of the same factor.
 
         Anderson's acceleration, in the energy norm of the factor: in the plane of the corrections
         it finds the smallest next one, if the body were linear.

@@ -156,7 +156,7 @@ class Mesh:
     def entities(self, where: str | Region) -> dict[int, Ints]:
         """Give the entities of a region on this rank. Collective.
 
-        They are facets, and the vertices and edges of a node group.
+        The entities are facets, and the vertices and edges of a node group.
 
         Args:
             where: a facet or node group, or a region of the scene.
@@ -186,7 +186,7 @@ class Mesh:
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.
 
-        They lie on its facets, edges and vertices.
+        The nodes lie on the facets, edges and vertices of the group.
 
         Args:
             where: a facet or node group, or a region of the scene.

@@ -65,7 +65,7 @@ class History:
     newton_from: float | None = None
 
     def last_period(self) -> slice:
-        """The steps of the last period, both ends included; all steps without a period."""
+        """The steps of the last period, both ends included; without a period all steps."""
         return last_period(self.time, self.period)
 
 

@@ -53,7 +53,7 @@ class PeriodicMotion:
 
     Attributes:
         z: (N,) variables at the start of the period: see `PeriodMap`.
-        period: of the motion, m times that of the loads, s.
+        period: period of the motion, m times that of the loads, s.
         residuals: relative residual of each Newton iteration.
         multipliers: (N,) Floquet multipliers, the largest first.
         verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
@@ -131,7 +131,7 @@ class Shooting:
             model: the model.
             contacts: parameters of the contact points.
             settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-            period: of the loads, s.
+            period: period of the loads, s.
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
@@ -295,11 +295,11 @@ def periodic_motion(
         model: the model.
         contacts: parameters of the P contact points; surfaces are where their approach ends.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads, s.
+        period: period of the loads, s.
         start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
             (q (n,), v (n,), sliders (P, d)) or variables z (N,).
         m: number of periods of the loads in one of the motion.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
             steps if not given.
 
@@ -326,12 +326,12 @@ def solve(
     Args:
         shooting: the equation.
         s: (N,) scaled variables of the start.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         iterations: largest number of iterations.
         smallest_damping: smallest part of a Newton step that is tried.
         found: `shooting.march(s)`, if the caller has it.
-        step_tolerance: of the Newton step relative to the variables: the iteration also ends where
-            the next step would be at most so large.
+        step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
+            ends where the next step would be at most so large.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.

@@ -40,13 +40,13 @@ INVERSE_ITERATIONS = 8
 
 
 def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, int]:
-    """Equilibrium of a model, nearest to q = 0 if that is stable.
+    """The equilibrium of a model nearest to q = 0 or, if it is unstable, another one.
 
     Args:
         model: a `online.model.operations.Model` whose q = 0 is its equilibrium under the static
             loads.
         contacts: parameters of the P contact points.
-        dimension: d, of space.
+        dimension: d, dimension of space.
 
     Returns:
         q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
@@ -91,7 +91,7 @@ class _Statics:
         self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
-        """Whether a contact presses at q (n,), where the load steps of its pressure start."""
+        """Whether a contact presses at q (n,), the start of the load steps of its pressure."""
         self._close(q, self.contacts)
         self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))

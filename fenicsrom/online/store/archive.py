@@ -27,8 +27,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
-A model without follower pressures has no arrays of them. That of a body that static loads or its
-speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+A model without follower pressures has no arrays of pressures. The model of a body that static loads
+or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 

@@ -347,7 +347,7 @@ def _program(record: Mapping[str, Any], versions: str) -> str:
 
 
 def _file_words(named: Mapping[str, Any]) -> str:
-    """Name an input file with its checksum, and say whether it is in the folder."""
+    """Name an input file with its checksum, and say whether the folder has a copy of the file."""
     words = f"{named['file']}, SHA-256 {named['sha256']}"
     if named.get("copy"):
         return f"{words}; copied to {named['copy']}"
