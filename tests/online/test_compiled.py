@@ -105,11 +105,9 @@ import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
 from fenicsrom.online.kernels.emission import ENTRY
-from fenicsrom.online.kernels.stored_code import load_code_only
 from fenicsrom.online.step.loop import compiled_march
 from test_compiled import rubbing_motion
 assert "pipeline_class" not in ENTRY
-load_code_only()
 rubbing_motion().displacement.tofile(sys.argv[3])
 assert sum(compiled_march.entry.stats.cache_hits.values()) == int(sys.argv[4])
 """
