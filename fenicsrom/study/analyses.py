@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.study.execution import all_ranks
-from fenicsrom.study.stopwatch import never
+from fenicsrom.study.stopwatch import log, never
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath
@@ -17,14 +17,10 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Overrides, Scene
 
 
-def quiet(line: str) -> None:
-    """Receive a line of progress, and show it to nobody."""
-
-
 def statics(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
     stop: Callable[[], bool] = never,
@@ -34,7 +30,7 @@ def statics(
     Args:
         scene: a scene with static loads and a table [statics].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         stop: asked at each equilibrium; the path ends where it returns True.
 
@@ -64,7 +60,7 @@ def statics(
 def campbell(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Campbell:
@@ -73,7 +69,7 @@ def campbell(
     Args:
         scene: a scene with the tables [rotation] and [campbell].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Returns:
@@ -101,7 +97,7 @@ def campbell(
 def compare(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Comparison:
@@ -110,7 +106,7 @@ def compare(
     Args:
         scene: a scene with a table [compare].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Raises:
@@ -132,7 +128,7 @@ def compare(
 def stability(
     scene: Path,
     overrides: Overrides = (),
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     axes: Sequence[str] = (),
     variants: int = 0,
@@ -144,7 +140,7 @@ def stability(
     Args:
         scene: the scene file.
         overrides: changes of the scene, as texts "KEY=VALUE" or as values by their keys.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         axes: names of the axes that are run; by default all.
         variants: number of random variants, which run instead of the axes.
         seed: seed of the random variants.

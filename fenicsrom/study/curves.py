@@ -34,7 +34,7 @@ def response(
     Args:
         given: a scene with a table [response], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see

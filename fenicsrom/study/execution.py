@@ -41,7 +41,7 @@ def run(
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stages and the full model; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
@@ -118,7 +118,7 @@ def setup_picture(
     Args:
         scene: the scene.
         name: name of the file of the picture.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The picture, not drawn yet, and the warnings of the mesh and the places.

@@ -34,7 +34,7 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         stop: called between stages and after each period; the run ends when it returns True.
         given: keys that the user gave, for the warning of keys without effect.
 

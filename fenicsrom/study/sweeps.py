@@ -18,7 +18,7 @@ from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
-from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, log, never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def sweep(
     *,
     folder: Path | None = None,
     workers: int = 1,
-    say: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = log.info,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values of its keys.
 
@@ -44,7 +44,7 @@ def sweep(
         over: the values of each key, such as `{"loads.0.force": [50.0, 100.0]}`.
         folder: folder of the output files; None keeps no files.
         workers: largest number of processes.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The sweep: its `rows` hold the values and the results of each run.
@@ -85,7 +85,7 @@ def run_sweep(
     *,
     stored: Path | None = None,
     comm: Any = None,
-    say: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = log.info,
     workers: int = 1,
     resume: bool = False,
     stop: Callable[[], bool] = never,

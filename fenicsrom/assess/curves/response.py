@@ -6,7 +6,6 @@ Each value of the second number gives one curve, computed in this process or in 
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, CurvePoint
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
@@ -88,7 +88,7 @@ def response(
         SceneError: as `check_response`; or `resume` does not belong to the model and the scene.
         OSError: a file of `state` cannot be written.
     """
-    begin = clock.perf_counter()
+    begin = working_time()
     scene = stored.scene
     check_response(scene)
     table = response_table(scene)
@@ -137,7 +137,7 @@ def response(
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
     _warn_of_errors(found)
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 

@@ -162,6 +162,7 @@ def _lost(residuals: list[float], reason: str) -> ConvergenceError:
         "no periodic motion of the full model was found in "
         f"{counted(len(residuals), 'full period')}: {reason}",
         list(residuals),
+        decrements=residuals,
     )
 
 

@@ -84,6 +84,7 @@ class Statics:
         self._body, self._factor, self._tolerance = body, factor, tolerance
         self._overwrite, self._borrowed = overwrite, not overwrite
         self._plain = False  # Newton's method with the tangent of each state
+        self._decrements: list[float] = []  # of the last attempt of Newton's method, J
 
     def close(self) -> None:
         """Free the factor that was made here."""
@@ -152,6 +153,7 @@ class Statics:
                 f"{100.0 * SMALLEST_LOAD_STEP:g} %; fenicsrom statics follows the equilibria "
                 "past a limit load",
                 u,
+                decrements=self._decrements,
             )
         return u
 
@@ -176,6 +178,7 @@ class Statics:
                 "static equilibrium: the residual of the full equations has a work of "
                 f"{decrement:.1e} J, which is too large",
                 u,
+                decrements=[*self._decrements, decrement],
             )
 
     def _renew(self, u: Array, change: Array | None) -> bool:
@@ -224,7 +227,13 @@ class Statics:
             return coming <= self._tolerance**2 * step.scale or (small and not contracts)
 
         return newton(
-            start, correct, converged, STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
+            start,
+            correct,
+            converged,
+            STATIC_ITERATIONS,
+            STATIC_GROWTH,
+            STATIC_LAST_RESORT,
+            self._decrements,
         )
 
     def _solve(self, residual: Array) -> Array:

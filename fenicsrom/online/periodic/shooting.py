@@ -12,6 +12,7 @@ member of the family that is nearest to the start.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -30,6 +31,8 @@ from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import Checkpoint, Record
 from fenicsrom.words import counted
+
+log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
@@ -341,6 +344,7 @@ def solve(
         residual, matrix, _, end = found
         size = float(np.linalg.norm(residual))
         residuals.append(size / max(float(np.linalg.norm(s)), 1e-300))
+        log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
@@ -363,6 +367,7 @@ def solve(
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "
         f"{counted(len(residuals), 'Newton iteration')}",
         residuals,
+        decrements=residuals,
     )
 
 
