@@ -10,7 +10,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem import formats
 from fenicsrom.fem.formats import Block, MeshFile
 from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.fem.gmsh_cad import mesh_cad
 from fenicsrom.fem.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.scene import Geometry
@@ -94,10 +95,8 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
             source=source,
         )
     if form == "step":
-        _name_faces(gmsh, d)
-        for limit in ("Min", "Max"):
-            gmsh.option.setNumber(f"Mesh.MeshSize{limit}", geometry.size)
-    if form in ("geo", "step"):
+        return replace(loaded, warnings=mesh_cad(gmsh, geometry))
+    if form == "geo":
         with _errors(gmsh, source):
             gmsh.model.mesh.generate(d)
             if geometry.curved:
@@ -210,17 +209,6 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
                 source=str(geometry.mesh),
             )
         gmsh.parser.setNumber(name, [value])
-
-
-def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, named by its name or else its number."""
-    faces: dict[str, list[int]] = {}
-    for _, face in gmsh.model.getEntities(d - 1):
-        faces.setdefault(
-            gmsh.model.getEntityName(d - 1, face).rpartition("/")[2] or str(face), []
-        ).append(face)
-    for name, members in faces.items():
-        gmsh.model.addPhysicalGroup(d - 1, members, name=name)
 
 
 def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
 from fenicsrom.fem.formats.mesh_file import Floats, Ints
-from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.fem.formats.shapes import SHAPES, STRAIGHT
+from fenicsrom.fem.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.gmsh_queries import (
@@ -72,6 +73,10 @@ class Inspection:
         high: the highest coordinates (d,), m.
         pieces: number of pieces of the mesh that share no node; 0 if the mesh cannot be used.
         volume: volume in m³, in 2D area in m²; 0 if the mesh cannot be used.
+        quality: smallest quality of a cell, from below 0 (inside out) to 1 (equal sides): the
+            inverse condition number of its Jacobian.
+        worst: coordinates (3,) of the middle of this cell, m.
+        curved: whether `geometry.curved = true` works, in words.
         groups: the groups, largest dimension first.
         warnings: sentences for the user, one of them on what is not read.
         points: coordinates of the corners (n, 3), m.
@@ -87,6 +92,9 @@ class Inspection:
     high: Floats
     pieces: int = 0
     volume: float = 0.0
+    quality: float = 0.0
+    worst: Floats = field(default_factory=lambda: np.zeros(3))
+    curved: str = ""
     groups: tuple[Group, ...] = ()
     warnings: tuple[str, ...] = ()
     points: Floats | None = None
@@ -128,7 +136,32 @@ def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspec
             clean = clean_model(gmsh, geometry, loaded.node_sets)
         except SceneError as error:
             return replace(found, warnings=loaded.warnings, refusal=error)
-        return _described(gmsh, found, clean, loaded.warnings)
+        described = _described(gmsh, found, clean, loaded.warnings)
+        return replace(described, curved=_curved(gmsh, described))
+
+
+def _curved(gmsh: Any, found: Inspection) -> str:
+    """Say whether the cells may be curved. The model of the file changes."""
+    geometry, d = replace(found.geometry, curved=True), found.geometry.dimension
+    gmsh.model.setCurrent("file")
+    straight = {SHAPES[kind].name for kind in STRAIGHT.values()}
+    if SUFFIXES.get(found.path.suffix.lower()) in ("geo", "step"):
+        number = make_curved(gmsh, d)
+        note = f"; {straightened(number)}" if number else ""
+    elif found.cells.keys() & straight:
+        return "does not work: the cells of the file have straight edges"
+    else:
+        gmsh.model.remove()
+        loaded, note = load_file(gmsh, geometry), ""
+        try:
+            clean_model(gmsh, geometry, loaded.node_sets)
+        except SceneError as error:
+            return f"does not work: {error}"
+        gmsh.model.setCurrent("file")
+    factor = geometry.scale**d
+    volume = factor * sum(_measure(gmsh, d, tag) for _, tag in gmsh.model.getEntities(d))
+    change = volume / found.volume - 1.0
+    return f"works, and changes the {'volume' if d == 3 else 'area'} by {100 * change:+.2g} %{note}"
 
 
 def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geometry:
@@ -191,10 +224,19 @@ def _described(
         shown = shown[:, : SHAPES[FACETS[kind]].corners]
     else:
         shown = elements_of(gmsh, d, entities, kind)
+    quality = np.concatenate(
+        [
+            gmsh.model.mesh.getElementQualities(tags, "minSICN")
+            for entity in entities
+            for tags in gmsh.model.mesh.getElements(d, entity)[1]
+        ]
+    )
     return replace(
         found,
         pieces=_pieces(cells),
         volume=sum(_measure(gmsh, d, entity) for entity in entities),
+        quality=float(quality.min()),
+        worst=points[cells[quality.argmin()]].mean(axis=0),
         groups=tuple(groups),
         warnings=(*warnings, *clean.warnings),
         points=points,

@@ -42,6 +42,10 @@ def lines(found: Inspection, density: float | None) -> list[str]:
         if density is not None:
             per = "" if d == 3 else " for each metre of thickness"
             text.append(f"mass    {density * found.volume:.6g} kg{per}, with {density:g} kg/m³")
+        text.append(
+            f"quality {found.quality:.3g} at worst (1: equal sides), at {_point(found.worst)}"
+        )
+        text.append(f"curved  geometry.curved = true {found.curved}")
     if found.pieces > 1:
         text.append(f"pieces  {found.pieces} that share no node; each needs a support")
     if hint := scale_hint(found):

@@ -13,6 +13,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
 from fenicsrom.scene.headings import titled
 from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
+from fenicsrom.scene.meshing import Refinement
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.paths import shared_meshes
 from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
@@ -177,7 +178,7 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     where = Where(scene.source, "loads")
     return replace(
         scene,
-        geometry=_complete_geometry(scene.geometry, scene.source, mesh_folder),
+        geometry=_complete_geometry(scene, mesh_folder),
         time=_complete_time(scene.time, scene.period is not None),
         probe=probe,
         loads=tuple(
@@ -188,14 +189,20 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     )
 
 
-def _complete_geometry(geometry: Geometry, source: str, folder: Path | None) -> Geometry:
+def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
+    geometry = scene.geometry
     if folder is not None:
-        where = Where(source, "geometry.mesh")
+        where = Where(scene.source, "geometry.mesh")
         geometry = replace(geometry, mesh=_find_mesh(geometry.mesh, folder, where))
     if geometry.mesh.suffix == ".geo" and geometry.cells is None:
         geometry = replace(geometry, cells="structured")
     if geometry.dimension == 2 and geometry.plane is None:
         geometry = replace(geometry, plane="stress")
+    if geometry.is_cad and geometry.meshing.near is None:
+        regions = (*scene.supports, *(contact.place for contact in scene.contacts))
+        names = dict.fromkeys(region.group for region in regions if region.group is not None)
+        near = tuple(Refinement(group=name) for name in names)
+        geometry = replace(geometry, meshing=replace(geometry.meshing, near=near))
     return geometry
 
 

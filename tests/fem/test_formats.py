@@ -461,7 +461,7 @@ def write_step(path: Path) -> Path:
 @pytest.mark.parametrize("suffix", [".step", ".STP"])
 def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
     path = write_step(tmp_path / "rod.step").rename(tmp_path / f"rod{suffix}")
-    coarse, fine = (read(path, size=size, curved=True) for size in (0.02, 0.01))
+    coarse, fine = (read(path, size=size, curved=True) for size in (0.01, 0.005))
     volume = np.pi * 0.01**2 * 0.1
     assert integral(coarse, 1.0) == pytest.approx(volume, rel=2e-2)
     assert integral(fine, 1.0) == pytest.approx(volume, rel=2e-3)
