@@ -65,6 +65,7 @@ from fenicsrom.online.recovery import Recovery, read_recovery, recovery_arrays
 from fenicsrom.online.scene_changes import changed_key, changed_path
 from fenicsrom.online.simulate import load_histories, simulate
 from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.scene.units import override_in_si
 
 FORMAT = "fenicsrom reduced model 5"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
@@ -192,6 +193,8 @@ def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = ""
         SceneError: an override is wrong.
     """
     source = source or scene.source
+    given = [overrides] if isinstance(overrides, str) else overrides
+    overrides = [override_in_si(scene, override) for override in given]
     changed = override_table(scene_table(scene), overrides, source)
     found = parse_scene(titled(changed, overrides, scene.source), source, None)
     return replace(found, source=scene.source)

@@ -26,6 +26,7 @@ from fenicsrom.online.provenance import provenance
 from fenicsrom.post.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import units_sentence
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"
@@ -82,6 +83,7 @@ def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict
         "versions": provenance(),
         "commit": commit(),
         "scene": scene.source,
+        "units": units_sentence(scene) or None,
         "overrides": list(origin.overrides),
         "mesh": mesh,
         "model": model,
@@ -134,6 +136,7 @@ def origin_table(folder: Path) -> list[list[Any]]:
         ["program", _program(record, versions)],
         ["MPI ranks", str(record["ranks"])],
         ["scene", record["scene"]],
+        *([["units", record["units"].removeprefix("units: ")]] if record.get("units") else []),
         *[["override", override] for override in record["overrides"]],
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
         ["to repeat", f"{record['repeat']} (in this folder)"],

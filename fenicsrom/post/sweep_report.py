@@ -103,7 +103,7 @@ def write(found: Sweep, folder: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
-    names = {key: column_name(found.scene, key) for key in swept_keys(found)}
+    names = {key: column_name(found.scene, key, given=True) for key in swept_keys(found)}
     named = [{names.get(key, key): value for key, value in row.items()} for row in found.rows]
     write_rows(folder / "sweep.csv", named)
     write_summary(folder / "sweep.json", summary(found))

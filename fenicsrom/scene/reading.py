@@ -29,6 +29,8 @@ from fenicsrom.scene.times import (
     Time,
 )
 from fenicsrom.scene.toml import parse_toml
+from fenicsrom.scene.unit_system import Units
+from fenicsrom.scene.units import scene_in_si
 
 
 def read_scene(
@@ -102,14 +104,25 @@ def parse_scene(
     where = Where(source)
     if not isinstance(table, Mapping):
         raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
-    scene = read_table(Scene, _with_frequencies(table, where), where)
-    scene = replace(scene, source=source)
-    for problem in problems(scene, unloaded):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    scene = _checked(table, where, unloaded)
+    if not (scene.units.is_si or scene.units.si):
+        scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
     scene = _complete(scene, folder, folder if mesh else None)
     for problem in step_problems(scene):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
     return scene
+
+
+def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
+    """Make a scene from plain data, without the defaults that depend on other keys.
+
+    Raises:
+        SceneError: a key or value is not allowed.
+    """
+    scene = read_table(Scene, _with_frequencies(table, where), where)
+    for problem in problems(scene, unloaded):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return replace(scene, source=where.source)
 
 
 def scene_table(scene: Scene) -> dict[str, Any]:
@@ -182,7 +195,8 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
         time=_complete_time(scene.time, scene.period is not None),
         probe=probe,
         loads=tuple(
-            _complete_load(load, folder, where.at(k)) for k, load in enumerate(scene.loads)
+            _complete_load(load, folder, where.at(k), scene.units)
+            for k, load in enumerate(scene.loads)
         ),
         rotation=rotation,
         basis=basis,
@@ -221,9 +235,10 @@ def _complete_time(time: Time, periodic: bool) -> Time:
     return time
 
 
-def _complete_load(load: Load, folder: Path | None, where: Where) -> Load:
+def _complete_load(load: Load, folder: Path | None, where: Where, units: Units) -> Load:
     if isinstance(load.history, Table) and isinstance(load.history.table, Path):
-        return with_rows(load, _read_table(load.history.table, folder, where.at("table")))
+        rows = _read_table(load.history.table, folder, where.at("table"))
+        return with_rows(load, tuple((float(units.in_si(t, "s")), factor) for t, factor in rows))
     return load
 
 

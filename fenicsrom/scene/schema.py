@@ -29,6 +29,7 @@ from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, n
 from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
+from fenicsrom.scene.unit_system import Units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,8 @@ class Geometry:
         parameters: numbers that the .geo file reads, by name.
         size: cell size for a .step file, where it is required.
         meshing: smaller cells on parts of a .step file.
-        scale: unit of length of the coordinates in a mesh file.
+        scale: unit of length of the coordinates in a mesh file; by default 1, in the unit of length
+            of [units].
     """
 
     mesh: Annotated[Path, rules.path]
@@ -382,6 +384,7 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
+        units: the units of the numbers below.
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
@@ -407,6 +410,7 @@ class Scene:
         source: the file of the scene.
     """
 
+    units: Annotated[Units, table_of(Units)] = field(default_factory=Units)
     title: Annotated[str, rules.text] = ""
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]
