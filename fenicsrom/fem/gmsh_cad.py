@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.formats.shapes import STRAIGHT
-from fenicsrom.fem.gmsh_queries import Floats, model_nodes
+from fenicsrom.fem.mesh.gmsh_queries import Floats, model_nodes
+from fenicsrom.formats.shapes import STRAIGHT
 from fenicsrom.scene import Geometry
 from fenicsrom.scene.rules import are, counted
 

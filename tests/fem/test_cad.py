@@ -17,9 +17,9 @@ from mpi4py import MPI
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.inspection import inspect
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.mesh_data import Mesh
+from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Geometry, parse_scene
 from fenicsrom.scene.meshing import Meshing, Refinement
 

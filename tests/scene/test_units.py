@@ -9,7 +9,7 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online import archive
+from fenicsrom.online.store import archive
 from fenicsrom.scene import Scene, parse_scene, read_scene, scene_heading, scene_table, toml_text
 from fenicsrom.scene.overrides import override_table
 from fenicsrom.scene.reading import read_toml
