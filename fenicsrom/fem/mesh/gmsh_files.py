@@ -18,7 +18,7 @@ import numpy as np
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.gmsh_cad import mesh_cad
+from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile

@@ -12,7 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.gmsh_cad import make_curved, straightened
+from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.gmsh_queries import (

@@ -24,7 +24,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
     pressure_linear      (k, n, n)    m          G of k follower pressures
-    pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.model.pressure`), c = n, 0 in 2D
+    pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
 A model without follower pressures has no arrays of them. That of a body that static loads or its

@@ -16,7 +16,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.fem.mesh.gmsh_queries import Floats, model_nodes
 from fenicsrom.formats.shapes import STRAIGHT
 from fenicsrom.scene import Geometry
-from fenicsrom.scene.rules import are, counted
+from fenicsrom.words import are, counted
 
 SMALLEST = 0.05
 """Default of the smallest cells, relative to the cell size."""
