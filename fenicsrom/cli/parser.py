@@ -155,6 +155,22 @@ MESH = Argument("mesh", help="mesh or geometry file")
 DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
 SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
 SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
+UNITS = Argument(
+    "--units",
+    metavar="LENGTH,MASS,TIME",
+    help="units of file and scene, such as mm,t,s; by default guessed from the material",
+)
+ROOT = Argument("--root", metavar="GROUP", help="group or number of the face to clamp")
+TIP = Argument(
+    "--tip", metavar="GROUP", help="group or number of the face with the load or contact"
+)
+TEMPLATE = Argument(
+    "--template",
+    choices=("response", "rub", "damper", "statics"),
+    default="response",
+    help="task of the scene: a response at the first mode (default), with a stop that it rubs "
+    "against, with a friction damper, or a static load",
+)
 FILE = Argument("--output", metavar="FILE", help="write it to this file")
 MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
 FORMAT = Argument(
@@ -203,7 +219,7 @@ COMMANDS = (
         "init",
         "write a starter scene for a mesh file",
         mesh_commands.init,
-        (MESH, SCALE, SIZE, FILE),
+        (MESH, SCALE, SIZE, UNITS, ROOT, TIP, TEMPLATE, FILE),
     ),
     Command(
         "compare",

@@ -22,6 +22,7 @@ from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile
+from fenicsrom.formats.physics import Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 
@@ -42,10 +43,12 @@ class Loaded:
     Attributes:
         node_sets: node numbers of each node set by its name.
         warnings: sentences for the user.
+        physics: materials, supports, masses and loads of a finite-element model.
     """
 
     node_sets: dict[str, Ints] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    physics: Physics = field(default_factory=Physics)
 
 
 @contextmanager
@@ -238,7 +241,7 @@ def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     if file.not_read:
         warnings.append(f"{source}: not read: {', '.join(file.not_read)}")
     sets = {name: nodes + 1 for name, nodes in file.node_groups.items()}
-    return Loaded(sets, tuple(warnings))
+    return Loaded(sets, tuple(warnings), file.physics)
 
 
 def mesh_of_model(gmsh: Any) -> MeshFile:

@@ -23,6 +23,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     straight_kind,
 )
 from fenicsrom.formats.mesh_file import Floats, Ints
+from fenicsrom.formats.physics import Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT
 from fenicsrom.scene import Geometry
 
@@ -77,11 +78,13 @@ class Inspection:
             inverse condition number of its Jacobian.
         worst: coordinates (3,) of the middle of this cell, m.
         curved: whether `geometry.curved = true` works, in words.
+        bulge: relative change of the volume with curved cells; 0 if they do not work.
         groups: the groups, largest dimension first.
         warnings: sentences for the user, one of them on what is not read.
         points: coordinates of the corners (n, 3), m.
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.
+        physics: materials, supports, masses and loads of a finite-element model.
     """
 
     path: Path
@@ -95,11 +98,13 @@ class Inspection:
     quality: float = 0.0
     worst: Floats = field(default_factory=lambda: np.zeros(3))
     curved: str = ""
+    bulge: float = 0.0
     groups: tuple[Group, ...] = ()
     warnings: tuple[str, ...] = ()
     points: Floats | None = None
     boundary: Ints | None = None
     refusal: SceneError | None = None
+    physics: Physics = field(default_factory=Physics)
 
     @property
     def extent(self) -> float:
@@ -131,17 +136,22 @@ def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspec
         gmsh.model.remove()
         loaded = load_file(gmsh, geometry)
         cells, low, high = _cells(gmsh, geometry)
-        found = Inspection(path, geometry, cells, len(model_nodes(gmsh)[0]), low, high)
+        nodes = len(model_nodes(gmsh)[0])
+        found = Inspection(path, geometry, cells, nodes, low, high, physics=loaded.physics)
         try:
             clean = clean_model(gmsh, geometry, loaded.node_sets)
         except SceneError as error:
             return replace(found, warnings=loaded.warnings, refusal=error)
         described = _described(gmsh, found, clean, loaded.warnings)
-        return replace(described, curved=_curved(gmsh, described))
+        curved, bulge = _curved(gmsh, described)
+        return replace(described, curved=curved, bulge=bulge)
 
 
-def _curved(gmsh: Any, found: Inspection) -> str:
-    """Say whether the cells may be curved. The model of the file changes."""
+def _curved(gmsh: Any, found: Inspection) -> tuple[str, float]:
+    """Say whether the cells may be curved, and by how much the volume then changes.
+
+    The model of the file changes.
+    """
     geometry, d = replace(found.geometry, curved=True), found.geometry.dimension
     gmsh.model.setCurrent("file")
     straight = {SHAPES[kind].name for kind in STRAIGHT.values()}
@@ -149,19 +159,20 @@ def _curved(gmsh: Any, found: Inspection) -> str:
         number = make_curved(gmsh, d)
         note = f"; {straightened(number)}" if number else ""
     elif found.cells.keys() & straight:
-        return "does not work: the cells of the file have straight edges"
+        return "does not work: the cells of the file have straight edges", 0.0
     else:
         gmsh.model.remove()
         loaded, note = load_file(gmsh, geometry), ""
         try:
             clean_model(gmsh, geometry, loaded.node_sets)
         except SceneError as error:
-            return f"does not work: {error}"
+            return f"does not work: {error}", 0.0
         gmsh.model.setCurrent("file")
     factor = geometry.scale**d
     volume = factor * sum(_measure(gmsh, d, tag) for _, tag in gmsh.model.getEntities(d))
     change = volume / found.volume - 1.0
-    return f"works, and changes the {'volume' if d == 3 else 'area'} by {100 * change:+.2g} %{note}"
+    what = "volume" if d == 3 else "area"
+    return f"works, and changes the {what} by {100 * change:+.1e} %{note}", change
 
 
 def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geometry:
