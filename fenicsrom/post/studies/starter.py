@@ -101,7 +101,7 @@ def starter_scene(
         f"# A first scene for {found.path.name}. Units: {system.names}{results}.",
         "#   fenicsrom modes SCENE      frequencies, mode shapes and pictures",
         "#   fenicsrom run SCENE        the motion under the loads below",
-        "# All keys: demos/README.md of the program.",
+        "# All keys: demos/keys.md of the program.",
         "",
         f"title = {_quoted(found.path.stem)}",
         "",

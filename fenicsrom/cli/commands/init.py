@@ -1,39 +1,31 @@
-"""The commands on a mesh file: each takes the parsed options and returns the exit code."""
+"""`fenicsrom init`: write a starter scene for a mesh file."""
 
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.cli.arguments import FILE, MESH, SCALE, SIZE, Argument, Command
+from fenicsrom.cli.mesh_files import inspected
 from fenicsrom.cli.output import require_lasting
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 
-
-def inspect(options: argparse.Namespace) -> int:
-    """Describe a mesh file.
-
-    Raises:
-        SceneError: the file cannot be read, or its mesh cannot be used.
-    """
-    from fenicsrom.post.base.picture import draw_pictures
-    from fenicsrom.post.studies import mesh_report
-
-    density = _positive(options.density, "--density")
-    found = _inspect(options)
-    warnings, files = list(found.warnings), []
-    if found.refusal is None:
-        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
-        require_lasting(folder)
-        picture = mesh_report.group_picture(found)
-        files = [path for _, path in draw_pictures([picture], folder, warnings)]
-    lines = mesh_report.lines(found, density)
-    print_results(None, "\n".join(lines), warnings, files=files)
-    if found.refusal is not None:
-        raise found.refusal
-    return 0
+UNITS = Argument(
+    "--units",
+    metavar="LENGTH,MASS,TIME",
+    help="units of file and scene, such as mm,t,s; by default guessed from the material",
+)
+ROOT = Argument("--root", metavar="GROUP", help="group or number of the face to clamp")
+TIP = Argument("--tip", metavar="GROUP", help="group or number of the face with load and contact")
+TEMPLATE = Argument(
+    "--template",
+    choices=("response", "rub", "damper", "statics"),
+    default="response",
+    help="task of the scene: a response at the first mode (default), with a stop that it rubs "
+    "against, with a friction damper, or a static load",
+)
 
 
 def init(options: argparse.Namespace) -> int:
@@ -50,7 +42,7 @@ def init(options: argparse.Namespace) -> int:
     if path.exists():
         reason = "the file exists; remove it, or choose another one with --output"
         raise SceneError(f"{path}: {reason}", kind=ErrorKind.FILE, key="output", source=str(path))
-    found = _inspect(options)
+    found = inspected(options)
     if found.refusal is not None:
         raise found.refusal
     warnings = list(found.warnings)
@@ -86,27 +78,18 @@ def _first_mode(text: str, path: Path, tip: str | None, warnings: list[str]) -> 
         return None
 
 
-def _inspect(options: argparse.Namespace) -> Any:
-    """Read the mesh file of the options."""
-    from fenicsrom.fem.mesh.inspection import inspect
-
-    scale, size = _positive(options.scale, "--scale"), _positive(options.size, "--size")
-    return inspect(Path(options.mesh), scale or 1.0, size)
-
-
-def _positive(text: str | None, name: str) -> float | None:
-    """Read the number of an option, or None without it.
-
-    Raises:
-        SceneError: it is not a number above 0.
-    """
-    if text is None:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        reason = f"{name} {text}: must be a number above 0"
-        raise SceneError(reason, kind=ErrorKind.RANGE, key=name.lstrip("-"))
-    return value
+COMMAND = Command(
+    "init",
+    "write a starter scene for a mesh file",
+    init,
+    (
+        MESH,
+        SCALE,
+        SIZE,
+        UNITS,
+        ROOT,
+        TIP,
+        TEMPLATE,
+        FILE,
+    ),
+)
