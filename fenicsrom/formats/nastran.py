@@ -35,6 +35,9 @@ Nastran numbers the nodes on the edges at the bottom, then those upright, then t
 ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
     "CTETRA": ((4, 11), 2),
     "CHEXA": ((5, 17), 2),
+    "CPENTA": ((6, 18), 2),
+    "CPYRAM": ((7, 19), 2),
+    "CPYRA": ((7, 19), 2),
     "CTRIA3": ((2,), 2),
     "CTRIAR": ((2,), 2),
     "CTRIA6": ((9,), 2),
@@ -55,9 +58,6 @@ ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
 """Kinds by the name of an element, with few or many nodes, and the field of its first node."""
 
 HOLES = {
-    "CPENTA": "wedges",
-    "CPYRAM": "pyramids",
-    "CPYRA": "pyramids",
     "CHEXCZ": "cohesive solids",
     "CIHEX1": "solids of an old kind",
     "CIHEX2": "solids of an old kind",

@@ -147,6 +147,8 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
             gmsh.model.occ.synchronize()
     if form == "step":
         _check_reach(gmsh, geometry)
+    elif _has_several_shapes(gmsh):
+        return _add_mesh(gmsh, source, formats.divided(mesh_of_model(gmsh)))
     elif geometry.curved and _has_serendipity_cells(gmsh):
         return _add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
     return Loaded()
@@ -261,6 +263,14 @@ def mesh_of_model(gmsh: Any) -> MeshFile:
 def _has_serendipity_cells(gmsh: Any) -> bool:
     """Whether cells of the current model lack the nodes in the middle of faces."""
     return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
+
+
+def _has_several_shapes(gmsh: Any) -> bool:
+    """Whether the cells of the current model have several shapes, or are wedges or pyramids."""
+    d = gmsh.model.getDimension()
+    kinds = map(int, gmsh.model.mesh.getElementTypes(d))
+    shapes = {SHAPES[kind].corners for kind in kinds if kind in SHAPES}
+    return len(shapes) > 1 or bool(shapes & {5, 6})
 
 
 def _check_content(gmsh: Any, source: str) -> None:
