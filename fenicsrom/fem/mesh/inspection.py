@@ -1,4 +1,4 @@
-"""What a mesh file holds, without a scene and without dolfinx."""
+"""The content of a mesh file, read without a scene and without dolfinx."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from fenicsrom.formats.mesh_file import Floats, Ints
 from fenicsrom.formats.physics import Physics
 from fenicsrom.formats.shapes import SHAPES, STRAIGHT
 from fenicsrom.scene import Geometry
+from fenicsrom.words import brief
 
 CELLS_ALONG = 20
 """Cells along a body from a .step file whose cell size is not given."""
@@ -61,7 +62,8 @@ class Group:
     members: Ints | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class Inspection:
     """What a mesh file holds.
 
@@ -80,7 +82,7 @@ class Inspection:
         curved: whether `geometry.curved = true` works, in words.
         bulge: relative change of the volume with curved cells; 0 if they do not work.
         groups: the groups, largest dimension first.
-        warnings: sentences for the user, one of them on what is not read.
+        warnings: sentences for the user; one of them names the parts that are not read.
         points: coordinates of the corners (n, 3), m.
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.
