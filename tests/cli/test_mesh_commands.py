@@ -24,6 +24,7 @@ BAR = """*NODE
 {cells}*ELEMENT, TYPE=MASS
 100, 1
 *MATERIAL, NAME=steel
+*TIE, NAME=glue
 """
 
 
@@ -52,7 +53,7 @@ def test_inspection_gives_cells_box_volume_groups_and_what_is_not_read(tmp_path:
     assert groups["side", "facets"] == (3, pytest.approx(3e-2))
     assert groups["bar", "nodes"] == (4, None) and groups["corner", "nodes"] == (1, None)
     (warning,) = found.warnings
-    assert "1 MASS element, *MATERIAL" in warning
+    assert "not read: *TIE" in warning
     text = "\n".join(mesh_report.lines(found, 1000.0))
     assert "0.003 m³" in text and "3 kg" in text and not mesh_report.scale_hint(found)
 

@@ -325,7 +325,7 @@ INVERTED = "2,5,11,9,7,6,10,12,8"  # the second cell with two nodes exchanged
         ("1,1,5,7,3,2,6,8,4\n2,5,9,11,7,6,10,12,8\n", "", ""),
         ("\n1, 0.0000000000000000e+00", "\n1, nan", "coordinate"),
         ("2,5,9,11,7,6,10,12,8", INVERTED, "1 cell "),
-        ("C3D8", "C3D6", ""),
+        ("C3D8", "C3D18", ""),
     ],
 )
 def test_damaged_abaqus_file_is_refused(tmp_path: Path, old: str, new: str, names: str) -> None:

@@ -51,7 +51,9 @@ def mesh_cad(gmsh: Any, geometry: Geometry) -> tuple[str, ...]:
     Raises:
         SceneError: the body cannot be meshed.
     """
-    d = geometry.dimension
+    d, source = geometry.dimension, str(geometry.mesh)
+    if any(gmsh.model.occ.getMass(d, tag) <= 0.0 for tag in _tags(gmsh, d)):  # gmsh would crash
+        raise SceneError(f"{source}: a body has no volume", kind=ErrorKind.MESH, source=source)
     faces = _named_faces(gmsh, d)
     for name, members in faces.items():
         gmsh.model.addPhysicalGroup(d - 1, members, name=name)
@@ -99,8 +101,9 @@ def _named_faces(gmsh: Any, d: int) -> dict[str, list[int]]:
     """
     bodies = [tag for _, tag in gmsh.model.getEntities(d)]
     names = {tag: _name(gmsh, d, tag) for tag in bodies}
-    given = [(_mark(gmsh, d - 1, face), _name(gmsh, d - 1, face)) for face in _tags(gmsh, d - 1)]
+    given = []
     if len(bodies) > 1:
+        given = [(_mark(gmsh, d - 1, tag), _name(gmsh, d - 1, tag)) for tag in _tags(gmsh, d - 1)]
         gmsh.model.occ.fragment([(d, tag) for tag in bodies], [])
         gmsh.model.occ.synchronize()
         for tag, name in names.items():
@@ -108,9 +111,12 @@ def _named_faces(gmsh: Any, d: int) -> dict[str, list[int]]:
             gmsh.model.addPhysicalGroup(d, [tag], name=shown)
     faces: dict[str, list[int]] = {}
     for face in _tags(gmsh, d - 1):
-        mark = _mark(gmsh, d - 1, face)
-        same = (name for other, name in given if np.allclose(mark, other, rtol=1e-6, atol=1e-9))
-        faces.setdefault(next(same, str(face)), []).append(face)
+        name = str(face) if given else _name(gmsh, d - 1, face)
+        if given:
+            mark = _mark(gmsh, d - 1, face)
+            near = (old for other, old in given if np.allclose(mark, other, rtol=1e-6, atol=1e-9))
+            name = next(near, name)
+        faces.setdefault(name, []).append(face)
     return dict(sorted(faces.items(), key=lambda item: (item[0].zfill(9), item[0])))
 
 
