@@ -22,12 +22,14 @@ from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.damping import Damping
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.materials import GroupMaterial, Material
+from fenicsrom.scene.meshing import Meshing
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
 from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
+from fenicsrom.scene.unit_system import Units
 from fenicsrom.words import brief
 
 
@@ -39,15 +41,18 @@ class Geometry:
         mesh: mesh file, or the .geo or .step file from which a mesh is made; relative to the scene
             file, or one of the program's own meshes.
         dimension: dimension of space.
-        cells: shape of the cells, for a .geo file only: quadrilaterals and hexahedra (structured,
-            the default) or triangles and tetrahedra (simplex).
+        cells: shape of the cells, for a .geo or .step file only: quadrilaterals and hexahedra
+            (structured, the default of a .geo file) or triangles and tetrahedra (simplex). A .step
+            file can be structured if each body has six faces of four sides.
         degree: polynomial degree of the displacement.
         thickness: thickness, in 2D only, where it is required.
         plane: plane stress (the default) or plane strain, in 2D only.
         curved: whether the cells are curved (geometry of degree 2).
         parameters: numbers that the .geo file reads, by name.
         size: cell size for a .step file, where it is required.
-        scale: unit of length of the coordinates in a mesh file.
+        meshing: smaller cells on parts of a .step file.
+        scale: unit of length of the coordinates in a mesh file; by default 1, in the unit of length
+            of [units].
     """
 
     mesh: Annotated[Path, rules.path]
@@ -59,7 +64,13 @@ class Geometry:
     curved: Annotated[bool, flag] = False
     parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
+    meshing: Annotated[Meshing, table_of(Meshing)] = field(default_factory=Meshing)
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
+
+    @property
+    def is_cad(self) -> bool:
+        """Whether the body comes from a CAD file, which is meshed here."""
+        return self.mesh.suffix.lower() in (".step", ".stp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,6 +379,7 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
+        units: the units of the numbers below.
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
@@ -393,6 +405,7 @@ class Scene:
         source: the file of the scene.
     """
 
+    units: Annotated[Units, table_of(Units)] = field(default_factory=Units)
     title: Annotated[str, rules.text] = ""
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]

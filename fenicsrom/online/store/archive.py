@@ -67,6 +67,8 @@ from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_a
 from fenicsrom.online.stress.stress import StressTable
 from fenicsrom.online.stress.stress_peaks import reduced_modes
 from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.scene.overrides import override_texts
+from fenicsrom.scene.units import override_in_si
 from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 5"
@@ -269,6 +271,7 @@ def changed_scene(scene: Scene, overrides: Overrides, source: str = "") -> Scene
         SceneError: an override is wrong.
     """
     source = source or scene.source
+    overrides = [override_in_si(scene, override) for override in override_texts(overrides)]
     changed = override_table(scene_table(scene), overrides, source)
     found = parse_scene(titled(changed, overrides, scene.source), source, None)
     return replace(found, source=scene.source)
