@@ -68,12 +68,13 @@ class Study:
         basis: the reduced basis.
         model: the reduced model.
         candidates: the larger model that judges the basis (`fenicsrom.reduction.candidates`).
+        finer: the model of finer elements that judges the mesh (`fenicsrom.reduction.finer`).
         agreement: the modes of the reduced model beside those of the full model.
         motions: "reduced", "full" or "beam" -> motion.
         seconds: stage -> run time, s.
         left_out: sentences "NAME: REASON" on what was not computed.
-        errors: estimated relative errors of the reduced model by their causes, "time step" and
-            "basis".
+        errors: estimated relative errors of the reduced model by their causes, "time step",
+            "basis" and "mesh".
         deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
             loads.
         deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
@@ -93,6 +94,7 @@ class Study:
     basis: ReducedBasis | None = None
     model: Any = None
     candidates: ReducedModel | None = None
+    finer: ReducedModel | None = None
     agreement: ModeAgreement | None = None
     motions: dict[str, Motion] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -140,3 +141,21 @@ def candidates(run: Run) -> None:
 
     study = run.study
     study.candidates = candidate_model(study.solid, study.scene.basis, run.reduction)
+
+
+def finer_elements(run: Run) -> None:
+    """Reduce the solid with elements of one degree more, for the estimate of the mesh error."""
+    from fenicsrom.fem.solid.finer import FinerSolid, too_large
+    from fenicsrom.reduction.finer import finer_model
+
+    study = run.study
+    reason = too_large(study.solid)
+    if reason is None:
+        try:
+            solid = FinerSolid(study.scene, study.solid)
+            study.finer = finer_model(study.solid, solid, study.scene.basis, run.reduction)
+            solid.destroy()
+        except (AccuracyError, ConvergenceError, SceneError) as error:
+            reason = str(error)
+    if reason is not None:
+        study.warnings.append(f"the error due to the mesh is not estimated: {reason}")

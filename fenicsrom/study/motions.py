@@ -140,7 +140,12 @@ def check(study: Study) -> None:
             check_energy(motion)
         model = "reduced"
         estimate_errors(
-            study.model, study.candidates, study.scene, study.motions["reduced"], study.errors
+            study.model,
+            study.candidates,
+            study.scene,
+            study.motions["reduced"],
+            study.errors,
+            study.finer,
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

@@ -38,6 +38,7 @@ MODEL_STAGES = (
     "basis",
     "reduction",
     "candidates",
+    "finer elements",
     "stress points",
 )
 """The stages whose results each archive holds."""
@@ -60,7 +61,7 @@ class OfflineCache:
         self._run, self._keys = run, keys
         self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
         self._warned = 0
-        self._last = "stress points" if with_stresses(run.study.scene) else "candidates"
+        self._last = "stress points" if with_stresses(run.study.scene) else "finer elements"
         self.reused: tuple[str, ...] = ()
 
     def restore(self) -> None:
@@ -258,7 +259,7 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
     # nothing raises from here on: the record has all or nothing
     study.selection, study.basis = selection, basis
     study.derivatives = Derivatives(labels, derivatives)
-    study.model, study.candidates = stored.model, stored.candidates
+    study.model, study.candidates, study.finer = stored.model, stored.candidates, stored.finer
     study.recovery = stored.recovery
     study.warnings.extend(warnings)
     building.note_selection(study)

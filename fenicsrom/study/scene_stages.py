@@ -1,7 +1,7 @@
 """The stages of a scene in their order, with the reason why the scene needs each stage.
 
     mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> candidates
-        -> motions -> files
+        -> finer elements -> motions -> files
 
 `stages` is the only place that says what a scene needs. `run` executes the needed stages, `plan`
 lists all of them. The numbers are written before the pictures.
@@ -84,7 +84,8 @@ def stages(scene: Scene, modes_only: bool = False, files: bool = True) -> list[S
         Stage(
             "checks",
             moving,
-            "energy balance, time step and basis, which runs an enriched basis"
+            "energy balance, time step, basis and mesh, which runs an enriched basis and finer "
+            "elements"
             if moving
             else why_not,
             lambda run: motions.check(run.study),
@@ -140,6 +141,14 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
             with_basis,
             "vectors that the basis leaves out, for the error estimate" if with_basis else why_not,
             building.candidates,
+        ),
+        Stage(
+            "finer elements",
+            with_basis,
+            f"elements of degree {scene.geometry.degree + 1}, for the error estimate"
+            if with_basis
+            else why_not,
+            building.finer_elements,
         ),
         Stage("stress points", with_stresses(scene), stress_reason(scene), stresses.tabulate),
     ]

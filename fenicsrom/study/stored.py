@@ -111,7 +111,7 @@ def _check(
 
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, stored.scene, motion, errors)
+        estimate_errors(stored.model, stored.candidates, stored.scene, motion, errors, stored.finer)
     except (AccuracyError, ConvergenceError) as error:
         return error
     return None

@@ -128,7 +128,8 @@ def judged(stored: StoredModel) -> StoredModel:
         loads=[[1.0], [0.3], [0.2]],
         load_histories=stored.model.load_histories,
     )
-    return replace(stored, candidates=larger)
+    finer = stored.model._replace(mass=1.5 * stored.model.mass)
+    return replace(stored, candidates=larger, finer=finer)
 
 
 def test_candidates_are_stored_with_the_model(judged: StoredModel, tmp_path: Path) -> None:
@@ -139,12 +140,17 @@ def test_candidates_are_stored_with_the_model(judged: StoredModel, tmp_path: Pat
     for name in ("mass", "loads", "probe"):
         np.testing.assert_array_equal(getattr(found, name), getattr(judged.candidates, name))
     np.testing.assert_array_equal(found.elastic.stiffness, judged.candidates.elastic.stiffness)
+    finer = load_model(path).finer
+    assert finer is not None
+    np.testing.assert_array_equal(finer.mass, 1.5 * judged.model.mass)
+    np.testing.assert_array_equal(finer.contact_offset, judged.model.contact_offset)
 
 
 def test_candidates_run_under_another_scene(judged: StoredModel) -> None:
     other = judged.with_scene(scene_with("loads.0.force=20.0", "material.mass_damping=50.0"))
     assert other.candidates is not None and other.candidates.damping == 50.0
     assert other.candidates.load_histories is other.model.load_histories
+    assert other.finer is not None and other.finer.damping == 50.0
 
 
 @pytest.mark.parametrize("name", ["mass", "loads"])

@@ -197,7 +197,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
     errors: dict[str, MotionErrors] = {}
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, scene, motion, errors)
+        estimate_errors(stored.model, stored.candidates, scene, motion, errors, stored.finer)
     except AccuracyError as error:
         found["outcome"] = DOUBTFUL
         warnings.insert(0, str(error))

@@ -35,7 +35,9 @@ A model of a scene that asks for stresses has more arrays: `fenicsrom.online.str
 A file may hold a larger model beside this one, which judges it
 (`fenicsrom.assess.errors.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
 velocity_matrix, loads, contact_rows, probe and pressures, under these names with the prefix
-`candidates_`. Its first n coordinates are those of the model.
+`candidates_`. Its first n coordinates are those of the model. In the same way, arrays with the
+prefix `finer_` are those of a model of finer elements, which judges the mesh
+(`fenicsrom.assess.errors.estimates.mesh_errors`); these include the offsets of contact and probe.
 
 The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
 the mesh (`dofs`), scene with its source, units and provenance.
@@ -73,6 +75,8 @@ from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 5"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
+FINER = "finer_"  # start of the names of the arrays of the model of finer elements
+OFFSETS = ("contact_offset", "probe_offset")
 PRESSURES = ("pressure_linear", "pressure_quadratic")
 ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
 SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
@@ -104,6 +108,7 @@ class StoredModel:
         candidates: the larger model that judges the basis, whose first n coordinates are those of
             the model; None if it was not made.
         deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
+        finer: the model of finer elements that judges the mesh; None if it was not made.
         file: the file from which it was read, for messages; "" if there is none.
     """
 
@@ -117,6 +122,7 @@ class StoredModel:
     recovery: Recovery | None = None
     candidates: ReducedModel | None = None
     deformation: Deformation | None = None
+    finer: ReducedModel | None = None
     file: str = ""
 
     @property
@@ -150,13 +156,12 @@ class StoredModel:
             "load_histories": load_histories(scene),
             "damping": float(scene.material.mass_damping),
         }
-        candidates = self.candidates
-        return replace(
-            self,
-            model=self.model._replace(**changes),
-            scene=scene,
-            candidates=None if candidates is None else candidates._replace(**changes),
-        )
+        models = {"model": self.model, "candidates": self.candidates, "finer": self.finer}
+        changed: dict[str, Any] = {
+            name: None if model is None else model._replace(**changes)
+            for name, model in models.items()
+        }
+        return replace(self, scene=scene, **changed)
 
     def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
@@ -303,8 +308,7 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
         "frequencies_hz": stored.frequencies_hz,
         "damping": np.array(model.damping),
         **{f"point_{name}": array for name, array in model.points._asdict().items()},
-        "contact_offset": model.contact_offset,
-        "probe_offset": model.probe_offset,
+        **{name: getattr(model, name) for name in OFFSETS},
         **_matrices(model),
         **recovery_arrays(stored.recovery),
     }
@@ -313,6 +317,9 @@ def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]
     if stored.candidates is not None:
         more = _matrices(stored.candidates)
         arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
+    if stored.finer is not None:
+        more = _matrices(stored.finer) | {name: getattr(stored.finer, name) for name in OFFSETS}
+        arrays |= {f"{FINER}{name}": array for name, array in more.items()}
     return header, arrays
 
 
@@ -381,15 +388,8 @@ def _assemble(
             deformation = Deformation.of_array(data["deformation"], scene.geometry.dimension)
     except ValueError as error:
         raise _damaged(path, str(error)) from None
-    candidates = None
-    if f"{CANDIDATES}mass" in data:
-        prefix = len(CANDIDATES)
-        more = {k[prefix:]: v for k, v in data.items() if k.startswith(CANDIDATES)}
-        mass = more["mass"]
-        size = mass.shape[0] if mass.ndim == 2 else 0
-        if size < len(labels):
-            raise _damaged(path, f"{CANDIDATES}mass is smaller than mass")
-        candidates = _checked_model(path, data | more, scene, size, CANDIDATES)
+    candidates = _judge(path, data, scene, CANDIDATES, len(labels))
+    finer = _judge(path, data, scene, FINER, 1)
     return StoredModel(
         model,
         scene,
@@ -401,8 +401,23 @@ def _assemble(
         recovery,
         candidates,
         deformation,
+        finer,
         str(path),
     )
+
+
+def _judge(
+    path: Path, data: dict[str, Any], scene: Scene, prefix: str, least: int
+) -> ReducedModel | None:
+    """The checked model of the arrays with a prefix, of a least size; None without such arrays."""
+    if f"{prefix}mass" not in data:
+        return None
+    more = {k.removeprefix(prefix): v for k, v in data.items() if k.startswith(prefix)}
+    mass = more["mass"]
+    size = mass.shape[0] if mass.ndim == 2 else 0
+    if size < least:
+        raise _damaged(path, f"{prefix}mass is smaller than mass")
+    return _checked_model(path, data | more, scene, size, prefix)
 
 
 def _checked_model(
