@@ -95,7 +95,7 @@ def stress_picture(run: Run) -> None:
     if run.comm.rank == 0 and study.stresses is not None:
         assert study.recovery is not None
         study.pictures += write_stress_picture(
-            study.recovery, study.stresses, _output(run), study.warnings, study.view
+            study.recovery, study.stresses, _output(run), study.warnings
         )
 
 

@@ -44,7 +44,6 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.body.body_view import View
     from fenicsrom.records import Study
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
@@ -220,7 +219,7 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
     Raises:
         OSError: the file cannot be written.
     """
-    if sentence := not_drawn(["motion.gif"]):
+    if sentence := not_drawn(["motion.gif"], in_space=True):
         study.warnings.append(sentence)
         return []
     film = film_of(study)
@@ -232,18 +231,12 @@ def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
 
 
 def write_stress_picture(
-    recovery: Recovery,
-    stresses: Stresses,
-    folder: Path,
-    notes: list[str],
-    view: View | None = None,
+    recovery: Recovery, stresses: Stresses, folder: Path, notes: list[str]
 ) -> list[tuple[str, Path]]:
     """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
-
-    The projection is by default one in which the largest stress is seen.
 
     Raises:
         OSError: the file cannot be written.
     """
-    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure, view)
+    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure)
     return draw_pictures([picture], folder, notes)
