@@ -13,12 +13,12 @@ from fenicsrom.post.base import optional, picture
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.style import magnification
 from fenicsrom.post.body import body_figures
-from fenicsrom.post.body.body_surface import surface_of
+from fenicsrom.post.body.body_surface import areas, surface_of
 from fenicsrom.post.body.body_view import face_on, is_seen, view_at, view_of
 from fenicsrom.post.body.group_drawing import MORE_COLOURS, group_figure
 from fenicsrom.post.body.rendering import painted, render
 from fenicsrom.post.paraview.vtk_files import Grid, reference_nodes
-from fenicsrom.post.setup.setup_figure import axis_ends, halving, setup_figure
+from fenicsrom.post.setup.setup_figure import halving, setup_figure
 from fenicsrom.post.setup.setup_marks import (
     CLAMPED,
     AttachmentMark,
@@ -29,12 +29,14 @@ from fenicsrom.post.setup.setup_marks import (
     SupportMark,
 )
 from fenicsrom.post.setup.setup_symbols import (
-    MARK_COLOURS,
+    COLOURS,
+    LOADED,
     MOST_CONES,
-    REGION_COLOURS,
+    axis_ends,
     load_arrows,
     region_parts,
-    symbol_parts,
+    surroundings,
+    symbols,
     turning_arrow,
 )
 
@@ -75,17 +77,17 @@ def plate(grid):
     return surface_of(grid), turn()[:, 2]
 
 
-def colours_of(figure):
-    """The colours (n, 3) of the body's picture in the first panel, from 0 to 1."""
-    image = np.asarray(figure.axes[0].images[0].get_array())
+def colours_of(figure, panel=0):
+    """The colours (n, 3) of the body's picture in a panel, from 0 to 1."""
+    image = np.asarray(figure.axes[panel].images[0].get_array())
     return image[image[..., 3] == 255][:, :3] / 255.0
 
 
-def shown_in(figure, colour, tolerance=0.12):
+def shown_in(figure, colour, tolerance=0.12, panel=0):
     """The number of pixels of the body's picture with this colour, in any light."""
     from matplotlib.colors import to_rgb
 
-    found, wanted = colours_of(figure), np.array(to_rgb(colour))
+    found, wanted = colours_of(figure, panel), np.array(to_rgb(colour))
     found = found * (wanted.sum() / np.maximum(found.sum(axis=1, keepdims=True), 1e-3))
     return int(np.sum(np.abs(found - wanted).max(axis=1) < tolerance * wanted.max()))
 
@@ -224,10 +226,10 @@ def test_setup_shows_every_mark_in_its_legend_and_in_its_colour(grid, tmp_path):
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [
         "support, clamped",
+        "loaded region",
         "support, held along x",
         "1: first",
         "2: second",
-        "loaded region",
         "spring, 3 N/m",
         "dashpot, 2 N s/m",
         "mass, 1 kg",
@@ -236,10 +238,10 @@ def test_setup_shows_every_mark_in_its_legend_and_in_its_colour(grid, tmp_path):
         "probe",
     ]
     (axis,) = figure.axes
-    loads = [text for text in axis.texts if text.get_color() == MARK_COLOURS["load"]]
+    loads = [text for text in axis.texts if text.get_color() == COLOURS["load"]]
     assert sorted(text.get_text() for text in loads) == ["1", "2"]
     for kind in ("load", "attachment", "contact", "probe"):
-        assert shown_in(figure, MARK_COLOURS[kind]) > 50
+        assert shown_in(figure, COLOURS[kind]) > 50
     drawn(figure, tmp_path)
 
 
@@ -263,7 +265,7 @@ def test_arrows_of_one_place_stand_behind_one_another_and_forces_stay(grid):
 def numbers_in(figure):
     """The texts of the numbers in the picture of a set-up, and the boxes around them."""
     figure.draw_without_rendering()
-    wanted = (MARK_COLOURS["contact"], MARK_COLOURS["load"])
+    wanted = (COLOURS["contact"], COLOURS["load"])
     found = [text for text in figure.axes[0].texts if text.get_color() in wanted]
     return [text.get_text() for text in found], [text.get_window_extent() for text in found]
 
@@ -299,11 +301,12 @@ def test_held_direction_is_drawn_as_cones_whose_tips_hold_the_points(grid):
     view = view_of(surface_of(grid))
     on = grid.points[:, 0] < 1e-9
     way = np.array([0.6, 0.8, 0.0])
-    parts = symbol_parts(Marks(supports=[SupportMark("held", on, way[None])]), grid.points, view)
-    assert 1 < len(parts) <= MOST_CONES
-    for part in parts:
-        along = part.mesh.points @ way
-        tip = part.mesh.points[np.argmax(along)]  # the cones stand out of the body
+    marks = Marks(supports=[SupportMark("held", on, way[None])])
+    (symbol,) = symbols(marks, grid.points, view)
+    cones = symbol.mesh.connectivity().split_bodies()
+    assert 1 < len(cones) <= MOST_CONES
+    for cone in cones:
+        tip = cone.points[np.argmax(cone.points @ way)]  # the cones stand out of the body
         assert np.linalg.norm(grid.points[on] - tip, axis=1).min() < 1e-6
 
 
@@ -369,14 +372,16 @@ def test_stress_that_no_view_shows_says_so():
 def test_groups_are_drawn_in_their_colours(plate, tmp_path):
     surface, _ = plate
     facets = surface.regular_faces
-    front = facets[surface.points[facets][..., 0].max(axis=1) > 0.99]
-    corner = np.array([np.argmax(surface.points @ [-1.0, -1.0, 1.0])])
-    groups = {"tip": front, "all": facets, "corner": corner}
+    normal = areas(surface) @ turn()[:, 2]
+    front = facets[normal > 1e-9]
+    back = facets[normal < -1e-9]
+    groups = {"front": front, "back": back, "corners": np.unique(facets)[::20]}
     figure = group_figure(surface.points, facets, groups)
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == list(groups)
-    sizes = [shown_in(figure, colour) for colour in MORE_COLOURS[:3]]
-    assert sizes[1] > sizes[0] > sizes[2] > 20
+    for panel, (shown, hidden) in enumerate([(0, 1), (1, 0)]):
+        sizes = [shown_in(figure, colour, panel=panel) for colour in MORE_COLOURS[:3]]
+        assert sizes[shown] > 1000 > 10 * sizes[hidden] and sizes[2] > 20
     drawn(figure, tmp_path)
 
 
@@ -386,7 +391,7 @@ def test_setup_shows_the_loaded_side(grid, side):
     on = across > across.mean()
     marks = Marks(loads=[LoadMark("load", grid.points[:1], turn()[:, 2], on)])
     figure = setup_figure(grid, marks, "a plate")
-    assert shown_in(figure, REGION_COLOURS["loaded"], 0.08) > 0.3 * len(colours_of(figure))
+    assert shown_in(figure, LOADED, 0.08) > 0.3 * len(colours_of(figure))
 
 
 def test_every_triangle_belongs_to_one_region(plate):
@@ -405,9 +410,9 @@ def test_every_triangle_belongs_to_one_region(plate):
         part for part in region_parts(surface, form_edges(surface), marks) if part.mesh.n_faces
     ]
     colours = {part.look["color"]: part.mesh for part in faces}
-    assert set(colours) == {REGION_COLOURS["clamped"], REGION_COLOURS["loaded"]}
+    assert set(colours) == {COLOURS["support"], LOADED}
     assert sum(mesh.n_cells for mesh in colours.values()) == surface.n_cells
-    used = colours[REGION_COLOURS["clamped"]]
+    used = colours[COLOURS["support"]]
     assert used.points[used.regular_faces][..., 0].max() < 0.35
 
 
@@ -435,7 +440,7 @@ def test_second_panel_shows_what_lies_beyond_the_picture(grid, distance, panels,
     assert len(figure.axes[0].child_axes) == panels and not illegible(figure)
     (legend,) = figure.legends
     assert "axis of rotation, 100 rpm" in [text.get_text() for text in legend.get_texts()]
-    assert not panels or shown_in_panel(figure, MARK_COLOURS["rotation"])
+    assert not panels or shown_in_panel(figure, COLOURS["rotation"])
     drawn(figure, tmp_path)
 
 
@@ -449,16 +454,17 @@ def shown_in_panel(figure, colour):
     return int(np.sum((away < 0.15) & (image[..., 3] > 200)))
 
 
-def test_round_wall_is_drawn_near_the_contact_only(grid):
-    from fenicsrom.post.setup.setup_symbols import wall_part
-
+def test_surroundings_are_the_walls_and_an_axis_beside_them(grid):
     angle = np.linspace(0.0, 2.0 * np.pi, 101)
     circle = np.column_stack([np.cos(angle), np.sin(angle), 0.0 * angle])
     wall = Grid(circle, np.column_stack([np.arange(100), np.arange(1, 101)]), 3)
     mark = ContactMark("contact", circle[:1], circle[:1], 1, wall)
-    (whole,), (near,) = wall_part(mark), wall_part(mark, 0.5)
-    assert whole.mesh.n_cells == 100 and 10 < near.mesh.n_cells < 20
-    assert not wall_part(replace(mark, wall=None))
+    (line,) = surroundings(Marks(contacts=[mark]), grid.points)
+    assert line.mesh.n_cells == 100 and line.look["color"] == COLOURS["contact"]
+    _, axis, _, _ = surroundings(Marks(contacts=[mark], rotation=TURNING), grid.points)
+    ends = axis_ends(TURNING, np.concatenate([grid.points, circle]))
+    np.testing.assert_allclose(axis.mesh.points, ends)
+    assert not surroundings(Marks(contacts=[replace(mark, wall=None)]), grid.points)
 
 
 def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(

@@ -90,7 +90,7 @@ def view_of(
     if facing is not None and facing @ towards < 0.0:
         sides = sorted(_sides(oblique) @ axes, key=lambda way: -float(facing @ way))
         upright = [way for way in sides if way @ axes[1] > 0.0 and facing @ way > 0.0]
-        towards = (upright or sides)[0]
+        towards = np.asarray((upright or sides)[0])
     return _looking(axes, towards, length)
 
 

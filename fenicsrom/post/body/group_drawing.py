@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.post.base.style import COLOURS, styled
-from fenicsrom.post.body.body_view import END_ON, frame_of, view_of
-from fenicsrom.post.body.rendering import GREY, Part, body_panel, show
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.body.body_surface import is_flat
+from fenicsrom.post.body.body_view import END_ON, View, frame_of, view_of
+from fenicsrom.post.body.rendering import ABOVE, GREY, Part, name_axes, show
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +31,7 @@ Ints = NDArray[np.int64]
 def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> Figure:
     """Draw a mesh, and its groups in the colours of the legend.
 
-    Groups behind the body and inside it are pale.
+    A body in space is seen from in front and from behind.
 
     Args:
         points: (n, 3) corners, m.
@@ -50,17 +52,35 @@ def group_figure(points: Array, boundary: Ints, groups: Mapping[str, Ints]) -> F
     colours = dict(zip(groups, MORE_COLOURS, strict=False))
     lines = {"show_edges": len(boundary) <= MOST_LINES, "edge_color": "#5B636B"}
     body = mesh_of(boundary)
-    parts = [Part(body, {"color": GREY, **lines})]
-    for name in sorted(groups, key=lambda name: -groups[name].shape[0]):
-        look = {"color": colours[name], "line_width": 5.0, "point_size": 12.0, **lines}
-        parts.append(Part(mesh_of(groups[name]), look, symbol=True))
     surface = body.triangulate().clean()
+    small_last = sorted(groups, key=lambda name: -len(groups[name]))
+
+    def parts_of(seen: View) -> list[Part]:
+        """The body and its groups, small ones in front of large ones on the same faces."""
+        parts = [Part(body, {"color": GREY, **lines})]
+        for k, name in enumerate(small_last, 1):
+            mesh = mesh_of(groups[name]).translate(0.2 * k * ABOVE * seen.length * seen.towards)
+            look = {"color": colours[name], "line_width": 6.0, "point_size": 12.0}
+            look |= {"line_width": 1.2, **lines} if mesh.n_faces else {}
+            parts.append(Part(mesh, look, symbol=not mesh.n_faces))
+        return parts
+
     view = view_of(surface, oblique=END_ON)
-    low, high = frame_of([view.project(surface.points)], 0.03 * view.length)
-    low = low - [0.0, 0.13 * view.length]
+    views = [view, replace(view, right=-view.right, towards=-view.towards)]
+    views = views[:1] if is_flat(points) else views
     columns = min(6, max(1, len(groups)))
-    figure, axis, wide = body_panel(view, low, high, 0.3 + 0.3 * -(-len(groups) // columns))
-    show(axis, parts, view, low, high, wide)
+    places = [seen.project(surface.points) for seen in views]
+    extent = np.max([np.ptp(place, axis=0) for place in places], axis=0)
+    wide = 9.0 / max(1.5, len(views))
+    spare = 0.5 + 0.3 * -(-len(groups) // columns)
+    figure = new_figure(wide * len(views), 1.2 * wide * extent[1] / extent[0] + spare)
+    for axis, seen, place in zip(
+        np.ravel(figure.subplots(1, len(views))), views, places, strict=True
+    ):
+        low, high = frame_of([place], 0.03 * view.length)
+        low = low - [0.0, 0.13 * view.length]
+        show(axis, parts_of(seen), seen, low, high, wide)
+        name_axes(axis, seen, low)
     if groups:
         handles = [Patch(color=colour, label=name) for name, colour in colours.items()]
         figure.legend(handles=handles, loc="outside lower center", ncols=columns)
