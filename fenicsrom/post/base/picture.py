@@ -24,12 +24,14 @@ class Picture:
         heading: its heading in the report.
         name: name of the file.
         draw: makes the figure.
+        note: what the picture shows, below it in the report.
         in_space: whether it shows a body in space, which pyvista draws.
     """
 
     heading: str
     name: str
     draw: Callable[[], Figure]
+    note: str = ""
     in_space: bool = False
 
 
