@@ -474,7 +474,9 @@ def test_pictures_in_space_are_left_out_in_one_sentence_where_none_can_be_drawn(
 
     monkeypatch.setattr(picture, "missing_renderer", lambda: "VTK finds no EGL")
     names = {"setup.png": True, "motion.png": False, "shapes.png": True}
-    listed = [Picture(n, n, lambda: new_figure(1.0, 1.0), space) for n, space in names.items()]
+    listed = [
+        Picture(n, n, lambda: new_figure(1.0, 1.0), in_space=space) for n, space in names.items()
+    ]
     notes = []
     written = picture.draw_pictures(listed, tmp_path, notes)
     assert notes == ["setup.png and shapes.png were not drawn: VTK finds no EGL"]
