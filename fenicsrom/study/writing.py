@@ -110,11 +110,13 @@ def animation(run: Run) -> None:
 def report(run: Run) -> None:
     """Write the report, and the summary again if there are new warnings about the pictures."""
     from fenicsrom.post.base.writers import write_summary
+    from fenicsrom.post.run.pictures import turning_pages
     from fenicsrom.post.run.report import write_study_report
     from fenicsrom.post.run.summary import SUMMARY, summary
 
+    study, folder = run.study, _output(run)
+    pages = turning_pages(study) if study.scene.output.pictures else []
     if run.comm.rank == 0:
-        study, folder = run.study, _output(run)
         write_summary(folder / SUMMARY, summary(study))
-        report = write_study_report(study, folder)
+        report = write_study_report(study, folder, pages)
         study.files = [report, *study.files, *(path for _, path in study.pictures)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -11,12 +12,21 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.stress.stress import StressTable, von_mises
-from fenicsrom.online.stress.stress_peaks import Peak
+from fenicsrom.online.stress.stress_peaks import Peak, Stresses
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.body.body_figures import SIZE, deflection_figure, shape_figure, stress_figure
-from fenicsrom.post.body.body_surface import gathered_grid, surface_of
+from fenicsrom.post.body.body_surface import NODE, gathered_grid, surface_of
 from fenicsrom.post.body.body_view import SLENDER, View, largest_of, view_of
 from fenicsrom.post.body.film import Dots, Film
+from fenicsrom.post.body.turning_view import (
+    UNPAINTED,
+    Shown,
+    loaded,
+    running,
+    simplified,
+    swinging,
+    turning_page,
+)
 from fenicsrom.post.paraview.fields import (
     about_equilibrium,
     contact_points,
@@ -24,9 +34,10 @@ from fenicsrom.post.paraview.fields import (
     frame_rows,
     shapes,
 )
-from fenicsrom.post.paraview.vtk_files import in_space, refined_grid
+from fenicsrom.post.paraview.vtk_files import Grid, in_space, refined_grid
 from fenicsrom.post.setup.setup_figure import setup_figure, setup_view
 from fenicsrom.post.setup.setup_marks import marked, marks_of
+from fenicsrom.post.setup.setup_symbols import symbols
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:
@@ -149,6 +160,65 @@ def film_of(study: Study) -> Film | None:
     return Film(rest, times, moved, view, solid.loaded, dots)
 
 
+def turning_view(study: Study) -> str | None:
+    """A page on which the body turns, with its set-up, shapes, motion and stress. Collective.
+
+    Returns:
+        The HTML text; None on ranks other than the first.
+    """
+    solid, kinds = study.solid, shapes(study)
+    equilibrium = kinds.pop(EQUILIBRIUM, {})
+    named = {label: field for fields in kinds.values() for label, field in fields.items()}
+    regions = marked(solid, study.scene)
+    film = film_of(study) if "reduced" in study.motions else None
+    found = gathered_grid(
+        solid.space,
+        _filled(solid, regions.fields) | named | {EQUILIBRIUM: solid.field(solid.equilibrium)},
+    )
+    if found is None:
+        return None
+    grid, values = found
+    marks = marks_of(solid, study.scene, regions, grid.points, values)
+    whole = surface_of(grid, {label: values[label] for label in {*named, EQUILIBRIUM}})
+    surface = simplified(whole)
+    view = study.view or setup_view(whole, marks)
+    titles, length = shape_titles(study, named), view.length
+    still = np.zeros((1, surface.n_points, 3))
+    shown = [Shown("set-up", "", still, np.full(surface.n_points, UNPAINTED))]
+    shown += [swinging(titles[label], surface.point_data[label], length) for label in named]
+    if equilibrium:
+        shown.append(loaded("equilibrium", surface.point_data[EQUILIBRIUM], length))
+    if film is not None:
+        kept = np.searchsorted(whole.point_data[NODE], surface.point_data[NODE])
+        rest = surface.point_data[EQUILIBRIUM]
+        shown.append(running("periodic motion", rest, film.moved[:, kept], length))
+    if study.stresses is not None and study.recovery is not None:
+        shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
+    parts = [symbol.part for symbol in symbols(marks, grid.points, view)]
+    return turning_page(surface, shown, parts, view)
+
+
+def _stressed(table: StressTable, found: Stresses, surface: PolyData, length: float) -> Shown:
+    """The state of the largest von Mises stress at the points of a surface."""
+    from scipy.spatial import cKDTree
+
+    grid, values = stress_state(table, found.largest, found.measure)
+    _, nearest = cKDTree(grid.points).query(surface.points)
+    peak = float(values[SIZE].max()) or 1.0
+    name = f"von Mises stress, {found.largest.state}"
+    entry = loaded(name, values["displacement"][nearest], length)
+    note = f"colour: 0 to {1e-6 * peak:.4g} MPa"
+    return replace(entry, colours=values[SIZE][nearest] / peak, note=note)
+
+
+def stress_state(table: StressTable, peak: Peak, measure: str) -> tuple[Grid, dict[str, Array]]:
+    """A grid with the displacement and the von Mises stress of a state, by their names."""
+    grid, mean = refined_grid(table.vertex_position, table.cells)
+    stress = table.at_vertices(table.stress(peak.coordinates, measure))
+    moved = in_space(mean @ table.displacement(peak.coordinates))
+    return grid, {"displacement": moved, SIZE: von_mises(mean @ stress)}
+
+
 def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     """The picture of the von Mises stress of a state on the deformed body.
 
@@ -162,13 +232,8 @@ def stress_picture(table: StressTable, peak: Peak, measure: str) -> Picture:
     title = f"{peak.state}{when}: {1e-6 * peak.von_mises:.4g} MPa at ({place}) m"
 
     def draw() -> Figure:
-        grid, mean = refined_grid(table.vertex_position, table.cells)
-        stress = table.at_vertices(table.stress(peak.coordinates, measure))
-        values = {
-            "displacement": in_space(mean @ table.displacement(peak.coordinates)),
-            SIZE: von_mises(mean @ stress),
-        }
-        return stress_figure(surface_of(grid, values), "displacement", title)
+        shown = surface_of(*stress_state(table, peak, measure))
+        return stress_figure(shown, "displacement", title)
 
     return Picture("Von Mises stress", "stress.png", draw, in_space=True)
 

@@ -12,11 +12,18 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
 from fenicsrom.post.base.directions import direction_names
+from fenicsrom.post.base.html_page import Page
 from fenicsrom.post.base.picture import Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.paraview.fields import shapes
-from fenicsrom.post.run.body_pictures import body_pictures, film_of, is_slender, stress_picture
+from fenicsrom.post.run.body_pictures import (
+    body_pictures,
+    film_of,
+    is_slender,
+    stress_picture,
+    turning_view,
+)
 from fenicsrom.post.run.figures import (
     LOADS,
     LOADS_AND_SURFACES,
@@ -211,6 +218,17 @@ def _box(study: Study) -> Array | None:
     d = study.solid.dimension
     nodes = study.solid.space.tabulate_dof_coordinates()[:, :d]
     return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
+
+
+def turning_pages(study: Study) -> list[Page]:
+    """The page on which the body turns; none, and a warning, if it cannot be made. Collective."""
+    if sentence := not_drawn(["the view to turn"], in_space=True):
+        study.warnings.append(sentence)
+        return []
+    page = None
+    with softly("the view to turn", study.warnings):
+        page = turning_view(study)
+    return [] if page is None else [Page(page)]
 
 
 def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
