@@ -9,7 +9,7 @@ from functools import cache
 
 
 def missing_module(*names: str) -> str | None:
-    """Say which of these Python modules is not installed; None if all are installed."""
+    """Say which of some Python modules is not installed; None if all are installed."""
     for name in names:
         try:
             found = importlib.util.find_spec(name)
