@@ -15,6 +15,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.post.base.style import magnification, scale_text
 from fenicsrom.post.body.body_figures import SHAPE
+from fenicsrom.post.body.body_surface import NODE, form_edges
 from fenicsrom.post.body.body_view import View
 from fenicsrom.post.body.rendering import Part
 
@@ -24,13 +25,16 @@ if TYPE_CHECKING:
 MOST_TRIANGLES = 6000
 """Largest number of triangles of the body in a page."""
 
+INK = 0x30363C
+"""The colour of the edges of the body."""
+
 UNPAINTED = -0.1
 """The value that has no colour."""
 
 CONTROLS = """
 const shown = SHOWN, bar = document.createElement("div"), list = document.createElement("select");
 bar.id = "controls";
-bar.style = "position:absolute;z-index:10;left:8px;top:8px;font:14px system-ui,sans-serif;color:#1d2125";
+bar.style = "position:absolute;z-index:10;left:8px;top:8px;font:14px sans-serif;color:#1d2125";
 list.id = "shape";
 shown.forEach((one, k) => list.add(new Option(one.name, k)));
 const play = document.createElement("input"), scale = document.createElement("span");
@@ -126,7 +130,7 @@ def turning_page(
     Args:
         surface: the undeformed body.
         shown: the entries of the list.
-        symbols: what marks supports, loads and contacts.
+        symbols: what marks supports, loads and contacts: triangles, or points.
         view: the first projection.
 
     Returns:
@@ -137,8 +141,9 @@ def turning_page(
     plot = k3d.plot(
         grid_visible=False, menu_visibility=False, colorbar_object_id=0, camera_auto_fit=False
     )
+    plot.lighting, plot.camera_fov = 0.3, 20.0
     middle = surface.points.mean(axis=0)
-    plot.camera = [*(middle + 1.3 * view.length * view.towards), *middle, *view.up]
+    plot.camera = [*(middle + 2.7 * view.length * view.towards), *middle, *view.up]
     entries: list[dict[str, Any]] = []
     vertices: dict[str, Any] = {}
     colours: dict[str, Any] = {}
@@ -153,10 +158,23 @@ def turning_page(
         surface, attribute=colours["0.0"], color_map=_palette(), color_range=[UNPAINTED, 1.0]
     )
     body.vertices, body.attribute = vertices, colours
+    edges = form_edges(surface)
+    pairs = np.array(edges.lines.reshape(-1, 3)[:, 1:], dtype=np.uint32)
+    row = np.argsort(surface.point_data[NODE])
+    at = row[np.searchsorted(surface.point_data[NODE], edges.point_data[NODE], sorter=row)]
+    form = k3d.lines(
+        _floats(edges.points), pairs, indices_type="segment", shader="simple", color=INK
+    )
+    form.vertices = {time: places[at] for time, places in vertices.items()}
     plot += body
+    plot += form
     for part in symbols:
+        colour = int(str(part.look["color"])[1:], 16)
         if part.mesh.n_faces:
-            plot += _mesh(part.mesh.triangulate(), color=int(str(part.look["color"])[1:], 16))
+            plot += _mesh(part.mesh.triangulate(), color=colour)
+        else:
+            size = 0.012 * view.length
+            plot += k3d.points(_floats(part.mesh.points), point_size=size, color=colour)
     plot.snapshot_type = "full"
     return str(
         plot.get_snapshot(9, additional_js_code=CONTROLS.replace("SHOWN", json.dumps(entries)))

@@ -37,7 +37,7 @@ from fenicsrom.post.paraview.fields import (
 from fenicsrom.post.paraview.vtk_files import Grid, in_space, refined_grid
 from fenicsrom.post.setup.setup_figure import setup_figure, setup_view
 from fenicsrom.post.setup.setup_marks import marked, marks_of
-from fenicsrom.post.setup.setup_symbols import symbols
+from fenicsrom.post.setup.setup_symbols import held_points, symbols
 from fenicsrom.scene import Scene, scene_heading
 
 if TYPE_CHECKING:
@@ -189,12 +189,14 @@ def turning_view(study: Study) -> str | None:
     if equilibrium:
         shown.append(loaded("equilibrium", surface.point_data[EQUILIBRIUM], length))
     if film is not None:
-        kept = np.searchsorted(whole.point_data[NODE], surface.point_data[NODE])
+        row = np.argsort(whole.point_data[NODE])
+        kept = row[np.searchsorted(whole.point_data[NODE], surface.point_data[NODE], sorter=row)]
         rest = surface.point_data[EQUILIBRIUM]
         shown.append(running("periodic motion", rest, film.moved[:, kept], length))
     if study.stresses is not None and study.recovery is not None:
         shown.append(_stressed(study.recovery.stress, study.stresses, surface, length))
     parts = [symbol.part for symbol in symbols(marks, grid.points, view)]
+    parts += held_points(whole, marks)
     return turning_page(surface, shown, parts, view)
 
 

@@ -153,6 +153,15 @@ def region_parts(surface: PolyData, edges: PolyData, marks: Marks) -> list[Part]
     return parts
 
 
+def held_points(surface: PolyData, marks: Marks) -> list[Part]:
+    """The points of a surface that belong to supports."""
+    from pyvista import PolyData
+
+    node = surface.point_data[NODE]
+    places = [(mark, surface.points[mark.on[node]]) for mark in marks.supports]
+    return [painted(PolyData(found), _colour_of(mark)) for mark, found in places if len(found)]
+
+
 def _colour_of(mark: SupportMark) -> str:
     """The colour of the region of a support."""
     return COLOURS["support"] if mark.label == CLAMPED else HELD
