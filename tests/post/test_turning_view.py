@@ -133,6 +133,8 @@ def test_report_opens_without_errors_and_its_body_turns(report: Path, browser: A
     assert blank.shape == setup.shape
     severe = [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"]
     assert not severe
+    loaded_files = browser.execute_script("return performance.getEntriesByType('resource')")
+    assert not [entry["name"] for entry in loaded_files if entry["name"].startswith("http")]
 
 
 def test_view_opens_the_report_or_names_its_address(
