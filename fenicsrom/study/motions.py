@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
@@ -64,7 +62,7 @@ def _strain_warnings(study: Study, motion: Motion) -> list[str]:
     """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
     from fenicsrom.assess.errors.large_strains import LARGE_MOTION, motion_warnings
 
-    moved = float(np.abs(motion.displacement).max(initial=0.0))
+    moved = float(abs(motion.displacement).max(initial=0.0))
     small = moved < LARGE_MOTION * study.solid.extent
     if small or study.basis is None or study.scene.output.stresses != "none":
         return []
