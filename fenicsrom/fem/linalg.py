@@ -113,7 +113,7 @@ class Factorisation:
         Returns:
             (local rows, k) solutions.
         """
-        if self._small or block.shape[1] == 1:
+        if self._small or block.shape[1] <= 1:  # MUMPS refuses a block of no columns
             x, b = self._vectors
             out = np.empty_like(block)
             for k in range(block.shape[1]):
