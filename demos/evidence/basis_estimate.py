@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.assess import stability
-from fenicsrom.assess.estimates import basis_errors
+from fenicsrom.assess.estimates import basis_errors, nested_motion
 from fenicsrom.assess.random_cases import random_cases
 from fenicsrom.assess.scales import scales_of
 from fenicsrom.assess.true_errors import full_distances
@@ -67,7 +67,7 @@ def examine(case: Any, table: Mapping[str, Any], source: str) -> dict[str, Any]:
         found["run"] = clock.process_time() - begin
         begin = clock.process_time()
         candidates = candidate_model(solid, scene.basis, reduction)
-        estimate = basis_errors(candidates, model.size, scene, motion)
+        estimate = basis_errors(motion, nested_motion(candidates, scene, motion))
         found["estimating"] = clock.process_time() - begin
         begin = clock.process_time()
         signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)

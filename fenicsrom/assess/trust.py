@@ -15,7 +15,7 @@ move.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -397,6 +397,5 @@ def richer_model(stored: StoredModel) -> RicherModel | None:
     candidates = stored.candidates
     if candidates is None:
         return None
-    more = tuple(f"{k + 1}W" for k in range(candidates.size - stored.size))
-    other = replace(stored, model=candidates, labels=(*stored.labels, *more), candidates=None)
+    other = stored.resized((*stored.labels, *stored.further))
     return RicherModel(other, np.eye(candidates.size, stored.size))

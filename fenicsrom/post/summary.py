@@ -223,9 +223,10 @@ def stored_model(study: Study) -> StoredModel:
         study.solid.free,
         study.modes.frequencies_hz,
         provenance(),
-        study.recovery,
+        study.tables,
         study.candidates,
         study.deformation,
+        further=study.further,
     )
 
 

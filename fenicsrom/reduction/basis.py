@@ -17,12 +17,13 @@ and named. Source: Mashayekhi and Zucca (2024), eqs. (12) and (13).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.reduction.masters import scaled_condition
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
@@ -62,6 +63,13 @@ class ReducedBasis:
         """Number of coordinates n, masters included."""
         return self.vectors.shape[1]
 
+    def part(self, labels: Sequence[str], mass: Array) -> ReducedBasis:
+        """The basis of these vectors, the masters first; `mass` (n, n) is their Rᵀ M R."""
+        vectors = self.vectors[:, [self.labels.index(label) for label in labels]]
+        return replace(
+            self, vectors=vectors, labels=tuple(labels), condition=scaled_condition(mass)
+        )
+
 
 def build_basis(
     method: str,
@@ -94,8 +102,7 @@ def build_basis(
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
     gram = inner(r, r)
     _check(method, m, rows, r, gram, total)
-    scale = np.sqrt(np.diag(gram))
-    condition = float(np.linalg.cond(gram / np.outer(scale, scale)))
+    condition = scaled_condition(gram)
     static = [f"{k + 1}S" for k in range(m)]
     return ReducedBasis(method, r, (*static, *names), m, dropped, condition)
 

@@ -16,8 +16,8 @@ directions in which none of the next modes moves, such as the axis of a slender 
 the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes would hide it.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
-weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the
-largest eigenvalues are the candidates.
+weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1 (`fenicsrom.reduction.principal.combinations`). Of derivatives
+along principal directions, the next combinations are candidates too.
 """
 
 from __future__ import annotations
@@ -32,10 +32,11 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, split
 from fenicsrom.reduction.modes import ComponentModes, component_modes
+from fenicsrom.reduction.principal import combinations
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection
-from fenicsrom.reduction.stages import Derivatives, Reduction, differentiate
+from fenicsrom.reduction.stages import Derivatives, Reduction, derivatives_along
 from fenicsrom.scene import Basis
 
 NEXT_MODES = 3
@@ -50,9 +51,6 @@ NEXT_DERIVATIVES = 15
 COMBINATIONS = 8
 """Largest number of combinations of these derivatives. Their energies fall fast."""
 
-LEAST_ENERGY = 1e-10
-"""A combination is left out if its energy, relative to the largest, is smaller: rounding."""
-
 
 def candidate_model(structure: Structure, options: Basis, found: Reduction) -> ReducedModel:
     """The larger model of (1).
@@ -62,10 +60,15 @@ def candidate_model(structure: Structure, options: Basis, found: Reduction) -> R
         options: the options of the basis.
         found: the stages of the reduced model.
     """
-    extended = candidate_basis(
+    extended = extended_basis(structure, options, found)
+    return project(structure, extended, structure.geometrically_nonlinear)
+
+
+def extended_basis(structure: Structure, options: Basis, found: Reduction) -> ReducedBasis:
+    """[R, W] of (1); arguments as `candidate_model`."""
+    return candidate_basis(
         structure, options, found.modes, found.selection, found.derivatives, found.basis
     )
-    return project(structure, extended, structure.geometrically_nonlinear)
 
 
 def candidate_basis(
@@ -106,9 +109,14 @@ def candidate_basis(
     plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     if not structure.geometrically_nonlinear:
         return plain
+    further = derivatives.further
+    if further is not None:
+        vectors.append(further)
+        labels += list(derivatives.sizes)[len(derivatives.labels) :]
+        plain = _extended(structure, modes, basis, np.concatenate(vectors, axis=1), labels)
     wanted = missing_derivatives(modes, more, selection, derivatives)
     combined = _combinations(structure, options, more, wanted, plain)
-    names = [f"{k + 1}D" for k in range(combined.shape[1])]
+    names = [f"{len(derivatives.sizes) + k + 1}D" for k in range(combined.shape[1])]
     extra = np.concatenate([plain.vectors[:, basis.size :], combined], axis=1)
     return _extended(structure, modes, basis, extra, [*plain.labels[basis.size :], *names])
 
@@ -126,6 +134,8 @@ def missing_derivatives(
     """
     kept, weights = set(derivatives.labels), selection.weights
     missing = [label for label in all_pairs(modes.labels) if label not in kept]
+    if selection.principal is not None:  # its directions hold the motion of these modes
+        missing = []
     missing.sort(key=lambda label: -weights.get(label, 0.0))
     known = set(modes.labels)
     new = [
@@ -178,7 +188,7 @@ def _combinations(
     """The combinations (local, k) of derivatives with the largest energies outside of a basis."""
     if not wanted:
         return np.zeros((structure.local, 0))
-    found = differentiate(structure, options, modes, wanted).vectors
+    found = derivatives_along(structure, options, modes, wanted)
     x = modes.vectors
     # follower pressures may make an energy negative, though not the equilibrium unstable
     sizes = np.sqrt(np.abs(np.diag(structure.inner(x, structure.stiffness_times(x)))))
@@ -186,11 +196,4 @@ def _combinations(
     for k, label in enumerate(wanted):
         first, second = split(label)
         found[:, k] /= size[first] * size[second]
-    m = basis.masters
-    found -= modes.masters @ structure.comm.allreduce(modes.rows @ found)
-    inner = basis.vectors[:, m:]
-    found -= inner @ structure.mass_inner(inner, found)
-    energies = structure.inner(found, structure.stiffness_times(found))
-    values, axes = np.linalg.eigh(0.5 * (energies + energies.T))
-    kept = values > LEAST_ENERGY * values[-1]
-    return np.asarray(found @ axes[:, kept][:, ::-1][:, :COMBINATIONS])
+    return combinations(structure, modes, basis, found)[0][:, :COMBINATIONS]

@@ -17,11 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.principal import PrincipalDirections
 
 RANK_TOLERANCE = 1e-12
 """Smaller eigenvalues of the Gram matrix, relative to the largest, count as zero."""
@@ -36,12 +40,14 @@ class Selection:
         derivatives: labels of the derivatives that are kept.
         modal_coordinates: largest |Q| of each mode by its label, relative to that of all modes.
         weights: weight W of each candidate derivative by its label, relative to the largest.
+        principal: the directions along which derivatives are taken instead of those of modes.
     """
 
     modes: tuple[str, ...]
     derivatives: tuple[str, ...]
     modal_coordinates: dict[str, float]
     weights: dict[str, float]
+    principal: PrincipalDirections | None = None
 
 
 def modal_coordinates(

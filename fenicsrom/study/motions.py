@@ -46,6 +46,26 @@ def integrate(run: Run, name: str) -> None:
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
 
 
+def fit_size(run: Run) -> None:
+    """Let the reduced model take coordinates until its basis is accurate enough."""
+    from fenicsrom.assess.sizing import fitted
+    from fenicsrom.online.archive import save_model
+    from fenicsrom.post.origin import MODEL
+    from fenicsrom.post.summary import stored_model
+    from fenicsrom.study.building import resize
+
+    study, stored = run.study, stored_model(run.study)
+    motion = study.motions["reduced"]
+    study.sized = found = fitted(stored, motion, run.watch.say, run.stop, study.warnings)
+    if found is None or found.stored is stored:
+        return
+    resize(study, found.stored)
+    study.motions["reduced"] = found.motion
+    study.seconds["reduced motion"] = found.motion.seconds
+    if run.folder is not None and run.comm.rank == 0:
+        save_model(run.folder / MODEL, found.stored)
+
+
 def check_beam(study: Study) -> None:
     """Check that the 1D beam stands for the solid."""
     from fenicsrom.assess import beam_check
@@ -117,7 +137,12 @@ def check(study: Study) -> None:
             check_energy(motion)
         model = "reduced"
         estimate_errors(
-            study.model, study.candidates, study.scene, study.motions["reduced"], study.errors
+            study.model,
+            study.candidates,
+            study.scene,
+            study.motions["reduced"],
+            study.errors,
+            None if study.sized is None else study.sized.errors,
         )
     except (AccuracyError, ConvergenceError) as error:
         study.unfinished = (model, error)

@@ -10,7 +10,6 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.estimates import MotionErrors
     from fenicsrom.online.archive import StoredModel
     from fenicsrom.online.motion import Motion
     from fenicsrom.online.state import Checkpoint
@@ -89,8 +88,11 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
     try:
         stop_where_asked(stop)
+        with watch("size"):
+            _fit_size(found, watch, stop)
+        stop_where_asked(stop)
         with watch("checks"):
-            found.unfinished = _check(found.stored, found.motion, found.errors)
+            found.unfinished = _check(found)
         if found.unfinished is None:
             found.stresses = _stresses(found.stored, found.motion, found.warnings, watch)
     except KeyboardInterrupt:
@@ -100,16 +102,25 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
         raise
 
 
-def _check(
-    stored: StoredModel, motion: Motion, errors: dict[str, MotionErrors]
-) -> AccuracyError | ConvergenceError | None:
-    """Write the estimated errors of a motion into `errors`; give the error that rejects it."""
+def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
+    """Let the model take coordinates until its basis is accurate enough."""
+    from fenicsrom.assess.sizing import fitted
+
+    chosen = fitted(found.stored, found.motion, watch.say, stop, found.warnings)
+    if chosen is not None:
+        found.sized, found.stored, found.motion = chosen, chosen.stored, chosen.motion
+
+
+def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
+    """Write the estimated errors of a motion; give the error that rejects it."""
     from fenicsrom.assess.verdicts import estimate_errors
     from fenicsrom.online.energy import check_energy
 
+    stored, motion = found.stored, found.motion
+    basis = None if found.sized is None else found.sized.errors
     try:
         check_energy(motion)
-        estimate_errors(stored.model, stored.candidates, stored.scene, motion, errors)
+        estimate_errors(stored.model, stored.candidates, stored.scene, motion, found.errors, basis)
     except (AccuracyError, ConvergenceError) as error:
         return error
     return None
