@@ -1,7 +1,7 @@
 """The size of a reduced model by the estimate of its error: as small as the accuracy asks.
 
 A stored model holds N coordinates, of which it uses the first n. The motion of all N coordinates
-judges that of the n (`fenicsrom.assess.estimates.basis_errors`). Where the estimate is above
+judges that of the n (`fenicsrom.assess.errors.estimates.basis_errors`). Where the estimate is above
 `basis.accuracy`, the energies of the other coordinates in the motion of the larger model,
 
     ½ K_ii mean(e_i²) relative to ½ mean(qᵀ K q),    (1)
@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenicsrom.assess.estimates import MotionErrors, basis_errors, nested_motion
-from fenicsrom.assess.verdicts import UNSETTLED_ERROR, in_percent
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
+from fenicsrom.assess.errors.verdicts import UNSETTLED_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.measures import is_unsteady
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time

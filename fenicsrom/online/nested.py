@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial, pairs
-from fenicsrom.online.pressure import PressurePolynomial
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+from fenicsrom.online.model.pressure import PressurePolynomial
 
 
 def nested_model(whole: ReducedModel, chosen: Sequence[int]) -> ReducedModel:

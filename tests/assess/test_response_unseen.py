@@ -10,10 +10,10 @@ from support import beam_scene, excited_stiffness
 from test_response import ignore
 from test_response_runs import assert_same, interrupted
 
-from fenicsrom.assess.response import response
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.bifurcations import outside
-from fenicsrom.online.simulate import load_histories
+from fenicsrom.assess.curves.response import response
+from fenicsrom.online.curves.bifurcations import outside
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import read_scene
 
 
