@@ -28,7 +28,7 @@ from fenicsrom.cli.starting import (
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Scene, json_schema, read_scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
 """Commands with a table of their own in the scene, which has their name."""
@@ -112,7 +112,7 @@ def plan(options: argparse.Namespace) -> int:
                 f"the table [{command}] is for another command: fenicsrom {command} {options.scene}"
             )
     if options.picture is not None:
-        from fenicsrom.post.run.pictures import draw_pictures
+        from fenicsrom.post.base.picture import draw_pictures
 
         path = Path(options.picture)
         require_lasting(path, "--picture")

@@ -65,8 +65,8 @@ def import_matrices(options: argparse.Namespace) -> int:
     """
     from fenicsrom.exchange.superelement import read_matrices, superelement_model
     from fenicsrom.online.store import archive
-    from fenicsrom.scene.rules import counted
     from fenicsrom.scene.superelement import read_superelement_scene
+    from fenicsrom.words import counted
 
     matrices, scene = Path(options.matrices), options.superelement_scene
     path = Path(options.output or f"{matrices.stem}.npz")

@@ -18,7 +18,7 @@ def inspect(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the file cannot be read, or its mesh cannot be used.
     """
-    from fenicsrom.post.run.pictures import draw_pictures
+    from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.studies import mesh_report
 
     density = _positive(options.density, "--density")

@@ -35,7 +35,7 @@ from fenicsrom.reduction.masters import master_directions, scaled_condition
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.

@@ -10,7 +10,7 @@ from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
 
 
@@ -133,7 +133,7 @@ def candidates(run: Run) -> None:
 
 def reduced_model(run: Run) -> None:
     """Project the solid on the extended basis; the model of the basis is a part of this one."""
-    from fenicsrom.online.nested import nested_model
+    from fenicsrom.online.model.nested import nested_model
     from fenicsrom.reduction.projection import project, project_intrusively
 
     study, solid = run.study, run.study.solid

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.post.base.picture import Picture
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
 
@@ -60,7 +60,7 @@ def run(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
     if resume is not None:
         _require_resumable(resume, scene)
@@ -93,7 +93,7 @@ def offline(
         stop: called between stages; the run ends when it returns True.
         fresh: compute all results, also where the cache has them.
     """
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
     run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))

@@ -8,7 +8,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 
 def integrate(run: Run, name: str) -> None:
@@ -48,7 +48,7 @@ def integrate(run: Run, name: str) -> None:
 
 def fit_size(run: Run) -> None:
     """Let the reduced model take coordinates until its basis is accurate enough."""
-    from fenicsrom.assess.sizing import fitted
+    from fenicsrom.assess.errors.sizing import fitted
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.summary import stored_model

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import working_time
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.variations import Axis, combinations
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun

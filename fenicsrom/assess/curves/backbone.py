@@ -31,7 +31,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape

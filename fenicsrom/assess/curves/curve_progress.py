@@ -4,54 +4,23 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.response_files import CurveFile, Stand
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.online.curves.continuation import FIRST_STEP, Continuation
 from fenicsrom.online.curves.curve import CurvePoint
 from fenicsrom.progress import duration
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.curves.branches import Piece
-    from fenicsrom.assess.curves.response_files import CurveFile
     from fenicsrom.assess.curves.response_results import ResponseCurve
     from fenicsrom.scene import Scene
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """Where a continuation stands, to continue it bit for bit.
-
-    Attributes:
-        points: number of points of the piece.
-        special: number of its bifurcations.
-        begin: the point at which its steps were last measured anew, with the tangent there.
-        since: index of this point in the piece.
-        direction: of the change of the parameter from there; None follows the tangent.
-        size: of the scaled variables there.
-        step: next step along the curve.
-        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
-    """
-
-    points: int
-    special: int
-    begin: CurvePoint
-    since: int
-    direction: float | None
-    size: float
-    step: float
-    guess: tuple[Array | None, float]
-
-    def trail(self, piece: Piece) -> list[CurvePoint]:
-        """The points of a piece from `begin` on."""
-        return [self.begin, *piece.points[self.since + 1 :]]
 
 
 class CurveWalk:

@@ -1,6 +1,6 @@
 """The path of static equilibria of a body as a factor multiplies its static loads.
 
-The full model of the solid is followed (`fenicsrom.fem.paths.equilibrium_path`), through limit points, at
+The full model of the solid is followed (`fem.paths.equilibrium_path`), through limit points, at
 which the body under a growing load would snap through.
 """
 
@@ -18,7 +18,7 @@ from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
-from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
+from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, Stand, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
 from fenicsrom.assess.curves.response_problem import check_response
 from fenicsrom.assess.curves.response_results import (

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.curves.curve import CurvePoint
@@ -23,11 +24,40 @@ from fenicsrom.online.store.scene_changes import changed_run_key, first_differen
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.curves.curve_progress import Stand
+    from fenicsrom.assess.curves.branches import Piece
     from fenicsrom.assess.curves.response_results import ResponseCurve
 
 FORMAT = "fenicsrom response state 1"
 WHAT = "the state of a response curve"
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where a continuation stands, to continue it bit for bit.
+
+    Attributes:
+        points: number of points of the piece.
+        special: number of its bifurcations.
+        begin: the point at which its steps were last measured anew, with the tangent there.
+        since: index of this point in the piece.
+        direction: of the change of the parameter from there; None follows the tangent.
+        size: of the scaled variables there.
+        step: next step along the curve.
+        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
+    """
+
+    points: int
+    special: int
+    begin: CurvePoint
+    since: int
+    direction: float | None
+    size: float
+    step: float
+    guess: tuple[Array | None, float]
+
+    def trail(self, piece: Piece) -> list[CurvePoint]:
+        """The points of a piece from `begin` on."""
+        return [self.begin, *piece.points[self.since + 1 :]]
 
 
 @dataclass(frozen=True, eq=False)

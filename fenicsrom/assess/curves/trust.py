@@ -8,7 +8,7 @@ compared.
 A basis that lacks the modes that break a symmetry gives the right motion and the wrong stability.
 The verdict of the richer basis is therefore compared too, also at points that are spread over the
 stable parts, and between them where its multipliers come near the unit circle
-(`fenicsrom.assess.curves.stability_search`). It is not compared next to a change of stability, which may
+(`assess.curves.stability_search`). It is not compared next to a change of stability, which may
 move.
 """
 
@@ -38,8 +38,8 @@ from fenicsrom.online.periodic.shooting import (
 )
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"
 BETWEEN = "between"

@@ -1,12 +1,12 @@
 """Campbell diagram: natural frequencies of a rotating body against speed, with engine orders.
 
 At every speed the body moves to its equilibrium without contact, and the modes are those of the
-tangent stiffness (`fenicsrom.assess.rotation.rotating_modes`). They are tracked from speed to speed by their
+tangent stiffness (`assess.rotation.rotating_modes`). They are tracked from speed to speed by their
 modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
-of its frequency; with widely spaced speeds it keeps its shape. `fenicsrom.assess.rotation.critical_speeds`
-finds the speeds at which engine orders meet the modes, and `fenicsrom.assess.rotation.mode_names` names the
+of its frequency; with widely spaced speeds it keeps its shape. `assess.rotation.critical_speeds`
+finds the speeds at which engine orders meet the modes, and `assess.rotation.mode_names` names the
 modes by their shapes at the first speed.
 """
 

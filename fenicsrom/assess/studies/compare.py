@@ -1,10 +1,10 @@
 """Error against run time: every basis of a scene's [compare] table against the full model.
 
 The full model runs once; its motion is kept in the user's cache folder
-(`fenicsrom.assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
+(`assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
 modes and the snapshots. The modes are computed once, for the largest requested number, and each
 combination uses the first of them. The offline seconds of a combination are the sum of the stages
-that it needs, as if it were the only combination. The indicator (`fenicsrom.assess.errors.residual`) needs
+that it needs, as if it were the only combination. The indicator (`assess.errors.residual`) needs
 no full run.
 """
 
@@ -32,8 +32,9 @@ from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, 
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
-from fenicsrom.scene.rules import BY_MOTION, counted
+from fenicsrom.scene.rules import BY_MOTION
 from fenicsrom.scene.step_size import with_time
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure

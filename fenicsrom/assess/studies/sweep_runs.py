@@ -16,8 +16,8 @@ import numpy as np
 from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.assess.errors.large_strains import equilibrium_warnings
 from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.assess.errors.sizing import fitted
 from fenicsrom.assess.errors.verdicts import estimate_errors
-from fenicsrom.assess.sizing import fitted
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.motion.energy import check_energy

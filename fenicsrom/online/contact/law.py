@@ -18,7 +18,7 @@ current position, however far the point slides.
 
 Over a time step the schemes that weight the ends apply the law at the weighted point
 x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight path from x0
-to x1, in closed form (`fenicsrom.online.contact.friction`). It locates opening, closing and the change from
+to x1, in closed form (`online.contact.friction`). It locates opening, closing and the change from
 stick to slip inside the step. After this change the point slips, under the law at the middle of the
 rest of the step. This is exact for a point that slides to and fro, and of second order for a point
 that changes its direction as it slides.

@@ -178,7 +178,7 @@ def _project_friction(
     """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
-    of contact of `fenicsrom.online.contact.friction`. This friction is close to the mean along the path, so
+    of contact of `online.contact.friction`. This friction is close to the mean along the path, so
     Newton's iteration then finds the solution.
     """
     point, d = scratch.point, len(scratch.space)

@@ -1,8 +1,8 @@
 """Curves of periodic motions: pseudo-arclength continuation in a parameter.
 
 The curve is extrapolated by the cubic through its last two points with their tangents, and each
-point is corrected by `fenicsrom.online.curves.curve_correction`. `fenicsrom.online.curves.bifurcations` locates
-special points between two points, and `fenicsrom.online.curves.turning_pairs` finds unstable stretches
+point is corrected by `online.curves.curve_correction`. `online.curves.bifurcations` locates
+special points between two points, and `online.curves.turning_pairs` finds unstable stretches
 that are shorter than a step.
 """
 

@@ -1,6 +1,6 @@
 """Newton's corrections on a curve of periodic motions.
 
-The unknowns are the scaled variables s of `fenicsrom.online.periodic.shooting` and the parameter p. With
+The unknowns are the scaled variables s of `online.periodic.shooting` and the parameter p. With
 |(ds, dp)|^2 = |ds|^2 / size^2 + dp^2 / range^2 a point is corrected orthogonally to the tangent of
 the curve (Keller 1977; Seydel 2010, chapter 4).
 """

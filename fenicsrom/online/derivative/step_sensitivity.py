@@ -38,7 +38,7 @@ from fenicsrom.online.step.step import step_coefficients
 class EndCoefficients(NamedTuple):
     """How velocity and acceleration at the end of a step depend on dq, v0 and a0.
 
-    `fenicsrom.online.step.step.accept` has the same factors, written out: there they are part of the
+    `online.step.step.accept` has the same factors, written out: there they are part of the
     compiled loop, whose machine code is not to depend on that of the derivatives.
     """
 

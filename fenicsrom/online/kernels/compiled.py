@@ -1,6 +1,6 @@
 """Compilation with numba.
 
-Three private interfaces of numba make the kernels fast; those in `fenicsrom.online.kernels.stored_code`
+Three private interfaces of numba make the kernels fast; those in `online.kernels.stored_code`
 load them fast. Each was checked with the versions of numba from `FIRST` to `LAST`; any other
 version runs without them, slower and with the same results:
 
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import sys
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
@@ -24,8 +25,14 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, overload, overload_method
 
-_FOLDER = Path(__file__).parent
-TYPES = ("model", "scheme")  # modules of the named tuples that kernels receive but do not import
+PACKAGE = "fenicsrom.online"
+TYPES = ("fenicsrom.online.model.model", "fenicsrom.online.step.scheme")
+"""Modules of the named tuples that kernels receive but do not import."""
+
+_FOLDER = Path(sys.modules[PACKAGE].__path__[0])
+_IMPORT = re.compile(
+    rf"^\s*(?:from|import) ({re.escape(PACKAGE)}[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE
+)
 FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
 
 
@@ -42,22 +49,48 @@ INLINED = {**UNCOUNTED, "forceinline": True}
 
 
 @cache
-def _stamp(module: str) -> str:
-    """A digest of a module and of all modules of this package on which its machine code depends.
+def read_sources(folder: Path = _FOLDER) -> dict[str, str]:
+    """The text of every module of `PACKAGE` and of its sub-packages, by its dotted name.
 
-    These are the modules that it imports and those of `TYPES`. For a module of another package,
-    these are all modules.
+    Args:
+        folder: the folder of `PACKAGE`.
     """
-    package, _, own = module.rpartition(".")
-    found: dict[str, str] = {}
-    queue = [own, *TYPES] if package == __package__ else [p.stem for p in _FOLDER.glob("*.py")]
+    texts = {}
+    for path in folder.rglob("*.py"):
+        places = path.relative_to(folder).with_suffix("").parts
+        name = ".".join([PACKAGE, *(place for place in places if place != "__init__")])
+        texts[name] = path.read_text(encoding="utf-8")
+    return texts
+
+
+@cache
+def _imports(text: str) -> set[str]:
+    """The names of `PACKAGE` that a module imports, some of which may be modules.
+
+    `from a.b import name` may import the module `a.b.name` or an object of the module `a.b`.
+    """
+    found = set()
+    for module, names in _IMPORT.findall(text):
+        found |= {module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))}
+    return found
+
+
+def stamp(module: str, sources: dict[str, str]) -> str:
+    """A digest of a module and of all modules of `PACKAGE` on which its machine code depends.
+
+    These are the modules that it imports, directly or through others, and those of `TYPES`. For a
+    module of another package, these are all modules.
+
+    Args:
+        module: the name of the module.
+        sources: all modules, as from `read_sources`.
+    """
+    found: set[str] = set()
+    queue = {module, *TYPES} if module in sources else set(sources)
     while queue:
-        name = queue.pop()
-        path = _FOLDER / f"{name}.py"
-        if name not in found and path.exists():
-            found[name] = path.read_text(encoding="utf-8")
-            queue += re.findall(r"from fenicsrom\.online\.(\w+) import", found[name])
-    return hashlib.sha256("".join(found[name] for name in sorted(found)).encode()).hexdigest()
+        found |= queue
+        queue = set().union(*(_imports(sources[name]) for name in queue)) & set(sources) - found
+    return hashlib.sha256("".join(sources[name] for name in sorted(found)).encode()).hexdigest()
 
 
 def compiled(function: Callable[..., Any], **options: Any) -> Any:
@@ -69,7 +102,7 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """
     dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
     if PRIVATE:
-        dispatcher._cache._cache_file._source_stamp = _stamp(function.__module__)
+        dispatcher._cache._cache_file._source_stamp = stamp(function.__module__, read_sources())
     return dispatcher
 
 

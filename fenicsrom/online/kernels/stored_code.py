@@ -4,7 +4,7 @@ With each stored function, numba parses the function's intermediate code, fills 
 compiler, and imports all of `scipy.linalg` at the first call of BLAS or LAPACK. Here the first two
 wait until numba compiles a function, and only the two modules with the addresses of the routines
 are imported. Files of stored functions end with a checksum, and a damaged one counts as missing.
-Beside `fenicsrom.online.kernels.compiled`, this is the only module that uses private interfaces of numba;
+Beside `online.kernels.compiled`, this is the only module that uses private interfaces of numba;
 another version than those that were checked loads as numba does.
 """
 

@@ -10,8 +10,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.support_motion import support_displacement
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.state import PeriodicSearch
+from fenicsrom.scene import Scene
 
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
 # a motion is at rest if its amplitude, relative to the largest displacement, is smaller
@@ -330,3 +332,11 @@ def _weights(time: Array) -> Array:
         return np.ones(len(time))
     steps = np.diff(time)
     return (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / (2 * (time[-1] - time[0]))
+
+
+def absolute_displacement(scene: Scene, points: ContactPoints, motion: Motion) -> Array:
+    """The displacement of a motion plus that of the supports, in the frames of `displacement`."""
+    moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
+    if len(points.contact):
+        return np.asarray(motion.displacement + np.einsum("pij,kj->kpi", points.frame, moved))
+    return np.asarray(motion.displacement + moved[:, None, : motion.displacement.shape[2]])

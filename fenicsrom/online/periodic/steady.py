@@ -1,7 +1,7 @@
 """The end of a run: Newton's method finds the periodic motion to which a march tends.
 
 A run marches a few periods, and then tries Newton's method on the period map from the state that
-the march has reached (`fenicsrom.online.periodic.shooting`). The motion that it finds replaces the marched
+the march has reached (`online.periodic.shooting`). The motion that it finds replaces the marched
 one if three conditions hold:
 
 1. its relative residual is at most `fenicsrom.online.periodic.shooting.TOLERANCE`;

@@ -1,6 +1,6 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
-The functions that take a model are plain Python, for any `fenicsrom.online.model.operations.Model`, and
+The functions that take a model are plain Python, for any `online.model.operations.Model`, and
 are inlined into the compiled loop of `fenicsrom.online.step.loop` for a `ReducedModel`. Arrays of
 contact points are written by functions that numba does not inline: its removal of dead code does
 not follow an array through the unpacking of a tuple, and drops such writes.
@@ -182,7 +182,9 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
             return converged, iterations
         combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
         copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
-        found = add_candidates(contacts, interval, trial)
+        found = add_candidates(
+            contacts, interval, trial.free_displacement, trial.contact, trial.scratch
+        )
         if found == count:
             return True, iterations
         count = found

@@ -24,7 +24,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
     pressure_linear      (k, n, n)    m          G of k follower pressures
-    pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.model.pressure`), c = n, 0 in 2D
+    pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
 A model without follower pressures has no arrays of them. That of a body that static loads or its
@@ -33,8 +33,9 @@ speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.defo
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 
 The arrays are those of all coordinates that the file holds, in their order. The model has the first
-`size` of them; the larger model of all of them judges it
-(`fenicsrom.assess.errors.estimates.basis_errors`), and a model of any of them is a part of the arrays.
+`size` of them. The larger model of all of them judges it
+(`fenicsrom.assess.errors.estimates.basis_errors`), and a model of any of them is a part of the
+arrays.
 
 The entry `header` is JSON text: format, method, labels of all coordinates, `size`, number of
 unknowns of the mesh (`dofs`), scene with its source, units and provenance.
@@ -56,10 +57,10 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.online.nested import nested_model
 from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
 from fenicsrom.online.stress.deformation import Deformation

@@ -25,7 +25,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"

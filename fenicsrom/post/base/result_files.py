@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.scene import Scene, scene_heading
 
 

@@ -14,7 +14,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.result_files import write_results
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "

@@ -13,7 +13,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.result_files import write_results
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.curves.equilibrium_figures import figure
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 ENDS = {
     "end of the range": "The path reached the end of the range of the load factor.",

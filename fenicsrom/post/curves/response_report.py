@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.writers import write_rows, write_summary
 from fenicsrom.post.curves.contact_map import contact_map
 from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
@@ -27,12 +27,11 @@ from fenicsrom.post.curves.response_tables import (
     trust_table,
     varied_keys,
 )
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE
 from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 MULTIPLIERS = "multipliers.png"
 

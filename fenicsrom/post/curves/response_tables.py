@@ -21,8 +21,8 @@ from fenicsrom.post.curves.response_figures import (
     parameter_label,
 )
 from fenicsrom.post.curves.response_motion import largest_point
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 
 def varied_keys(found: Response) -> list[str]:

@@ -14,7 +14,7 @@ from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.result_files import write_results
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
 from fenicsrom.post.base.tables import text_table
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

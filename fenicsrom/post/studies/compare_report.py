@@ -12,10 +12,9 @@ from fenicsrom.online.motion.measures import response_summary
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.post.studies.compare_figures import (
     METHODS,
     amplitude_error,
@@ -24,7 +23,7 @@ from fenicsrom.post.studies.compare_figures import (
     size_figure,
 )
 from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {

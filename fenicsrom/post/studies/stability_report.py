@@ -13,12 +13,11 @@ import numpy as np
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.style import new_figure, styled
 from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 COLOURS = {
     Verdict.CONVERGED: "#B7E1CD",

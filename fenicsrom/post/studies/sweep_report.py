@@ -9,15 +9,14 @@ from typing import Any
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.picture import Picture, draw_pictures
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.post.studies.sweep_columns import COLUMNS, key_labels
 from fenicsrom.post.studies.sweep_figures import figure
 from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import column_name
+from fenicsrom.words import counted
 
 MOST_LINES = 20  # of a table in the terminal, without its head
 

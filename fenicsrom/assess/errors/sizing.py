@@ -27,8 +27,8 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time
+from fenicsrom.words import counted
 
 AT_LEAST = 3
 """Fewest coordinates that join a model at once."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from fenicsrom.arrays import Array
     from fenicsrom.assess.errors.estimates import MotionErrors
     from fenicsrom.assess.errors.mode_agreement import ModeAgreement
-    from fenicsrom.assess.sizing import Sized
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.errors import AccuracyError, ConvergenceError
     from fenicsrom.online.model.model import ReducedModel
     from fenicsrom.online.motion.motion import Motion
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fenicsrom.online.stress.deformation import Deformation
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.body.body_view import View
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
@@ -113,7 +112,7 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[tuple[str, Path]] = field(default_factory=list)
-    view: View | None = None
+    view: Any = None
 
     @property
     def warnings(self) -> list[str]:
