@@ -4,10 +4,10 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
 
     u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
 
-whose first n coordinates are those of the basis R. The candidates W are the next normal modes, the
-static deflections under the loads (attachment modes), those under the inertia forces of these
-deflections, and combinations of the modal derivatives that the basis lacks, those of the next modes
-included. The projected force of the larger model contains the residual Wᵀ r of the full equations
+whose first n coordinates are those of the basis R. The candidates W are the next normal and
+interface modes, the static deflections under the loads (attachment modes), those under the inertia
+forces of these deflections, and combinations of the modal derivatives that the basis lacks, those
+of the next modes included. The projected force of the larger model contains the residual Wᵀ r of the full equations
 at every motion of the reduced model, as a polynomial, so that no mesh is needed to judge a stored
 model (`fenicsrom.assess.errors.estimates.basis_errors`).
 
@@ -38,6 +38,9 @@ from fenicsrom.reduction.protocols import Structure
 from fenicsrom.reduction.selection import Selection
 from fenicsrom.reduction.stages import Derivatives, Reduction, derivatives_along
 from fenicsrom.scene import Basis
+
+NEXT_INTERFACE_MODES = 10
+"""Interface modes beyond those of the basis, where there are any."""
 
 NEXT_MODES = 3
 """Normal modes above those of the basis. Three of a planar beam reach 2.8 times its frequency."""
@@ -93,12 +96,14 @@ def candidate_basis(
         [R, W] of (1); the first n vectors are those of the basis.
     """
     more = _more_modes(structure, options, modes)
-    count = modes.omega.size
+    count, masters = modes.omega.size, modes.rows.shape[0]
     left_out = [label for label in modes.labels if label not in selection.modes]
     columns = [modes.labels.index(label) for label in left_out if label.endswith("V")]
     vectors = [modes.normal[:, columns], more.normal[:, count:]]
     labels = [modes.labels[k] for k in columns]
     labels += [f"{k + 1}V" for k in range(count, more.omega.size)]
+    vectors.append(more.static[:, masters:])
+    labels += [f"{k + 1}S" for k in range(masters, more.rows.shape[0])]
     loaded = structure.factor.solve(structure.load_vectors)
     vectors.append(loaded)
     labels += [f"{k + 1}A" for k in range(loaded.shape[1])]
@@ -148,13 +153,16 @@ def missing_derivatives(
 
 
 def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> ComponentModes:
-    """The component modes with up to `NEXT_MODES` more normal modes, as far as there are any."""
+    """The component modes with more normal and interface modes, as far as there are any."""
     held = modes.rows.shape[0] if modes.method == "craig-bampton" else 0
-    count = min(modes.omega.size + NEXT_MODES, structure.free - held)
-    if count <= modes.omega.size:
+    count, masters = min(modes.omega.size + NEXT_MODES, structure.free - held), options.masters
+    # held interface modes would change the fixed normal modes of the Craig-Bampton method
+    if isinstance(masters, int) and modes.method == "rubin" and masters == modes.rows.shape[0]:
+        masters += NEXT_INTERFACE_MODES
+    if (count, masters) == (modes.omega.size, options.masters):
         return modes
     try:
-        return component_modes(structure, replace(options, modes=count))
+        return component_modes(structure, replace(options, modes=count, masters=masters))
     except (AccuracyError, SceneError):
         return modes
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fenicsrom.files import atomic_write
+from fenicsrom.study.building import resize
 from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.response_results import Response
@@ -16,6 +20,7 @@ if TYPE_CHECKING:
 
 
 STATE = "response_state"  # folder of what is kept of the curves
+COORDINATES = "coordinates.json"  # file in this folder with the labels of the coordinates
 
 
 def response(
@@ -60,16 +65,20 @@ def response(
     if resume is not None:
         check_folder(resume)
     built = offline(scene, comm, Stopwatch(say), stop=stop, fresh=fresh)
+    assert built.basis is not None
     stored, ranks = stored_model(built), built.solid.comm
     kept = folder if ranks.rank == 0 else None
     if kept is not None:
         save_model(kept / MODEL, stored)
-    found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop)
+    found, stored = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop)
+    if stored.labels != built.basis.labels:
+        resize(built, stored)
+        if kept is not None:
+            save_model(kept / MODEL, stored)
     found.warnings[:0] = built.warnings
     if found.table.full_values and not found.interrupted:
         from fenicsrom.assess.curves.full_points import add_full_points
 
-        assert built.basis is not None
         watch = Stopwatch(say)
         with watch("full model"):
             add_full_points(found, stored, built.solid, built.basis.vectors, watch.say)
@@ -99,7 +108,7 @@ def response_of_model(
 
     if resume is not None:
         check_folder(resume)
-    found = _curves(stored, say, folder, resume, workers, stop)
+    found, stored = _curves(stored, say, folder, resume, workers, stop)
     found.warnings[:0] = equilibrium_warnings(stored.deformation)
     if found.table.full_values:
         found.warnings.append(
@@ -118,19 +127,36 @@ def _curves(
     resume: Path | None,
     workers: int,
     stop: Callable[[], bool],
-) -> Response:
-    """Compute the response curves of a stored model; arguments as `response`."""
+) -> tuple[Response, StoredModel]:
+    """Compute the response curves of a stored model; arguments as `response`.
+
+    Returns:
+        The curves, and the model with the coordinates that they need.
+    """
     from fenicsrom.assess.curves import response as curves
+    from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
     from fenicsrom.assess.curves.trust import richer_model
 
-    watch = Stopwatch(say)
-    with watch("response curves"):
-        return curves.response(
-            stored,
-            lambda line: watch.say(f"  {line}"),
-            state=None if folder is None else folder / STATE,
-            resume=resume,
-            workers=workers,
-            stop=stop,
-            richer=richer_model(stored),
-        )
+    watch, spare = Stopwatch(say), spare_coordinates(stored)
+    state = None if folder is None else folder / STATE
+    if resume is not None and (resume / COORDINATES).exists():
+        stored = stored.resized(json.loads((resume / COORDINATES).read_text(encoding="utf-8")))
+    while True:
+        if state is not None:
+            with atomic_write(state / COORDINATES) as temporary:
+                temporary.write_text(json.dumps(stored.labels), encoding="utf-8")
+        with watch("response curves"):
+            found = curves.response(
+                stored,
+                lambda line: watch.say(f"  {line}"),
+                state=state,
+                resume=resume,
+                workers=workers,
+                stop=stop,
+                richer=richer_model(stored),
+            )
+        larger = None if found.interrupted else larger_model(found, stored, spare)
+        if larger is None:
+            return found, stored
+        stored, resume = larger, None
+        watch.say(f"  again with {counted(stored.size, 'coordinate')}: {' '.join(stored.labels)}")

@@ -224,6 +224,7 @@ def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.run.pictures import (
         motion_pictures,
+        size_pictures,
         working,
         write_stress_picture,
     )
@@ -231,6 +232,7 @@ def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     stored = found.stored
     names = direction_names(stored.scene, stored.model.points)
     pictures = motion_pictures({"reduced": found.motion}, names=names, work=working(stored.scene))
+    pictures += size_pictures(found.sized)
     written = draw_pictures(pictures, folder, found.warnings)
     if found.stresses is not None:
         assert found.stored.recovery is not None

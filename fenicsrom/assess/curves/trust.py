@@ -214,10 +214,10 @@ def _check(
     error = None if other is None else _distance(point, other, quantity)
     if richer is None or where == "fold":
         return Check(point, where, quantity, error)
-    motion = _richer_motion(point, richer, settings)
+    motion = richer_motion(point, richer, settings)
     if motion is None:
         return Check(point, where, quantity, error, None, True, None, judged)
-    basis = _change(point.amplitude, motion.amplitude)
+    basis = change(point.amplitude, motion.amplitude)
     size = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
     return Check(point, where, quantity, error, basis, True, motion.verdict, judged, size)
 
@@ -244,10 +244,10 @@ def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
     """Relative change of a quantity from a point to another."""
     if quantity == "parameter":
         return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
-    return _change(point.amplitude, other.amplitude)
+    return change(point.amplitude, other.amplitude)
 
 
-def _change(amplitude: Array, other: Array) -> float:
+def change(amplitude: Array, other: Array) -> float:
     """Relative change of amplitudes."""
     size = float(np.max(amplitude))
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
@@ -285,7 +285,7 @@ def _path(
     return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
 
 
-def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
+def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     n = richer.transfer.shape[1]

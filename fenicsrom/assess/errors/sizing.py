@@ -14,8 +14,9 @@ estimate is small enough. A model that took nearly all coordinates cannot be jud
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -77,6 +78,27 @@ class Sized:
     errors: MotionErrors
     energies: dict[str, float]
     warning: str = ""
+
+    @cached_property
+    def sizes(self) -> list[NestedSize]:
+        """The error over the run time: models of the first coordinates of the stored ones.
+
+        Each has its motion near that of the run. Without a period each runs like the run.
+        """
+        stored, motion, other = self.stored, self.motion, self.other
+        if other is None or motion.end is None or stored.model.linear:
+            return []
+        known, scene = (*stored.labels, *stored.further), stored.scene
+        least = 1 + next((k for k, label in enumerate(known) if label[-1] != "S"), 0)
+        sizes = np.linspace(least, len(known) - 1, SIZES).round().astype(int)
+        rows = []
+        for n in sorted({*sizes.tolist(), stored.size}):
+            part = stored.resized(n)
+            near = motion if n == stored.size else nested_motion(part.model, scene, motion)
+            error = np.inf if near is None else basis_errors(near, other).largest
+            if near is not None and np.isfinite(error):
+                rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
+        return rows
 
 
 def sized(
@@ -179,6 +201,14 @@ def candidate_energies(stored: StoredModel, other: Motion) -> dict[str, float]:
     return {stored.further[k]: float(np.sqrt(squares[k])) for k in np.argsort(-squares)}
 
 
+def growing(labels: Sequence[str]) -> Iterator[Sequence[str]]:
+    """The first `AT_LEAST` of the labels, then twice as many, and so on up to all."""
+    count = 0
+    while count < len(labels):
+        count = min(max(AT_LEAST, 2 * count), len(labels))
+        yield labels[:count]
+
+
 def _enlarged(
     stored: StoredModel, motion: Motion, other: Motion, labels: list[str], limit: float
 ) -> StoredModel | None:
@@ -193,10 +223,9 @@ def _enlarged(
         labels: of the coordinates that can join, the most important first.
         limit: largest accepted error.
     """
-    best, least, count = None, np.inf, 0
-    while count < len(labels):
-        count = min(max(AT_LEAST, 2 * count), len(labels))
-        trial = stored.resized((*stored.labels, *labels[:count]))
+    best, least = None, np.inf
+    for joining in growing(labels):
+        trial = stored.resized((*stored.labels, *joining))
         near = nested_motion(trial.model, stored.scene, motion)
         error = np.inf if near is None else basis_errors(near, other).largest
         if best is None or error < least:
@@ -204,30 +233,6 @@ def _enlarged(
         if error <= limit:
             break
     return best
-
-
-def nested_sizes(found: Sized) -> list[NestedSize]:
-    """The error over the run time: models of the first coordinates of a model, up to all.
-
-    Each has its motion near that of the run. Without a period each runs like the run.
-
-    Args:
-        found: the model with its motion and that of all coordinates.
-    """
-    stored, motion, other = found.stored, found.motion, found.other
-    if other is None or motion.end is None:
-        return []
-    known, scene = (*stored.labels, *stored.further), stored.scene
-    least = 1 + next((k for k, label in enumerate(known) if label[-1] != "S"), 0)
-    sizes = np.linspace(least, len(known) - 1, SIZES).round().astype(int)
-    rows = []
-    for n in sorted({*sizes.tolist(), stored.size}):
-        part = stored.resized(n)
-        near = motion if n == stored.size else nested_motion(part.model, scene, motion)
-        error = np.inf if near is None else basis_errors(near, other).largest
-        if near is not None and np.isfinite(error):
-            rows.append(NestedSize(n, _seconds(part, scene, motion, near), error))
-    return rows
 
 
 def _seconds(part: StoredModel, scene: Scene, motion: Motion, near: Motion) -> float:
