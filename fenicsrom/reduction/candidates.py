@@ -7,9 +7,9 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
 whose first n coordinates are those of the basis R. The candidates W are the next normal and
 interface modes, the static deflections under the loads (attachment modes), those under the inertia
 forces of these deflections, and combinations of the modal derivatives that the basis lacks, those
-of the next modes included. The projected force of the larger model contains the residual Wᵀ r of the full equations
-at every motion of the reduced model, as a polynomial, so that no mesh is needed to judge a stored
-model (`fenicsrom.assess.errors.estimates.basis_errors`).
+of the next modes included. The projected force of the larger model contains the residual Wᵀ r of
+the full equations at every motion of the reduced model, as a polynomial, so that no mesh is needed
+to judge a stored model (`fenicsrom.assess.errors.estimates.basis_errors`).
 
 The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
 directions in which none of the next modes moves, such as the axis of a slender body. It is taken of

@@ -302,6 +302,7 @@ class Compare:
     )
     derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = (
         "none",
+        "principal",
         "mmi",
         "mmi-nls",
         "all",
