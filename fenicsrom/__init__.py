@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full.full import FullModel
+    from fenicsrom.fem.mesh.inspection import inspect
     from fenicsrom.fem.mesh.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.fem.solid.solid import Solid, build_solid, solid_of
@@ -31,11 +32,24 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+    from fenicsrom.post.base.report import Report
+    from fenicsrom.post.reports import report
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
     from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
-    from fenicsrom.study import build_model, run
+    from fenicsrom.study import (
+        backbone,
+        build_model,
+        campbell,
+        compare,
+        modes,
+        response,
+        run,
+        stability,
+        statics,
+        sweep,
+    )
 
 __version__ = "0.1.0"
 
@@ -56,7 +70,21 @@ _MODULES = {
     "online.motion.history": ("History", "read_history"),
     "online.motion.measures": ("amplitudes", "contact_fractions"),
     "records": ("Study",),
-    "study": ("build_model", "run"),
+    "study": (
+        "backbone",
+        "build_model",
+        "campbell",
+        "compare",
+        "modes",
+        "response",
+        "run",
+        "stability",
+        "statics",
+        "sweep",
+    ),
+    "fem.mesh.inspection": ("inspect",),
+    "post.reports": ("report",),
+    "post.base.report": ("Report",),
 }
 """The public names of each module."""
 

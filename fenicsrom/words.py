@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def counted(number: int, noun: str, plural: str = "") -> str:
-    """Write a number and a noun; its plural has an s, if it is not given."""
+    """Write a number and a noun; by default the plural of the noun has an s."""
     return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 

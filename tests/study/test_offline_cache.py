@@ -84,7 +84,6 @@ ONLINE = {
     "output.paraview",
     "output.motion",
     "output.animation",
-    "output.stress_fractions",
     "compare",
     "statics",
     "campbell",

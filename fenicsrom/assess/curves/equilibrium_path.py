@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -70,6 +71,7 @@ class EquilibriumPath:
         warnings: sentences for the user.
         unfinished: the error that ended the computation, or None.
         interrupted: whether the run was asked to stop.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -82,6 +84,7 @@ class EquilibriumPath:
     warnings: list[str] = field(default_factory=list)
     unfinished: ConvergenceError | None = None
     interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
 
     @property
     def direction(self) -> int:

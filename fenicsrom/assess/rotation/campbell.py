@@ -15,6 +15,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,7 @@ class Campbell:
         warnings: sentences for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
         body: the solid.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -79,6 +81,7 @@ class Campbell:
     warnings: list[str] = field(default_factory=list)
     unfinished: Exception | None = None
     body: Solid | None = None
+    files: list[Path] = field(default_factory=list)
 
     @property
     def frequencies_hz(self) -> Array:

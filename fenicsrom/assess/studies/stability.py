@@ -116,12 +116,14 @@ class Matrix:
         findings: one for each case.
         seconds: run time of all runs.
         left_out: a sentence for each axis that the scene does not have.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
     findings: list[Finding]
     seconds: float
     left_out: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
 
     def count(self, verdict: Verdict) -> int:
         """Number of runs with a verdict."""

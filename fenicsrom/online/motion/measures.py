@@ -165,7 +165,14 @@ def amplitudes(motion: Motion) -> dict[str, Any]:
             global axes, and then the first axis counts as the normal direction.
 
     Returns:
-        `{"normal": m, "tangential": [m, ...]}`, one tangential amplitude per tangent direction.
+        The amplitudes in m: the number "normal", and under "tangential" a list with one number for
+        each tangent direction.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> motion = fr.load_model("out/beam.npz").simulate()
+        >>> round(1e3 * fr.amplitudes(motion)["tangential"][0], 2)  # mm
+        123.52
     """
     half = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2
     return {"normal": float(half[0]), "tangential": [float(value) for value in half[1:]]}
@@ -177,7 +184,13 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
+        The fractions "open", "slip" and "stick", whose sum is 1; without contact "open" is 1.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> motion = fr.load_model("out/beam.npz").simulate()
+        >>> {state: round(part, 2) for state, part in fr.contact_fractions(motion).items()}
+        {'open': 0.0, 'slip': 0.93, 'stick': 0.07}
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}

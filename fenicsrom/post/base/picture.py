@@ -24,11 +24,13 @@ class Picture:
         heading: its heading in the report.
         name: name of the file.
         draw: makes the figure.
+        note: what the picture shows, below it in the report.
     """
 
     heading: str
     name: str
     draw: Callable[[], Figure]
+    note: str = ""
 
 
 def not_drawn(names: Sequence[str]) -> str | None:
