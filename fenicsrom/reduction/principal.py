@@ -27,7 +27,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import ComponentModes
 from fenicsrom.reduction.protocols import Structure
-from fenicsrom.reduction.selection import RANK_TOLERANCE
+
+RANK_TOLERANCE = 1e-12
+"""Smaller eigenvalues of a Gram matrix, relative to the largest, count as zero."""
 
 REST = 1e-2
 """ε: the rest of the motion in the energy norm, relative to the motion."""

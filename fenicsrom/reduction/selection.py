@@ -17,18 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.reduction.derivatives import all_pairs
-
-if TYPE_CHECKING:
-    from fenicsrom.reduction.principal import PrincipalDirections
-
-RANK_TOLERANCE = 1e-12
-"""Smaller eigenvalues of the Gram matrix, relative to the largest, count as zero."""
+from fenicsrom.reduction.principal import RANK_TOLERANCE, PrincipalDirections
 
 
 @dataclass(frozen=True, eq=False)
