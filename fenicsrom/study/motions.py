@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.study.building import resize
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
@@ -52,7 +53,6 @@ def fit_size(run: Run) -> None:
     from fenicsrom.online.store.archive import save_model
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.summary import stored_model
-    from fenicsrom.study.building import resize
 
     study, stored = run.study, stored_model(run.study)
     motion = study.motions["reduced"]
@@ -106,21 +106,26 @@ def _checkpoints(run: Run) -> dict[str, Any]:
         OSError: a file cannot be written.
     """
     from fenicsrom.online.model.model import ReducedModel
-    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.online.store.archive import load_model, save_model
     from fenicsrom.online.store.checkpoints import keeper, load_start
     from fenicsrom.post.base.origin import MODEL
     from fenicsrom.post.run.summary import CHECKPOINT, stored_model
 
-    study, model = run.study, run.study.model
-    if not isinstance(model, ReducedModel):
+    study = run.study
+    if not isinstance(study.model, ReducedModel):
         return {}
     options: dict[str, Any] = {}
     if run.resume is not None:
-        options["resume"] = load_start(run.resume, model, study.scene)
+        beside = run.resume.parent / MODEL  # it says which coordinates joined the first ones
+        if beside.exists():
+            labels, stored = load_model(beside).labels, stored_model(study)
+            if set(labels) <= {*stored.labels, *stored.further}:
+                resize(study, stored.resized(labels))
+        options["resume"] = load_start(run.resume, study.model, study.scene)
     if run.folder is not None and run.comm.rank == 0:
         save_model(run.folder / MODEL, stored_model(study))
         study.files.append(run.folder / MODEL)
-        keep = keeper(run.folder / CHECKPOINT, model, study.scene)
+        keep = keeper(run.folder / CHECKPOINT, study.model, study.scene)
         options["checkpoint"] = keep
     return options
 
