@@ -139,7 +139,8 @@ def examine(scene: Scene) -> dict[str, Any]:
             "step": motion.seconds / motion.steps,
             "settled": has_settled(motion),
             "estimate": sized.errors.largest,
-            "warned": bool(sized.warning) or study.unfinished is not None,
+            "warned": bool(sized.warning),
+            "unfinished": str(study.unfinished[1])[:80] if study.unfinished else "",
         }
         start = None
         if motion.newton_from is not None:

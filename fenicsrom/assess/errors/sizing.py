@@ -37,8 +37,11 @@ AT_LEAST = 3
 RESERVE = 0.3
 """Part of the coordinates beyond the first model that must be left to judge a larger one."""
 
-SIZES = 6
-"""Sizes of the picture of the error over the run time, besides the size of the run."""
+SIZES = 5
+"""Sizes of the picture of the error over the run time, besides the size of the run.
+
+They reach half-way from the size of the run to that of all coordinates, whose time steps cost most.
+"""
 
 TIMED_PERIODS = 2
 """Periods that time the steps of a size."""
@@ -90,7 +93,8 @@ class Sized:
             return []
         known, scene = (*stored.labels, *stored.further), stored.scene
         least = 1 + next((k for k, label in enumerate(known) if label[-1] != "S"), 0)
-        sizes = np.linspace(least, len(known) - 1, SIZES).round().astype(int)
+        most = (stored.size + len(known)) // 2
+        sizes = np.linspace(least, most, SIZES).round().astype(int)
         rows = []
         for n in sorted({*sizes.tolist(), stored.size}):
             part = stored.resized(n)
