@@ -29,9 +29,7 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
         OSError: the folder cannot be written.
     """
     from fenicsrom.online.kernels.compilation import announced
-    from fenicsrom.online.kernels.stored_code import load_code_only
 
-    load_code_only()
     folder = output_path(options)
     require_lasting(folder)
     quiet = comm is not None and comm.rank > 0
@@ -149,7 +147,7 @@ def require_other(path: Path, read: Iterable[Path], option: str = "--output") ->
     Args:
         path: the file to be written.
         read: the files that the command reads.
-        option: the option that gives it.
+        option: the option that gives the path.
 
     Raises:
         SceneError: the command would replace a file that it reads.
@@ -168,7 +166,7 @@ def require_lasting(path: Path, option: str = "--output") -> None:
 
     Args:
         path: the file or folder to be written.
-        option: the option that gives it.
+        option: the option that gives the path.
 
     Raises:
         SceneError: the path lies inside the container and would be deleted with it.

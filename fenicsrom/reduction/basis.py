@@ -23,7 +23,8 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.reduction.masters import scaled_condition
+from fenicsrom.online.kernels.symmetric import scaled_condition
+from fenicsrom.words import brief
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
@@ -38,7 +39,8 @@ ORTHOGONALITY = 1e-10
 """Largest error of the properties (1), relative to the largest sum of terms |b r| in Bᵀ R."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class ReducedBasis:
     """A basis of n vectors, the first m for the contact displacements.
 
@@ -102,9 +104,8 @@ def build_basis(
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
     gram = inner(r, r)
     _check(method, m, rows, r, gram, total)
-    condition = scaled_condition(gram)
     static = [f"{k + 1}S" for k in range(m)]
-    return ReducedBasis(method, r, (*static, *names), m, dropped, condition)
+    return ReducedBasis(method, r, (*static, *names), m, dropped, scaled_condition(gram))
 
 
 def _orthonormalised(

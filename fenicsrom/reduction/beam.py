@@ -217,7 +217,7 @@ class BeamStructure:
 
     def largest(self, block: Array) -> Array:
         """Largest displacement (k,) of each column of a block (n, k), without the rotations."""
-        return np.max(np.abs(np.concatenate([block[0::UNKNOWNS], block[1::UNKNOWNS]])), axis=0)
+        return np.asarray(np.max(np.hypot(block[0::UNKNOWNS], block[1::UNKNOWNS]), axis=0))
 
     def translations(self) -> Array:
         """(n, 2) unit translations along the axes."""
@@ -255,12 +255,14 @@ class BeamStructure:
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:
             return small_against_load(decrement, first, float(load @ u))
 
-        found = newton(start, correct, converged, STATIC_ITERATIONS)
+        decrements: list[float] = []
+        found = newton(start, correct, converged, STATIC_ITERATIONS, decrements=decrements)
         if found is None:
             raise ConvergenceError(
                 "static equilibrium of the 1D beam: Newton's method did not converge in "
                 f"{STATIC_ITERATIONS} iterations",
                 start,
+                decrements=decrements,
             )
         return found
 

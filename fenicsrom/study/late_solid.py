@@ -1,4 +1,4 @@
-"""A solid whose results are known; the solid itself is built when more than them is asked for."""
+"""A solid with known results, which is built only when more than these is needed."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ if TYPE_CHECKING:
 
 
 class LateSolid:
-    """Stands for a solid; other attributes than these build it.
+    """Stands for a solid; the attributes that are not listed here build the solid.
 
     Attributes:
         comm: the communicator.
         free: see `fenicsrom.fem.solid.solid.Solid`, as the other attributes.
+        extent: see there.
         loaded: see there.
         unstable: see there.
         equilibrium: see there.
@@ -30,6 +31,7 @@ class LateSolid:
         comm: Any,
         *,
         free: int,
+        extent: float,
         loaded: bool,
         unstable: int,
         equilibrium: Array,
@@ -40,6 +42,7 @@ class LateSolid:
         self._build = build
         self._solid: Solid | None = None
         self.comm, self.free, self.loaded, self.unstable = comm, free, loaded, unstable
+        self.extent = extent
         self.equilibrium, self.points, self.warnings = equilibrium, points, warnings
 
     def __getattr__(self, name: str) -> Any:

@@ -33,9 +33,9 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         stop: called between stages and after each period; the run ends when it returns True.
-        given: keys that the user gave, for the warning of those without effect.
+        given: keys that the user gave, for the warning of keys without effect.
 
     Raises:
         SceneError: the checkpoint cannot be used.
@@ -44,6 +44,7 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.assess.errors.plausibility import implausible_loads
     from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.online.store.checkpoints import load_start
     from fenicsrom.post.run.sentences import (
@@ -64,6 +65,7 @@ def rerun(
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
+    warnings += implausible_loads(model, scene, stored.frequencies_hz)
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         if stored.candidates is None:
@@ -112,7 +114,7 @@ def _fit_size(found: Rerun, watch: Stopwatch, stop: Callable[[], bool]) -> None:
 
 
 def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
-    """Write the estimated errors of a motion; give the error that rejects it."""
+    """Write the estimated errors of a motion; give the error that rejects the motion."""
     from fenicsrom.assess.errors.verdicts import estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
@@ -129,7 +131,7 @@ def _check(found: Rerun) -> AccuracyError | ConvergenceError | None:
 def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
-    """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    """Find the stresses if the scene asks for stresses; warn if the model has no stresses."""
     from fenicsrom.assess.errors.large_strains import state_warnings
     from fenicsrom.online.stress.stress_peaks import find_stresses
 
@@ -160,7 +162,7 @@ def _integrate(
 ) -> tuple[Motion, ConvergenceError | AccuracyError | None]:
     """Integrate the model from the checkpoint `begin`, or from its start, and write checkpoints.
 
-    A finished motion `begin` is taken as it is.
+    If `begin` is a finished motion, this motion is returned.
 
     Returns:
         The motion, up to the failure if there was one, and the failure.

@@ -173,8 +173,22 @@ def test_state_that_is_no_equilibrium_is_refused(bent2d: Any) -> None:
     matrix = bent2d.stiffness.copy()
     statics = Statics(bent2d, Factorisation(matrix, "fenicsrom_test"), overwrite=True)
     statics.finish(bent2d.equilibrium, bent2d.static_load)
-    with pytest.raises(ConvergenceError, match="residual"):
+    with pytest.raises(ConvergenceError, match="residual") as caught:
         statics.finish(1.001 * bent2d.equilibrium, bent2d.static_load)
+    assert len(caught.value.decrements) == 1 and caught.value.decrements[0] > 0.0
+
+
+def test_failed_equilibrium_carries_the_decrements(
+    bent2d: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(statics_module, "STATIC_ITERATIONS", 2)
+    monkeypatch.setattr(statics_module, "SMALLEST_LOAD_STEP", 0.5)
+    factor = Factorisation(bent2d.stiffness.copy(), "fenicsrom_test")
+    statics = Statics(bent2d, factor, overwrite=True)
+    rest = np.zeros_like(bent2d.equilibrium)
+    with pytest.raises(ConvergenceError) as caught:
+        statics.follow(rest, 0.0 * bent2d.static_load, bent2d.static_load, 0.0)
+    assert len(caught.value.decrements) == 2 and min(caught.value.decrements) > 0.0
 
 
 def test_too_little_memory_is_no_singular_matrix() -> None:
@@ -200,3 +214,18 @@ def test_too_little_memory_is_no_singular_matrix() -> None:
         finally:
             options.delValue("fenicsrom_test_mat_mumps_icntl_23")
         assert caught.value.kind is kind
+
+
+@pytest.mark.parametrize("stiffness", [1e-20, 1.0, 1e20])
+def test_soft_and_stiff_matrices_have_factors(stiffness: float) -> None:
+    side = scipy.sparse.diags_array([[2.0] * 12, [-1.0] * 11, [-1.0] * 11], offsets=[0, 1, -1])
+    rows = scipy.sparse.csr_array(stiffness * side)
+    csr = (rows.indptr, rows.indices, rows.data)
+    factor = Factorisation(
+        PETSc.Mat().createAIJ(rows.shape, csr=csr, comm=PETSc.COMM_SELF), "fenicsrom_test"
+    )
+    load = np.arange(1.0, 13.0)
+    expected = np.linalg.solve(side.toarray(), load)
+    assert stiffness * factor.solve(load[:, None])[:, 0] == pytest.approx(expected, rel=1e-12)
+    assert factor.negative_eigenvalues() == 0
+    factor.destroy(matrix=True)

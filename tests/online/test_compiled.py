@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 from support import fixed_steps, one_contact, random_model
 
-from fenicsrom.online.kernels import compiled
+from fenicsrom.online.kernels import compiled, emission
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -37,7 +38,7 @@ def rubbing_motion() -> Motion:
     ],
 )
 def test_version_of_numba_is_supported_between_its_bounds(version: str, supported: bool) -> None:
-    assert compiled._is_supported(version) == supported
+    assert emission.is_checked(version) == supported
 
 
 LOOP = "fenicsrom.online.step.loop"
@@ -103,26 +104,62 @@ import sys
 import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
-from fenicsrom.online.kernels import compiled
+from fenicsrom.online.kernels.emission import ENTRY
+from fenicsrom.online.step.loop import compiled_march
 from test_compiled import rubbing_motion
-assert not compiled.PRIVATE and not compiled.UNCOUNTED
-motion = rubbing_motion()
-assert compiled.kernel(lambda x: x)._cache.__class__.__name__ == "NullCache"
-motion.displacement.tofile(sys.argv[3])
+assert "pipeline_class" not in ENTRY
+rubbing_motion().displacement.tofile(sys.argv[3])
+assert sum(compiled_march.entry.stats.cache_hits.values()) == int(sys.argv[4])
 """
 
 
 @pytest.mark.slow
-def test_unknown_version_of_numba_gives_the_same_motion(tmp_path: Path) -> None:
+def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
+    tmp_path: Path,
+) -> None:
     here = Path(__file__).parent
     path = tmp_path / "displacement"
-    done = subprocess.run(
-        [sys.executable, "-c", FALLBACK, str(here.parent), str(here), str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
     expected = rubbing_motion().displacement
     assert np.ptp(expected) > 0.1
-    np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
+    for hits in (0, 1):
+        done = subprocess.run(
+            [sys.executable, "-c", FALLBACK, str(here.parent), str(here), str(path), str(hits)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
+
+
+EMITTED = """
+import sys
+from numba.core.codegen import JITCPUCodegen
+emitted, add = [], JITCPUCodegen._add_module
+def count(self, module):
+    emitted.append(module.name)
+    return add(self, module)
+JITCPUCodegen._add_module = count
+sys.path[:0] = sys.argv[1:3]
+from support import one_contact, random_model
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
+import numpy as np
+at_rest(one_contact(), *np.zeros((2, 1, 2)), 0.0, zero_contact_state(1, 2), contact_scratch(1, 2))
+print(len(emitted), *emitted)
+"""
+
+
+def test_machine_code_is_made_once_for_the_contact_law_and_all_that_it_calls(
+    tmp_path: Path,
+) -> None:
+    here = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", EMITTED, str(here.parent), str(here)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["3", "nrt", "int_power", "at_rest"]  # two are numba's own

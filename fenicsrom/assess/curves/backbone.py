@@ -1,8 +1,8 @@
 """Backbones: the damped nonlinear mode of a reduced model over its amplitude.
 
 The curve starts at the linear mode and is followed by its amplitude
-(`fenicsrom.online.curves.nonlinear_mode`). The peaks of the forced response
-(`fenicsrom.online.curves.forced_peak`) stand beside it.
+(`fenicsrom.online.curves.nonlinear_mode`). The report shows the peaks of the forced response
+(`fenicsrom.online.curves.forced_peak`) beside the curve.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from fenicsrom.online.periodic.families import Problem
 from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import duration
+from fenicsrom.progress import duration, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape
@@ -50,7 +50,8 @@ class ModePoint:
         frequency: Hz.
         damping_ratio: zeta.
         amplitude: (d,) half of peak-to-peak of the probe, m.
-        motion: the motion; its stability means nothing, as the damping is artificial.
+        motion: the motion; because the damping is artificial, the stability of this motion means
+            nothing.
     """
 
     linear_amplitude: float
@@ -63,7 +64,7 @@ class ModePoint:
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """What half the time step changes at one point.
+    """The changes at one point by half the time step.
 
     Attributes:
         point: number of the point, from 0.
@@ -76,18 +77,19 @@ class StepError:
     damping_ratio: float
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Backbone(CurveRecord):
     """The nonlinear mode of a scene.
 
     Attributes:
         mode: the linear mode.
-        direction: of the probe's largest motion in the linear mode.
+        direction: direction of the probe's largest motion in the linear mode.
         points: the motions in the order in which they were found.
         reason: why the curve ends: "end of the range", "number of points", "no convergence" or
             "interrupted".
         step_errors: at the first, the middle and the last point.
-        peaks: of the forced response.
+        peaks: peaks of the forced response.
     """
 
     mode: LinearMode
@@ -107,7 +109,7 @@ def backbone_table(scene: Scene) -> BackboneTable:
     """The table [backbone] of a scene.
 
     Raises:
-        SceneError: the scene has none.
+        SceneError: the scene has no table [backbone].
     """
     return required_table(scene, "backbone", scene.backbone)
 
@@ -160,7 +162,7 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         SceneError: see `check_backbone`; or there is no such mode, or it does not move the probe.
         ConvergenceError: there is no equilibrium.
     """
-    begin, scene = clock.perf_counter(), stored.scene
+    begin, scene = working_time(), stored.scene
     check_backbone(scene)
     contacts = settled_contacts(contacts_of(scene, stored.model.points))
     mode, direction, unit = _linear_mode(stored, contacts)
@@ -188,7 +190,7 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         found.unfinished = error
     except KeyboardInterrupt:
         found.interrupted = True
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 
@@ -279,7 +281,7 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
     """The motion at the smallest amplitude: from the linear mode, or from a smaller amplitude.
 
     Raises:
-        ConvergenceError: it was not found.
+        ConvergenceError: the first point was not found.
     """
     start, low = path.linear_start(), path.low
     for tried in range(SMALLER_STARTS):

@@ -18,8 +18,9 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
@@ -54,7 +55,8 @@ class Equilibrium:
     kind: str = ""
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class EquilibriumPath:
     """The equilibria of a scene.
 
@@ -101,7 +103,8 @@ def varied_loads(scene: Scene) -> list[int]:
     """The numbers of the static loads that the load factor multiplies.
 
     Raises:
-        SceneError: there is none, or the equilibria of the scene are no path of the bare body.
+        SceneError: no static load varies, or the equilibria of the scene are no path of the bare
+            body.
     """
     chosen = scene.statics.loads
     listed = range(len(scene.loads)) if chosen is None else chosen
@@ -140,7 +143,7 @@ def equilibrium_path(
         visit: receives each point with its displacement.
 
     Returns:
-        The equilibria. After an interrupt they end where they were, and `interrupted` is set; if
+        The equilibria. After an interrupt, `interrupted` is set, and the equilibria end there. If
         the path was lost, `unfinished` holds the error.
 
     Raises:
@@ -149,7 +152,7 @@ def equilibrium_path(
     """
     from fenicsrom.fem.paths.equilibrium_path import PathFollower
 
-    begin, table = clock.perf_counter(), scene.statics
+    begin, table = working_time(), scene.statics
     varied = varied_loads(scene)
     body = _body(scene, varied, comm, say)
     sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
@@ -177,7 +180,7 @@ def equilibrium_path(
             for point in found.points
         ]
     )
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 

@@ -6,7 +6,6 @@ Each value of the second number gives one curve, computed in this process or in 
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, CurvePoint
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
@@ -45,9 +45,9 @@ class _Job:
 
     Attributes:
         stored: the model under the scene of all curves.
-        value: of the second number; None without families.
+        value: value of the second number; None without families.
         state: the file that keeps the curve; None keeps nothing.
-        kept: what an earlier run kept of it, or None.
+        kept: the part of the curve that an earlier run kept, or None.
         richer: a model with a richer basis to compare with, or None.
     """
 
@@ -85,10 +85,10 @@ def response(
         curve was not found, the others are there and `unfinished` holds the error.
 
     Raises:
-        SceneError: see `check_response`, or `resume` does not belong to this model and scene.
+        SceneError: as `check_response`; or `resume` does not belong to the model and the scene.
         OSError: a file of `state` cannot be written.
     """
-    begin = clock.perf_counter()
+    begin = working_time()
     scene = stored.scene
     check_response(scene)
     table = response_table(scene)
@@ -137,7 +137,7 @@ def response(
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
     _warn_of_errors(found)
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 
@@ -180,7 +180,7 @@ def _lost(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
 
 @dataclass
 class _Outcome:
-    """A curve as far as it was computed, and why it ended before."""
+    """The computed part of a curve, and the reason why the curve is not complete."""
 
     curve: ResponseCurve
     error: ConvergenceError | AccuracyError | None = None

@@ -1,6 +1,6 @@
 """Files that keep what is done of response curves, to continue an interrupted run.
 
-A folder holds one file for each curve, so that the processes that compute them need not share one.
+A folder holds one file for each curve, so that the processes that compute the curves share no file.
 Each file names the model and the scene it belongs to.
 """
 
@@ -37,11 +37,11 @@ class Stand:
 
     Attributes:
         points: number of points of the piece.
-        special: number of its bifurcations.
+        special: number of bifurcations of the piece.
         begin: the point at which its steps were last measured anew, with the tangent there.
         since: index of this point in the piece.
-        direction: of the change of the parameter from there; None follows the tangent.
-        size: of the scaled variables there.
+        direction: direction of the change of the parameter from there; None follows the tangent.
+        size: size of the scaled variables there.
         step: next step along the curve.
         guess: see `fenicsrom.online.periodic.shooting.Shooting`.
     """
@@ -62,10 +62,10 @@ class Stand:
 
 @dataclass(frozen=True, eq=False)
 class KeptCurve:
-    """What a file keeps of a curve.
+    """The part of a curve that a file keeps.
 
     Attributes:
-        curve: the curve as far as it was computed.
+        curve: the computed part of the curve.
         stand: where its last piece stands; None between two pieces.
         done: whether it is complete.
     """
@@ -81,7 +81,7 @@ class CurveFile:
 
     Attributes:
         path: the file.
-        number: of the curve, from 1.
+        number: number of the curve, from 1.
         model: fingerprint of the model.
         scene: the scene of all curves.
     """
@@ -197,7 +197,7 @@ def _check_points(kept: KeptCurve) -> None:
     """Check that all points have variables of one size.
 
     Raises:
-        ValueError: they do not.
+        ValueError: the sizes differ.
     """
     points: list[CurvePoint] = [*kept.curve.points, *kept.curve.special]
     points += [kept.stand.begin] if kept.stand is not None else []

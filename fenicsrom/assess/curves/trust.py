@@ -57,7 +57,8 @@ class Check:
         point: the point.
         where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
             instability" of a point that `fenicsrom.assess.curves.stability_search` adds.
-        quantity: "amplitude", or "parameter" of a fold: what the errors are relative to.
+        quantity: the quantity to which the errors are relative: "amplitude", or "parameter" of a
+            fold.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
@@ -272,7 +273,7 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
 def _path(
     point: CurvePoint, family: Family, settings: Any, steps: int
 ) -> tuple[Shooting, Continuation]:
-    """What motions near a point are found with, with so many steps per period."""
+    """The path that finds motions near a point, with the given number of steps per period."""
     problem = family(point.parameter)
     shooting = Shooting(
         problem.model,
@@ -303,10 +304,10 @@ def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicM
 
 
 def contradiction(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> str | None:
-    """A sentence on the points whose stability a richer basis judges otherwise; None without any.
+    """A sentence on the points whose stability a richer basis judges otherwise, or None.
 
     Args:
-        curve_checks: of a curve.
+        curve_checks: checks of a curve.
         scene: the scene, for units.
         parameter: name of the parameter of the curve.
     """
@@ -333,10 +334,10 @@ def contradiction(curve_checks: Sequence[Check], scene: Scene, parameter: str) -
 def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
     """Sentences on the largest changes by half the time step and by a richer basis.
 
-    They name changes that are larger than the error that a run accepts.
+    The sentences name changes that are larger than the error that a run accepts.
 
     Args:
-        curve_checks: of a curve.
+        curve_checks: checks of a curve.
         scene: the scene, for units.
         parameter: name of the parameter of the curve.
     """

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, nested_motion
-from fenicsrom.assess.errors.verdicts import UNSETTLED_ERROR, in_percent
+from fenicsrom.assess.errors.verdicts import UNSETTLED_BASIS_ERROR, in_percent
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.motion.measures import is_unsteady
 from fenicsrom.online.motion.motion import Motion
@@ -126,7 +126,7 @@ def sized(
     if stored.candidates is None or not stored.scene.basis.adapts:
         return None
     scene, energies = stored.scene, dict[str, float]()
-    limit = UNSETTLED_ERROR if is_unsteady(motion) else scene.basis.accuracy
+    limit = UNSETTLED_BASIS_ERROR if is_unsteady(motion) else scene.basis.accuracy
     spare = RESERVE * len(stored.further)
     while True:
         other = nested_motion(stored.candidates, scene, motion)

@@ -1,4 +1,4 @@
-"""What the server process of `fenicsrom.assess.processes` imports; nothing else imports it.
+"""Imports of the server process of `fenicsrom.assess.processes`; no other module imports this one.
 
 The processes that the server forks have these modules at once, and their collectors of garbage
 leave them out. The server ignores SIGTERM, which
@@ -12,9 +12,7 @@ import signal
 gc.disable()
 
 import fenicsrom.assess.studies.sweep_runs  # noqa: E402, F401
-from fenicsrom.online.kernels.stored_code import load_code_only  # noqa: E402
 
-load_code_only()
 gc.freeze()
 gc.enable()
 signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -49,6 +49,7 @@ class Factorisation:
         pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
         if not self._small:
             pc.setFactorSolverType("mumps")
+        pc.setFactorPivot(np.finfo(float).tiny)  # PETSc's default of 2e-14 N/m is not relative
         self._ksp.setFromOptions()
         if (
             counting and not self._small
@@ -98,7 +99,8 @@ class Factorisation:
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues of the symmetric matrix, by Sylvester's law of inertia.
 
-        MUMPS on one rank counts the negative pivots of every factor; others make a counting one.
+        MUMPS on one rank counts the negative pivots of every factor; otherwise another factor is
+        made to count them.
         """
         if self._small or self.comm.size > 1:
             return negative_eigenvalues(self.matrix)
@@ -113,7 +115,7 @@ class Factorisation:
         Returns:
             (local rows, k) solutions.
         """
-        if self._small or block.shape[1] <= 1:  # MUMPS refuses a block of no columns
+        if self._small or block.shape[1] < 2:
             x, b = self._vectors
             out = np.empty_like(block)
             for k in range(block.shape[1]):

@@ -62,7 +62,7 @@ from fenicsrom.online.contact.surfaces import (
     gap_discrete_gradient,
     penetration,
 )
-from fenicsrom.online.kernels.compiled import compiled, part
+from fenicsrom.online.kernels.compiled import compiled, kernel, part
 
 
 @part
@@ -71,7 +71,7 @@ def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> flo
     return contacts.preload[p] + contacts.normal_stiffness[p] * penetration(contacts, p, x, time)
 
 
-@part
+@kernel
 def implicit_blending(
     contacts: Contacts,
     interval: Interval,
@@ -126,7 +126,7 @@ def implicit_blending(
         scratch.blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
-@part
+@kernel
 def _add_normal_force(
     contacts: Contacts,
     interval: Interval,
@@ -170,7 +170,7 @@ def _add_normal_force(
             )
 
 
-@part
+@kernel
 def _tangential_stretch(
     contacts: Contacts,
     interval: Interval,
@@ -226,7 +226,7 @@ def _tangential_stretch(
     project_on_tangent_plane(n, bend, reach, e1, e1_derivative, work)
 
 
-@part
+@kernel
 def contact_force(
     contacts: Contacts,
     interval: Interval,
@@ -273,7 +273,7 @@ def contact_force(
     return True
 
 
-@part
+@kernel
 def commit_contact_state(
     contacts: Contacts,
     interval: Interval,
@@ -335,7 +335,7 @@ def commit_contact_state(
     return dissipated, surface, impact
 
 
-@part
+@kernel
 def _friction_energies(
     contacts: Contacts,
     interval: Interval,
@@ -371,7 +371,7 @@ def _friction_energies(
     return available - stored, surface
 
 
-@part
+@kernel
 def contact_energy(contacts: Contacts, here: ContactState) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
     total = 0.0
@@ -392,10 +392,9 @@ def at_rest(
     scratch: ContactScratch,
 ) -> None:
     """Write the state of points at x (P, d) with sliders (P, d): a step of zero length."""
-    here.x[:] = x
-    here.slider[:] = slider
-    here.friction[:] = 0.0
     interval = Interval(time, time, 0.0, False)
     for p in range(x.shape[0]):
-        contact_force(contacts, interval, p, here, here, scratch, False)
+        for k in range(x.shape[1]):
+            here.x[p, k], here.slider[p, k], here.friction[p, k] = x[p, k], slider[p, k], 0.0
+        contact_force(contacts, interval, p, here, here, scratch, True)
         commit_contact_state(contacts, interval, p, here, here, scratch)

@@ -28,14 +28,14 @@ from fenicsrom.online.contact.law import contact_force, trial_normal_force
 from fenicsrom.online.contact.semismooth_newton import semismooth_newton
 from fenicsrom.online.contact.state import ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
-from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.compiled import kernel
 
 CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton before the step is rejected
 SWEEPS = 10  # Gauss-Seidel sweeps of a round
 BISECTIONS = 100
 
 
-@part
+@kernel
 def solve_contact(
     contacts: Contacts,
     interval: Interval,
@@ -108,7 +108,7 @@ def nonlinear_gauss_seidel(
         for k in range(d):
             end.x[p, k] = scratch.guess[p, k]
         if first:
-            contact_force(contacts, interval, p, start, end, scratch, False)
+            contact_force(contacts, interval, p, start, end, scratch, True)
             for k in range(d):
                 scratch.held_force[p, k] = scratch.mean_force[p, k]
                 scratch.held_friction[p, k] = scratch.mean_friction[p, k]
@@ -120,7 +120,7 @@ def nonlinear_gauss_seidel(
             scratch.guess[p, k] = end.x[p, k]
 
 
-@part
+@kernel
 def _bisect_normal_force(
     contacts: Contacts,
     interval: Interval,
@@ -163,7 +163,7 @@ def _bisect_normal_force(
     return force
 
 
-@part
+@kernel
 def _project_friction(
     contacts: Contacts,
     interval: Interval,

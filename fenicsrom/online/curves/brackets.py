@@ -19,7 +19,7 @@ class Bracket(NamedTuple, Generic[Point]):
     Attributes:
         before: the point that comes first.
         after: the other one.
-        values: of the function at both.
+        values: values of the function at both.
     """
 
     before: Point
@@ -59,7 +59,7 @@ def bracketed(
         lost: width of a bracket that is returned as it is if no point is found in it.
 
     Returns:
-        The bracket; None if a point was not found in a wider one.
+        The bracket; None if no point was found in a wider bracket.
     """
     points, values, weights = [a, b], [test(a), test(b)], [1.0, 1.0]
     ends, slow, width, moved = [0.0, length], 0, length, -1

@@ -72,7 +72,7 @@ class Continuation(Corrector):
             locate: whether to locate bifurcations and contact events.
             progress: called with each point.
             curve: receives the points, after those that it has; the last of these is `start`.
-            largest_size: of the scaled variables, at which the continuation ends.
+            largest_size: largest size of the scaled variables, at which the continuation ends.
             earlier: the points of an interrupted run before `start`.
         """
         tangent = start.tangent
@@ -120,7 +120,7 @@ class Continuation(Corrector):
         return curve
 
     def _guess(self, before: CurvePoint | None, here: CurvePoint, step: float) -> Array:
-        """The unknowns (N + 1,) a step beyond a point, which may have one before it."""
+        """Guess the unknowns (N + 1,) a step beyond a point, if possible by the point before."""
         y = self.place(here)
         if before is None or _kink(before, here):
             return np.asarray(y + step * here.tangent)
@@ -225,7 +225,7 @@ def follow(
     tolerance: float = CURVE_TOLERANCE,
     **options: Any,
 ) -> Curve:
-    """Follow the periodic motions of a family from one of them.
+    """Follow the periodic motions of a family from one motion.
 
     Args:
         model: the model at the start.
@@ -236,7 +236,7 @@ def follow(
         value: its parameter.
         bounds: range of the parameter.
         direction: sign of the first change of the parameter.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         options: of `Continuation.run`.
     """
     problem = family(value)

@@ -45,7 +45,7 @@ class CurvePoint:
         free_sliders: number of slider components that are not unique.
         states: (P,) bits of the contact states that occur: 1 open, 2 slip, 4 stick.
         residual: relative.
-        marches: number of marched periods it took, and of those with derivatives.
+        marches: number of marched periods for this point, and how many of these with derivatives.
         extremes: contact quantities whose signs tell which contact states occur.
         kind: "" of an ordinary point, else one of `BIFURCATIONS` or `CONTACT_EVENTS`.
         contact: number of the contact point of an event of `CONTACT_EVENTS`, else -1.
@@ -59,7 +59,7 @@ class CurvePoint:
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
             `fenicsrom.online.curves.turning_pairs`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
-        period: of the motion, s; NaN in a point that an older version of the program has kept.
+        period: period of the motion, s; NaN in a point that an older version of the program kept.
     """
 
     parameter: float
@@ -127,7 +127,7 @@ def norm(vector: Array) -> float:
 
 
 def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:
-    """Cubic through two points with their tangents; a share above 1 lies beyond the second one."""
+    """Cubic through two points with their tangents; a share above 1 is beyond the second point."""
     t = share
     return np.asarray(
         (1.0 + 2.0 * t) * (1.0 - t) ** 2 * ya

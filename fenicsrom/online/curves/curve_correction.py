@@ -41,7 +41,7 @@ class Corrector:
     """The points of one curve near given guesses.
 
     Attributes:
-        may_grow: relative residual below which a correction may increase it.
+        may_grow: relative residual below which a correction may increase the residual.
     """
 
     may_grow = 0.0
@@ -62,8 +62,8 @@ class Corrector:
             family: problems by the parameter.
             low: where the range of the parameter starts.
             high: where it ends.
-            size: of the scaled variables, to weigh them against the parameter.
-            tolerance: of the residual relative to the variables.
+            size: size of the scaled variables, to weigh them against the parameter.
+            tolerance: tolerance of the residual relative to the variables.
         """
         self.shooting, self.family, self.tolerance = shooting, family, tolerance
         self.low, self.high, self.range = low, high, high - low

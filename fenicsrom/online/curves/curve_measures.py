@@ -1,4 +1,4 @@
-"""What a point of a response curve keeps of its motion: harmonics and contact states."""
+"""Harmonics and contact states of a motion, which a point of a response curve keeps."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
 
     Args:
         record: rows of one or several periods that repeat, without their start.
-        histories: of the loads.
-        period: of the loads, s.
+        histories: time factors of the loads.
+        period: period of the loads, s.
 
     Returns:
         (`HARMONICS`, P, d) complex amplitudes c_k of the contact displacement, or (.., 1, d) of the

@@ -50,7 +50,7 @@ class LinearMode:
         omega: frequency, rad/s.
         damping_ratio: zeta.
         equilibrium: (n,) coordinates of the equilibrium.
-        sliders: (P, d) of the contact points there.
+        sliders: (P, d) sliders of the contact points there.
         shape: (n,) complex; u^T M u = 1 and real.
     """
 
@@ -163,7 +163,7 @@ class ModeContinuation(StickingContinuation):
             mode: the linear mode in which the nonlinear one begins.
             first: smallest amplitude of the modal coordinate, sqrt(kg) m.
             last: largest.
-            tolerance: of the residual relative to the shape.
+            tolerance: tolerance of the residual relative to the shape.
         """
         period = 2.0 * np.pi / mode.omega
         still = without_dynamic_loads(model)

@@ -12,6 +12,7 @@ member of the family that is nearest to the start.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -30,6 +31,8 @@ from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import Checkpoint, Record
 from fenicsrom.words import counted
+
+log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 30
@@ -50,7 +53,7 @@ class PeriodicMotion:
 
     Attributes:
         z: (N,) variables at the start of the period: see `PeriodMap`.
-        period: of the motion, m times that of the loads, s.
+        period: period of the motion, m times that of the loads, s.
         residuals: relative residual of each Newton iteration.
         multipliers: (N,) Floquet multipliers, the largest first.
         verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
@@ -128,7 +131,7 @@ class Shooting:
             model: the model.
             contacts: parameters of the contact points.
             settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-            period: of the loads, s.
+            period: period of the loads, s.
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
@@ -292,11 +295,11 @@ def periodic_motion(
         model: the model.
         contacts: parameters of the P contact points; surfaces are where their approach ends.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads, s.
+        period: period of the loads, s.
         start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
             (q (n,), v (n,), sliders (P, d)) or variables z (N,).
         m: number of periods of the loads in one of the motion.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
             steps if not given.
 
@@ -323,12 +326,12 @@ def solve(
     Args:
         shooting: the equation.
         s: (N,) scaled variables of the start.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         iterations: largest number of iterations.
         smallest_damping: smallest part of a Newton step that is tried.
         found: `shooting.march(s)`, if the caller has it.
-        step_tolerance: of the Newton step relative to the variables: the iteration also ends where
-            the next step would be at most so large.
+        step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
+            ends where the next step would be at most so large.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
@@ -341,6 +344,7 @@ def solve(
         residual, matrix, _, end = found
         size = float(np.linalg.norm(residual))
         residuals.append(size / max(float(np.linalg.norm(s)), 1e-300))
+        log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
         if residuals[-1] <= tolerance:
             return _motion(shooting, s, matrix, end, residuals)
         step, _ = least_squares_step(matrix - np.eye(s.size), -residual)
@@ -363,6 +367,7 @@ def solve(
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "
         f"{counted(len(residuals), 'Newton iteration')}",
         residuals,
+        decrements=residuals,
     )
 
 

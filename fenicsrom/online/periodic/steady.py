@@ -88,13 +88,6 @@ def is_due(periods: int) -> bool:
     return periods > 0 and periods % FIRST_ATTEMPT == 0 and ratio & (ratio - 1) == 0
 
 
-def prepare(model: Any, contacts: Contacts, settings: Any, period: float) -> None:
-    """Compile the period map, by one step of it."""
-    grid = np.array([0.0, 1e-3])
-    shooting = Shooting(model, settled_contacts(contacts), settings, period, 1, grid)
-    shooting.march(np.zeros(shooting.map.size))
-
-
 def attempt(
     model: Any,
     contacts: Contacts,
@@ -112,7 +105,7 @@ def attempt(
         model: the model.
         contacts: parameters of the contact points, whose surfaces no longer approach.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads, s.
+        period: period of the loads, s.
         start: the marched `Checkpoint` at the start of a period.
         marched: periods marched so far.
         before: the record of the attempts before.
@@ -282,7 +275,7 @@ def change_of(history: Sequence[Record], period: float, multiple: int = 1) -> fl
 
     Args:
         history: the rows of each period of the loads; the first entry may hold several.
-        period: of the loads, s.
+        period: period of the loads, s.
         multiple: number of periods of the loads in one of the motion.
     """
     before, after = history[-2], history[-1]

@@ -51,7 +51,7 @@ class MarchedPath:
         self.shooting, self.states = shooting, [s]
 
     def reaches(self, k: int) -> bool:
-        """March to the state after k periods; whether no step failed."""
+        """March to the state after k periods; return whether no step failed."""
         while len(self.states) <= k:
             found = self.shooting.march(self.states[-1], derive=False)
             if found is None:

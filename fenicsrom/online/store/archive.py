@@ -27,8 +27,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
-A model without follower pressures has no arrays of them. That of a body that static loads or its
-speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+A model without follower pressures has no arrays of pressures. The model of a body that static loads
+or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 
@@ -56,6 +56,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -65,7 +66,10 @@ from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
-from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.online.stress.stress import StressTable
+from fenicsrom.online.stress.stress_peaks import reduced_modes
+from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 6"
 PRESSURES = ("pressure_linear", "pressure_quadratic")
@@ -82,7 +86,8 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredModel:
     """A reduced model with its scene, as a file holds it.
 
@@ -188,11 +193,12 @@ class StoredModel:
             candidates=None if candidates is None else candidates._replace(**changes),
         )
 
-    def with_overrides(self, overrides: str | Sequence[str]) -> StoredModel:
+    def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
 
         Args:
-            overrides: as `--set` takes them, such as "loads.0.force=200"; one or several.
+            overrides: as `--set` takes them, such as "loads.0.force=200", one or several; or a
+                dict, such as {"loads.0.force": 200.0}.
 
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
@@ -208,6 +214,61 @@ class StoredModel:
         """
         source = self.file or self.scene.source
         return self._with_scene(changed_scene(self.scene, overrides, source), source)
+
+    @property
+    def nodes(self) -> Array:
+        """(N, d) vertices of the cells of the undeformed body, m.
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        return self._stress_table().vertex_position
+
+    def displacement(self, coordinates: Array) -> Array:
+        """The displacement of the `nodes`, that of the equilibrium included.
+
+        Args:
+            coordinates: (n,) or (k, n) coordinates q, such as `Motion.coordinates`, m.
+
+        Returns:
+            (N, d) or (k, N, d), m, in global axes.
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        known = self._stress_table().vertex_displacement
+        return np.asarray(known[0] + np.tensordot(coordinates, known[1:], 1))
+
+    def mode_shapes(self) -> tuple[Array, Array]:
+        """The normal modes of the model about its equilibrium, without contact and damping.
+
+        Returns:
+            (v,) frequencies, Hz, as many as `frequencies_hz`; and (v, N, d) displacements of the
+            `nodes` in the modes, which have the modal mass 1 kg, 1/sqrt(kg).
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        vectors = self._stress_table().vertex_displacement[1:]
+        frequencies, modes = reduced_modes(self.model, len(self.frequencies_hz))
+        return frequencies, np.asarray(np.tensordot(modes.T, vectors, 1))
+
+    def _stress_table(self) -> StressTable:
+        """The table with the displacements of the nodes.
+
+        Raises:
+            SceneError: there is none.
+        """
+        if self.recovery is None:
+            source = self.file or self.scene.source
+            raise SceneError(
+                f"{source}: the model knows the displacements of its contact points and of its "
+                'probe only; for those of all nodes, build it with output.stresses="cauchy"',
+                kind=ErrorKind.MISSING,
+                key="output.stresses",
+                source=source,
+            )
+        return self.recovery.stress
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.
@@ -233,7 +294,7 @@ class StoredModel:
         return simulate(run.model, run.scene, **options)
 
 
-def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = "") -> Scene:
+def changed_scene(scene: Scene, overrides: Overrides, source: str = "") -> Scene:
     """A scene with other values, which its title names; its paths stay as they are.
 
     Args:
@@ -396,7 +457,7 @@ def _checked_model(
     least = np.linalg.eigvalsh(viscous).min(initial=0.0)
     if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
         raise _damaged(path, "velocity_matrix gives energy to the motion")
-    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
+    if not (not negative_eigenvalues(data["mass"]) and data["damping"] >= 0.0):
         raise _damaged(path, "mass or damping is not positive")
     followers = np.array(scene.followers, dtype=np.int64)
     return reduced_model(
