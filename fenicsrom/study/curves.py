@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.files import atomic_write
 from fenicsrom.study.source import Source, scene_of, source_of
 from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.words import counted
@@ -93,6 +92,7 @@ def _curves(
     from fenicsrom.assess.curves import response as curves
     from fenicsrom.assess.curves.curve_size import larger_model, spare_coordinates
     from fenicsrom.assess.curves.trust import richer_model
+    from fenicsrom.files import atomic_write
 
     spare = spare_coordinates(source.stored)
     state = None if folder is None or not source.first else folder / STATE

@@ -56,7 +56,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.symmetric import negative_eigenvalues
+from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.nested import nested_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -457,7 +457,7 @@ def _checked_model(
     least = np.linalg.eigvalsh(viscous).min(initial=0.0)
     if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
         raise _damaged(path, "velocity_matrix gives energy to the motion")
-    if not (not negative_eigenvalues(data["mass"]) and data["damping"] >= 0.0):
+    if not (np.all(np.linalg.eigvalsh(scaled(data["mass"])) > 0.0) and data["damping"] >= 0.0):
         raise _damaged(path, "mass or damping is not positive")
     followers = np.array(scene.followers, dtype=np.int64)
     return reduced_model(
