@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
+    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
 
@@ -93,7 +95,7 @@ def selection(run: Run) -> None:
     assert study.modes is not None
     study.selection = run.reduction.selection
     study.derivatives = Derivatives((), study.modes.normal[:, :0])  # placeholder
-    if not study.selection.derivatives:
+    if not study.selection.derivatives and study.selection.principal is None:
         run.reduction.derivatives = study.derivatives
     note_selection(study)
 
@@ -130,17 +132,29 @@ def basis(run: Run) -> None:
         )
 
 
-def reduced_model(run: Run) -> None:
-    """Project the solid on the basis."""
-    run.study.model = run.reduction.model
-
-
 def candidates(run: Run) -> None:
-    """Project the solid on the basis and its candidates, for the error estimate."""
-    from fenicsrom.reduction.candidates import candidate_model
+    """Extend the basis by its candidates."""
+    from fenicsrom.reduction.candidates import extended_basis
 
-    study = run.study
-    study.candidates = candidate_model(study.solid, study.scene.basis, run.reduction)
+    study, plain = run.study, run.reduction.basis
+    study.extended = extended_basis(study.solid, study.scene.basis, run.reduction)
+    study.further = study.extended.labels[plain.size :]
+    study.basis = replace(plain, vectors=study.extended.vectors[:, : plain.size])
+
+
+def reduced_model(run: Run) -> None:
+    """Project the solid on the extended basis; the model of the basis is a part of this one."""
+    from fenicsrom.online.model.nested import nested_model
+    from fenicsrom.reduction.projection import project, project_intrusively
+
+    study, solid = run.study, run.study.solid
+    assert study.basis is not None and study.extended is not None
+    nonlinear = solid.geometrically_nonlinear
+    study.candidates = project(solid, study.extended, nonlinear)
+    if nonlinear and study.scene.basis.elastic_force == "projection":
+        study.model = project_intrusively(solid, study.basis)
+    else:
+        study.model = nested_model(study.candidates, range(study.basis.size))
 
 
 def finer_elements(run: Run) -> None:
@@ -149,13 +163,23 @@ def finer_elements(run: Run) -> None:
     from fenicsrom.reduction.finer import finer_model
 
     study = run.study
+    assert study.basis is not None
     reason = too_large(study.solid)
     if reason is None:
         try:
             solid = FinerSolid(study.scene, study.solid)
             study.finer = finer_model(study.solid, solid, study.scene.basis, run.reduction)
+            study.finer_labels = study.basis.labels
             solid.destroy()
         except (AccuracyError, ConvergenceError, SceneError) as error:
             reason = str(error)
     if reason is not None:
         study.warnings.append(f"the error due to the mesh is not estimated: {reason}")
+
+
+def resize(study: Study, stored: StoredModel) -> None:
+    """Take the coordinates of a resized model into the record."""
+    assert study.extended is not None
+    study.basis = study.extended.part(stored.labels, stored.model.mass)
+    study.model, study.candidates = stored.model, stored.candidates
+    study.tables, study.further = stored.tables, stored.further

@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +36,8 @@ MODEL_STAGES = (
     "selection",
     "derivatives",
     "basis",
-    "reduction",
     "candidates",
+    "reduction",
     "finer elements",
     "stress points",
 )
@@ -225,16 +225,18 @@ def _model_contents(run: Run, warned: int) -> Contents:
 
     study = run.study
     assert study.derivatives is not None and study.basis is not None
+    assert study.extended is not None
     model, arrays = model_contents(stored_model(study))
     basis = study.basis
     header = {
         "model": model,
         "warnings": study.warnings[warned:],
-        "selection": asdict(study.selection),
+        "selection": asdict(replace(study.selection, principal=None)),
         "derivatives": study.derivatives.labels,
+        "sizes": study.derivatives.sizes,
         "basis": {"masters": basis.masters, "dropped": basis.dropped, "condition": basis.condition},
     }
-    more = {"derivatives": study.derivatives.vectors, "basis": basis.vectors}
+    more = {"derivatives": study.derivatives.vectors, "basis": study.extended.vectors}
     return header, arrays | {f"offline_{name}": value for name, value in more.items()}
 
 
@@ -254,13 +256,17 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
         chosen["modal_coordinates"],
         chosen["weights"],
     )
-    basis = ReducedBasis(stored.method, vectors, stored.labels, **header["basis"])
+    extended = ReducedBasis(
+        stored.method, vectors, (*stored.labels, *stored.further), **header["basis"]
+    )
+    basis = replace(extended, vectors=vectors[:, : stored.size], labels=stored.labels)
     labels, warnings = tuple(header["derivatives"]), list(header["warnings"])
     # nothing raises from here on: the record has all or nothing
-    study.selection, study.basis = selection, basis
-    study.derivatives = Derivatives(labels, derivatives)
-    study.model, study.candidates, study.finer = stored.model, stored.candidates, stored.finer
-    study.recovery = stored.recovery
+    study.selection, study.basis, study.extended = selection, basis, extended
+    study.derivatives = Derivatives(labels, derivatives, sizes=header["sizes"])
+    study.model, study.candidates = stored.model, stored.candidates
+    study.tables, study.further = stored.tables, stored.further
+    study.finer, study.finer_labels = stored.finer, stored.finer_labels
     study.warnings.extend(warnings)
     building.note_selection(study)
 

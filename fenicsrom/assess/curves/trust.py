@@ -15,7 +15,7 @@ move.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -215,10 +215,10 @@ def _check(
     error = None if other is None else _distance(point, other, quantity)
     if richer is None or where == "fold":
         return Check(point, where, quantity, error)
-    motion = _richer_motion(point, richer, settings)
+    motion = richer_motion(point, richer, settings)
     if motion is None:
         return Check(point, where, quantity, error, None, True, None, judged)
-    basis = _change(point.amplitude, motion.amplitude)
+    basis = change(point.amplitude, motion.amplitude)
     size = abs(largest_multiplier(motion.multipliers, motion.free_sliders))
     return Check(point, where, quantity, error, basis, True, motion.verdict, judged, size)
 
@@ -245,10 +245,10 @@ def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
     """Relative change of a quantity from a point to another."""
     if quantity == "parameter":
         return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
-    return _change(point.amplitude, other.amplitude)
+    return change(point.amplitude, other.amplitude)
 
 
-def _change(amplitude: Array, other: Array) -> float:
+def change(amplitude: Array, other: Array) -> float:
     """Relative change of amplitudes."""
     size = float(np.max(amplitude))
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
@@ -286,7 +286,7 @@ def _path(
     return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
 
 
-def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
+def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     n = richer.transfer.shape[1]
@@ -398,6 +398,5 @@ def richer_model(stored: StoredModel) -> RicherModel | None:
     candidates = stored.candidates
     if candidates is None:
         return None
-    more = tuple(f"{k + 1}W" for k in range(candidates.size - stored.size))
-    other = replace(stored, model=candidates, labels=(*stored.labels, *more), candidates=None)
+    other = stored.resized((*stored.labels, *stored.further))
     return RicherModel(other, np.eye(candidates.size, stored.size))

@@ -43,8 +43,8 @@ CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 
 # the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
 # 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
 BASIS_SAFETY = 1.5
-# the distance from the motion of elements of one degree more is most of the true error of a mesh;
-# these elements have an error too, above all at corners and clamped edges
+# the distance from the motion of elements of one degree more is 0.7 to 0.95 of the true error
+# (`tests/README.md`); these elements have an error too, above all at corners and clamped edges
 MESH_SAFETY = 1.5
 PARTS = 4  # of a run without a period, whose root mean squares are compared
 SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
@@ -166,12 +166,13 @@ def check_motion(
         span = replace(scene.time.span, periods=CHECK_PERIODS)
         short = replace(scene, time=replace(scene.time, span=span))
         try:
-            other = simulate(model, short, start=motion if start is None else start)
+            begin = motion if start is None else start
+            other = simulate(model, short, start=begin, keep_coordinates=True)
         except (ConvergenceError, AccuracyError):
-            return simulate(model, scene)
+            return simulate(model, scene, keep_coordinates=True)
         if other.newton_from is not None and other.steady:
             return other
-    return simulate(model, scene)
+    return simulate(model, scene, keep_coordinates=True)
 
 
 def _nearby_motion(
@@ -232,8 +233,33 @@ def _last_period(motion: Motion) -> Array:
     return interpolated(motion, motion.displacement, times)
 
 
-def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
-    """Estimate the errors of a motion due to its basis, from a run of an enriched model.
+def nested_motion(model: ReducedModel, scene: Scene, motion: Motion) -> Motion | None:
+    """The motion of a model with more or fewer coordinates near a motion; its coordinates are kept.
+
+    Args:
+        model: the model, under the loads and the damping of the scene; the first coordinates of
+            both models are the same.
+        scene: the scene of the motion.
+        motion: the motion.
+
+    Returns:
+        The motion; None if the model fails, or does not settle although the motion did.
+    """
+    try:
+        if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
+            other = simulate(model, scene, keep_coordinates=True)
+        else:
+            *state, sliders = end_of(motion)
+            more = np.zeros(max(model.size - state[0].size, 0))
+            q, v = (np.concatenate([values[: model.size], more]) for values in state)
+            other = check_motion(model, scene, motion, (q, v, sliders))
+    except (ConvergenceError, AccuracyError):
+        return None
+    return None if has_settled(motion) and not has_settled(other) else other
+
+
+def basis_errors(motion: Motion, other: Motion | None) -> MotionErrors:
+    """Estimate the errors of a motion due to its basis, from that of an enriched model.
 
     The enriched model has all candidates (`fenicsrom.reduction.candidates`). The motion of the
     enriched model contains the effect of these vectors on the other coordinates, on the contact and
@@ -241,49 +267,34 @@ def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Moti
     enriched model has an error too.
 
     Args:
-        candidates: the enriched model, under the loads and the damping of the scene.
-        size: number of coordinates of the model that was integrated.
-        scene: the scene of the motion.
         motion: the motion.
-
-    Returns:
-        The estimates; infinite if the enriched model fails, or does not settle although the motion
-        did.
+        other: the motion of the enriched model; the estimates are infinite without it.
     """
-    return _distance_from(candidates, candidates.size - size, scene, motion, BASIS_SAFETY)
+    return _times_distance(BASIS_SAFETY, motion, other)
 
 
-def mesh_errors(finer: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
-    """Estimate the errors of a motion due to its mesh, from a run of a model of finer elements.
+def mesh_errors(motion: Motion, other: Motion | None) -> MotionErrors:
+    """Estimate the errors of a motion due to its mesh, from that of a model of finer elements.
 
-    The finer model (`fenicsrom.reduction.finer`) has the same modes and derivatives on elements of
-    one degree more. The estimate is `MESH_SAFETY` times the distance of the two motions. Arguments
-    and result as `basis_errors`.
+    The estimate is `MESH_SAFETY` times the distance of the two motions
+    (`fenicsrom.reduction.finer`).
+
+    Args:
+        motion: the motion.
+        other: the motion of the finer model; the estimates are infinite without it.
     """
-    return _distance_from(finer, finer.size - size, scene, motion, MESH_SAFETY)
+    return _times_distance(MESH_SAFETY, motion, other)
 
 
-def _distance_from(
-    better: ReducedModel, more: int, scene: Scene, motion: Motion, safety: float
-) -> MotionErrors:
-    """Distance of a motion from that of a better model with `more` coordinates, times a factor."""
-    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
-    try:
-        if motion.newton_from is None or motion.buckled or more < 0:
-            other = simulate(better, scene)  # the run itself starts from rest
-        else:
-            q, v, sliders = end_of(motion)
-            start = np.append(q, np.zeros(more)), np.append(v, np.zeros(more)), sliders
-            other = check_motion(better, scene, motion, start)
-    except (ConvergenceError, AccuracyError):
-        return unknown
-    if has_settled(motion) and not has_settled(other):
-        return unknown
+def _times_distance(factor: float, motion: Motion, other: Motion | None) -> MotionErrors:
+    """A factor times the distances of a motion from a better one; infinite without this one."""
+    if other is None:
+        return MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
     found = distances(motion, other)
     return MotionErrors(
-        safety * found.amplitude,
-        safety * found.peak_force,
-        tuple(safety * value for value in found.directions),
+        factor * found.amplitude,
+        factor * found.peak_force,
+        tuple(factor * value for value in found.directions),
     )
 
 

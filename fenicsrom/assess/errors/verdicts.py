@@ -21,7 +21,13 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, mesh_errors, step_errors
+from fenicsrom.assess.errors.estimates import (
+    MotionErrors,
+    basis_errors,
+    mesh_errors,
+    nested_motion,
+    step_errors,
+)
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.motion.energy import check_energy
@@ -50,7 +56,8 @@ def estimate_errors(
     scene: Scene,
     motion: Motion,
     errors: dict[str, MotionErrors],
-    finer: ReducedModel | None = None,
+    basis: MotionErrors | None = None,
+    meshes: tuple[Any, ReducedModel] | None = None,
 ) -> None:
     """Estimate the errors of a motion and apply the rule of this module.
 
@@ -60,21 +67,27 @@ def estimate_errors(
         scene: the scene.
         motion: the motion.
         errors: receives the estimates by their causes, "time step", "basis" and "mesh".
-        finer: the model of finer elements that judges the mesh; None if there is none.
+        basis: the estimate of the error due to the basis, if it is known.
+        meshes: models of the same coordinates on the elements of the run and on finer ones; None if
+            there are none.
 
     Raises:
         AccuracyError: an estimate is above its limit.
     """
     unsteady = is_unsteady(motion)
     errors["time step"] = step_errors(model, scene, motion)
-    if candidates is not None:
-        errors["basis"] = basis_errors(candidates, model.mass.shape[0], scene, motion)
-    if finer is not None:
-        errors["mesh"] = mesh_errors(finer, model.mass.shape[0], scene, motion)
+    if basis is None and candidates is not None:
+        basis = basis_errors(motion, nested_motion(candidates, scene, motion))
+    if basis is not None:
+        errors["basis"] = basis
+    if meshes is not None:
+        own, finer = meshes
+        near = motion if own is model else nested_motion(own, scene, motion)
+        errors["mesh"] = mesh_errors(near or motion, near and nested_motion(finer, scene, near))
     check_time_error(scene, errors["time step"].largest, unsteady)
-    if candidates is not None:
-        check_basis_error(scene, errors["basis"].largest, unsteady)
-    if finer is not None:
+    if basis is not None:
+        check_basis_error(scene, basis.largest, unsteady)
+    if meshes is not None:
         check_mesh_error(scene, errors["mesh"].largest, unsteady)
 
 

@@ -12,12 +12,11 @@ Body forces and follower pressures are assembled on the finer elements.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from dolfinx.fem.petsc import interpolation_matrix
-from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
@@ -51,23 +50,23 @@ class FinerSolid(Solid):
         self._coarser = coarser
         geometry = replace(scene.geometry, degree=scene.geometry.degree + 1)
         super().__init__(coarser.mesh, **solid_arguments(replace(scene, geometry=geometry)))
-        self._restriction.destroy()
 
-    def coarsened(self, block: Array) -> Array:
-        """J u: the displacements (local of the coarser solid, k) of a block (local, k)."""
-        restriction = interpolation_matrix(self.space, self._coarser.space)
-        restriction.assemble()
-        found = _columns(
-            restriction.createVecRight(), restriction.createVecLeft(), restriction.mult, block
-        )
-        restriction.destroy()
-        return found
-
-    def _lifted(self, block: Array) -> Array:
+    def lifted(self, block: Array) -> Array:
         """Jᵀ f: the forces (local, k) of forces (local of the coarser solid, k)."""
-        j = self._restriction
-        lifted = _columns(j.createVecLeft(), j.createVecRight(), j.multTranspose, block)
-        return self.without_held(lifted)
+        at, to = self._restriction.createVecLeft(), self._restriction.createVecRight()
+        found = np.zeros((self.local, block.shape[1]))
+        for k in range(block.shape[1]):
+            at.array[:] = block[:, k]
+            self._restriction.multTranspose(at, to)
+            found[:, k] = to.array
+        at.destroy()
+        to.destroy()
+        return self.without_held(found)
+
+    def destroy(self) -> None:
+        """Free the matrices and the factor. Collective."""
+        self._restriction.destroy()
+        super().destroy()
 
     def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
         """Set the springs, dashpots and masses; a node is that nearest to the one of the scene."""
@@ -84,11 +83,11 @@ class FinerSolid(Solid):
         self._restriction = interpolation_matrix(self.space, self._coarser.space)
         self._restriction.assemble()
         self.points = self._coarser.points
-        self.contact_rows = csr_array(self._lifted(self._coarser.contact_rows.toarray().T).T)
+        self.contact_rows = csr_array(self.lifted(self._coarser.contact_rows.toarray().T).T)
 
     def _set_loads(self) -> None:
         """Take the loads at places of the coarser solid, and assemble the others."""
-        self.load_vectors = self._lifted(self._coarser.load_vectors)
+        self.load_vectors = self.lifted(self._coarser.load_vectors)
         for k, load in enumerate(self.loads):
             if load.everywhere or load.follower:
                 self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
@@ -100,19 +99,5 @@ class FinerSolid(Solid):
 
     def _set_probe(self, places: Sequence[Place]) -> None:
         """Take the probe of the coarser solid."""
-        self.probe_rows = self._lifted(self._coarser.probe_rows.T).T
+        self.probe_rows = self.lifted(self._coarser.probe_rows.T).T
         self.probe_position = self._coarser.probe_position
-
-
-def _columns(
-    at: PETSc.Vec, to: PETSc.Vec, times: Callable[[PETSc.Vec, PETSc.Vec], None], block: Array
-) -> Array:
-    """The products of a matrix with the columns of a block, by its vectors `at` and `to`."""
-    found = np.zeros((to.getLocalSize(), block.shape[1]))
-    for k in range(block.shape[1]):
-        at.array[:] = block[:, k]
-        times(at, to)
-        found[:, k] = to.array
-    at.destroy()
-    to.destroy()
-    return found
