@@ -33,7 +33,7 @@ from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import follow
 from fenicsrom.online.curve import Curve
 from fenicsrom.online.motion import Motion
-from fenicsrom.online.periodic import Shooting, largest_multiplier, least_squares_step
+from fenicsrom.online.periodic import Shooting, hold_sliders, largest_multiplier
 from fenicsrom.online.simulate import simulate
 from fenicsrom.post.tables import text_table
 from fenicsrom.scene import read_scene
@@ -88,7 +88,9 @@ class Case:
         """Find the residual and its derivative, and solve for one step of Newton's method."""
         found = self.shooting.march(self.s)
         assert found is not None
-        least_squares_step(found[1] - np.eye(self.s.size), -found[0])
+        jacobian = found[1] - np.eye(self.s.size)
+        hold_sliders(jacobian, self.shooting.sliders)
+        np.linalg.solve(jacobian, -found[0])
 
 
 def seconds(work: Callable[[], Any]) -> float:

@@ -34,7 +34,6 @@ from fenicsrom.scene import Scene
 from fenicsrom.scene.rules import counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
-LARGEST_STEP = 0.06  # along the curve, in parts of the range of ln(amplitude) and of the shape
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
 SMALLER = 4.0
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
@@ -259,7 +258,6 @@ def _follow(
     curve = path.run(
         found.points[0].motion,
         1.0,
-        largest_step=LARGEST_STEP,
         points=found.table.points,
         locate=False,
         progress=keep,
@@ -289,7 +287,7 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
         if tried == 0:
             return begin
         path.low, path.high, high = begin.parameter, low, path.high
-        curve = path.run(begin, 1.0, largest_step=LARGEST_STEP, locate=False)
+        curve = path.run(begin, 1.0, locate=False)
         path.low, path.high = low, high
         if abs(curve.points[-1].parameter - low) <= 1e-9:
             return curve.points[-1]
@@ -315,7 +313,7 @@ def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float, settings
         modal,
         path.frequency(point),
         path.damping_ratio(point),
-        probe_amplitude(path.problem_of(point), settings, point),
+        probe_amplitude(path.problem_at(point.s, point.parameter), settings, point),
         point,
     )
 

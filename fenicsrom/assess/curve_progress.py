@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from fenicsrom.arrays import Array
 from fenicsrom.assess.response_results import response_table
-from fenicsrom.online.continuation import FIRST_STEP, Continuation
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.continuation import Continuation
 from fenicsrom.progress import duration
 from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
@@ -32,26 +31,18 @@ class Stand:
     Attributes:
         points: number of points of the piece.
         special: number of its bifurcations.
-        begin: the point at which its steps were last measured anew, with the tangent there.
-        since: index of this point in the piece.
-        direction: of the change of the parameter from there; None follows the tangent.
-        size: of the scaled variables there.
+        size: as `fenicsrom.online.arc.ArcLength.size`.
+        least: likewise.
         step: next step along the curve.
         guess: see `fenicsrom.online.periodic.Shooting`.
     """
 
     points: int
     special: int
-    begin: CurvePoint
-    since: int
-    direction: float | None
     size: float
+    least: float
     step: float
     guess: tuple[Array | None, float]
-
-    def trail(self, piece: Piece) -> list[CurvePoint]:
-        """The points of a piece from `begin` on."""
-        return [self.begin, *piece.points[self.since + 1 :]]
 
 
 class CurveWalk:
@@ -90,7 +81,7 @@ class CurveWalk:
     def fraction(self) -> float:
         """The part of the range of the parameter that the curve covers, from both ends."""
         table = response_table(self.scene)
-        low, high = table.first, table.last
+        low, high = table.low, table.high
         covered = 0.0
         for piece in self.curve.pieces:
             values = [point.parameter for point in piece.points]
@@ -98,29 +89,11 @@ class CurveWalk:
                 covered += max(values) - low if piece.direction > 0.0 else high - min(values)
         return min(max(covered / (high - low), 0.0), 1.0)
 
-    def passed(
-        self, path: Continuation, begin: CurvePoint, since: int, direction: float | None
-    ) -> None:
-        """Note that the last piece has a new point.
-
-        Args:
-            path: the continuation.
-            begin: see `Stand`.
-            since: see `Stand`.
-            direction: see `Stand`.
-        """
+    def passed(self, path: Continuation) -> None:
+        """Note that the last piece has a new point of a continuation."""
         piece = self.curve.pieces[-1]
-        fresh = since == len(piece.points) - 1
-        self.stand = Stand(
-            len(piece.points),
-            len(piece.special),
-            begin,
-            since,
-            direction,
-            path.size,
-            FIRST_STEP if fresh else path.step,
-            path.shooting.guess,
-        )
+        counts = len(piece.points), len(piece.special)
+        self.stand = Stand(*counts, path.size, path.least, path.step, path.shooting.guess)
         now = clock.perf_counter()
         if now - self._kept > KEEP_INTERVAL:
             self.save()

@@ -170,7 +170,6 @@ def _check_points(kept: KeptCurve) -> None:
         ValueError: they do not.
     """
     points: list[CurvePoint] = [*kept.curve.points, *kept.curve.special]
-    points += [kept.stand.begin] if kept.stand is not None else []
     for point in points:
         size = points[0].z.size
         shapes = point.z.shape, point.s.shape, point.tangent.shape

@@ -28,7 +28,7 @@ from fenicsrom.assess.verdicts import BASIS_ERROR, TIME_ERROR, in_percent
 from fenicsrom.errors import ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.continuation import Continuation
-from fenicsrom.online.curve import CurvePoint, replaced
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.families import Family
 from fenicsrom.online.periodic import (
     FALLBACK_STEPS,
@@ -260,7 +260,7 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
     s = shooting.scaled(point.z)
     if not fold:
         return path.at_parameter(s, point.parameter)
-    here = replaced(point, s=s)
+    here = replace(point, s=s)
     found = path.monodromy(here)
     if found is None:
         return None

@@ -19,25 +19,20 @@ from scipy.optimize import minimize_scalar
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.continuation import Continuation
+from fenicsrom.online.curve import END, LOST, Curve, CurvePoint
 from fenicsrom.online.families import Family, Problem, force_family, frequency_family
-from fenicsrom.online.free_sliders import solve_with_free_sliders
 from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.periodic import Shooting
-from fenicsrom.online.sticking_continuation import StickingContinuation
+from fenicsrom.online.periodic import Shooting, hold_sliders
 from fenicsrom.online.surfaces import Contacts
 
 LOCATED = 1e-3
 """How closely a peak is located, as a part of the arc that holds it.
 
-The arc is a few steps of `LARGEST_STEP`, a turn of the motion against the force by less than
-half a radian. The amplitude changes with the square of what is left, by less than 1e-6 of it.
+The arc is two steps of a curve, a turn of the motion against the force by a tenth of a radian. The amplitude changes with the square of what is left, by less than 1e-6 of it.
 """
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
 WINDOW = 2.0  # largest ratio of the frequencies at which a search ends and starts
-LARGEST_STEP = 0.2  # along a curve
-FINE = 0.25  # part of the motion that measures the steps of the force: slip begins at a kink
-STRIDE = 2.0  # growth of the force after which steps are measured by the new size of the motion
 POINTS = 400  # of a continuation
 FALLEN = 0.98  # part of the largest amplitude at which its neighbourhood ends
 
@@ -111,7 +106,7 @@ def forced_peaks(
         def height(point: CurvePoint, family: Family = family) -> float:
             return amplitude(family(point.parameter), point)
 
-        path = StickingContinuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
+        path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
         top, ends = (None, ()) if first is None else _climb(path, first, height)
         if top is None:
@@ -140,7 +135,8 @@ def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
         residual, matrix, _, _ = found
         with contextlib.suppress(np.linalg.LinAlgError):
             jacobian = matrix - np.eye(s.size)
-            return s + solve_with_free_sliders(jacobian, -residual, shooting.sliders)[0]
+            hold_sliders(jacobian, shooting.sliders)
+            return s + np.linalg.solve(jacobian, -residual)
     raise ConvergenceError("the forced motion under small loads was not found")
 
 
@@ -152,26 +148,21 @@ def _at_larger_force(
     Raises:
         ConvergenceError: the factor was not reached.
     """
-    while before < factor:
-        goal = min(factor, STRIDE * before)
-        size = FINE * float(np.linalg.norm(s))
-        path = StickingContinuation(shooting, family, before, goal, size)
-        first = path.at_parameter(s, before)
-        points, reason = [] if first is None else [first], "no convergence"
-        if first is not None:
-            curve = path.run(first, 1.0, largest_step=LARGEST_STEP, points=POINTS, locate=False)
-            points, reason = curve.points, curve.reason
-        if not points or abs(points[-1].parameter - goal) > 1e-9 * goal:
-            raise ConvergenceError(
-                f"the forced motion was lost between {before:g} and {goal:g} times the loads: "
-                f"{reason}"
-            )
-        s, before = points[-1].s, goal
-    return s
+    path = Continuation(shooting, family, before, factor, float(np.linalg.norm(s)))
+    first = path.at_parameter(s, before)
+    curve = Curve(reason=LOST)
+    if first is not None:
+        curve = path.run(first, 1.0, points=POINTS, locate=False)
+    if curve.reason != END:
+        raise ConvergenceError(
+            f"the forced motion was lost between {before:g} and {factor:g} times the loads: "
+            f"{curve.reason}"
+        )
+    return np.asarray(curve.points[-1].s)
 
 
 def _climb(
-    path: StickingContinuation, start: CurvePoint, height: Callable[[CurvePoint], float]
+    path: Continuation, start: CurvePoint, height: Callable[[CurvePoint], float]
 ) -> tuple[CurvePoint | None, tuple[str, ...]]:
     """The point of the largest height on the curve through a point, and how both ends ended.
 
@@ -189,14 +180,7 @@ def _climb(
                 raise _Fallen
 
         try:
-            curve = path.run(
-                start,
-                direction,
-                largest_step=LARGEST_STEP,
-                points=POINTS,
-                locate=False,
-                progress=keep,
-            )
+            curve = path.run(start, direction, points=POINTS, locate=False, progress=keep)
             ends.append(curve.reason)
         except _Fallen:
             ends.append("fallen")
@@ -210,7 +194,7 @@ def _climb(
 
 
 def _top(
-    path: StickingContinuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
+    path: Continuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
 ) -> CurvePoint:
     """The largest amplitude on the arc through three points, of which the second is the highest."""
     places = np.array([path.place(point) for point in points])
