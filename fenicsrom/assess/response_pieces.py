@@ -113,8 +113,25 @@ def _follow_piece(
         points=table.points,
         progress=lambda point: walk.passed(path),
     )
+    _refine_largest(path, piece)
     walk.stand = None
     walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
+
+
+def _refine_largest(path: Continuation, piece: Piece) -> None:
+    """Add the motion of the largest amplitude of a piece, which may lie between two points."""
+    points = piece.points
+
+    def size(point: CurvePoint) -> float:
+        return float(point.amplitude.max())
+
+    k = int(np.argmax([size(point) for point in points]))
+    if 0 < k < len(points) - 1:
+        path.size = norm(points[k].s)
+        top = path.highest(points[k - 1 : k + 2], size)
+        if top is not points[k]:
+            way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
+            points.insert(k + int(way > 0.0), top)
 
 
 def _path(

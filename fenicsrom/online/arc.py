@@ -19,7 +19,7 @@ its middle. The sense c changes at a branch point only, where the curve goes str
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, TypeVar
 
@@ -44,6 +44,11 @@ STRAIGHT, EASY = 0.98, 4  # cosine and corrections of a curve that goes straight
 FIRST_SIZE = 2.0  # least size in (1), in parts of that of the first point
 REMEASURED = 1.3  # change of the motion after which lengths are measured by its new size
 CLOSED = 0.02  # of a step: a curve that passes its first point so closely is closed
+
+LOCATED = 1e-3
+"""How closely the highest point is located, as a part of the arc of two steps that holds it.
+
+A step turns a motion against the force by 0.05, so the height there is off by less than 1e-6."""
 
 CORRECTIONS = 12
 TRIED = 3  # after so many corrections, each must be shorter than half of the shortest before
@@ -349,6 +354,34 @@ class ArcLength:
         now = max(norm(here.s), self.least)
         if not 1.0 / REMEASURED <= now / self.size <= REMEASURED:
             self.size = now
+
+    def highest(self, points: Sequence[P], height: Callable[[P], float]) -> P:
+        """The highest point on the arc through three points, of which the second is the highest."""
+        from scipy.optimize import minimize_scalar  # slow to import
+
+        places = np.array([self.place(point) for point in points])
+        arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+        chord = (places[2] - places[0]) / norm(places[2] - places[0])
+        best = points[1], height(points[1])
+
+        def depth(arc: float) -> float:
+            nonlocal best
+            weights = [
+                np.prod([(arc - b) / (a - b) for b in np.delete(arcs, i)])
+                for i, a in enumerate(arcs)
+            ]
+            found = self.correct(np.tensordot(weights, places, axes=1), chord)
+            if found is None:
+                return np.inf
+            found = oriented(found, points[1].sense)
+            value = height(found)
+            if value > best[1]:
+                best = found, value
+            return -value
+
+        limit = {"xatol": LOCATED * arcs[2]}
+        minimize_scalar(depth, bounds=(0.0, arcs[2]), method="bounded", options=limit)
+        return best[0]
 
     def between(self, before: P, found: P) -> tuple[list[P], list[P]]:
         """More points between two points, and the special points there."""

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError
@@ -26,11 +25,6 @@ from fenicsrom.online.model import ReducedModel
 from fenicsrom.online.periodic import Shooting, hold_sliders
 from fenicsrom.online.surfaces import Contacts
 
-LOCATED = 1e-3
-"""How closely a peak is located, as a part of the arc that holds it.
-
-The arc is two steps of a curve, a turn of the motion against the force by a tenth of a radian. The amplitude changes with the square of what is left, by less than 1e-6 of it.
-"""
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
 WINDOW = 2.0  # largest ratio of the frequencies at which a search ends and starts
 POINTS = 400  # of a continuation
@@ -190,32 +184,4 @@ def _climb(
     best = int(np.argmax(heights))
     if not 0 < best < len(points) - 1:
         return None, tuple(ends)
-    return _top(path, points[best - 1 : best + 2], height), tuple(ends)
-
-
-def _top(
-    path: Continuation, points: Sequence[CurvePoint], height: Callable[[CurvePoint], float]
-) -> CurvePoint:
-    """The largest amplitude on the arc through three points, of which the second is the highest."""
-    places = np.array([path.place(point) for point in points])
-    arcs = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1)))
-    chord = (places[2] - places[0]) / np.linalg.norm(places[2] - places[0])
-    best = points[1], height(points[1])
-
-    def depth(arc: float) -> float:
-        nonlocal best
-        weights = [
-            np.prod([(arc - b) / (a - b) for b in np.delete(arcs, i)]) for i, a in enumerate(arcs)
-        ]
-        found = path.correct(np.tensordot(weights, places, axes=1), chord)
-        if found is None:
-            return np.inf
-        value = height(found)
-        if value > best[1]:
-            best = found, value
-        return -value
-
-    minimize_scalar(
-        depth, bounds=(0.0, arcs[2]), method="bounded", options={"xatol": LOCATED * arcs[2]}
-    )
-    return best[0]
+    return path.highest(points[best - 1 : best + 2], height), tuple(ends)

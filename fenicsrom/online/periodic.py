@@ -34,6 +34,7 @@ TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled no
 ITERATIONS = 60
 PATIENCE = 12
 LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
+SINGULAR = 1e-8  # residual in parts of the Newton step, below which the equation is singular
 STAYS = 1e-12  # largest derivative of the change of a slider that sticks: rounding
 STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
 FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
@@ -355,6 +356,8 @@ def solve(
         except np.linalg.LinAlgError:
             break
         length = float(np.linalg.norm(step)) / size
+        if length * SINGULAR > residuals[-1]:
+            break
         if length <= step_tolerance:
             return _motion(shooting, s, matrix, free, end, residuals)
         lengths.append(length)

@@ -23,7 +23,7 @@ from fenicsrom.assess.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.archive import StoredModel, load_model, save_model
-from fenicsrom.online.curve import CurvePoint, replaced
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.model import reduced_model
 from fenicsrom.online.polynomial import ElasticPolynomial
 from fenicsrom.post.response_rows import summary
@@ -108,7 +108,7 @@ def test_second_branch_is_followed_after_an_interrupt(
     at = response(oscillator("response.points=2"), ignore).curves[0].points[0]
 
     def motion(s: float, parameter: float, kind: str = "") -> CurvePoint:
-        return replaced(at, s=np.array([1.0, s]), parameter=parameter, kind=kind)
+        return replace(at, s=np.array([1.0, s]), parameter=parameter, kind=kind)
 
     bifurcation = motion(0.0, 0.5, "branch point")
 

@@ -12,7 +12,7 @@ from test_figures import illegible
 from fenicsrom.assess.branches import Piece
 from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve
 from fenicsrom.online.contact_events import Extremes
-from fenicsrom.online.curve import CurvePoint, replaced
+from fenicsrom.online.curve import CurvePoint
 from fenicsrom.online.curve_measures import HARMONICS, PHASES
 from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state_map
 from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
@@ -115,7 +115,7 @@ def test_columns_of_response_csv_are_explained() -> None:
 def test_contact_points_of_events_count_from_one_as_in_the_pictures() -> None:
     found = response_of(0.1)
     (piece,) = found.curves[0].pieces
-    piece.special = [replaced(piece.points[3], kind="first slip", contact=0)]
+    piece.special = [replace(piece.points[3], kind="first slip", contact=0)]
     assert [row[0] for row in event_table(found)[1:]] == ["first slip, contact point 1"]
     assert {row["contact_point"] for row in rows(found)} == {None, 1}
 
