@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
+NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
 
 
@@ -106,6 +107,9 @@ class CurveWalk:
                 f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
                 f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
             )
+        most = response_table(self.scene).points
+        if len(piece.points) == int(NEARLY_ALL * most):
+            line = f"{counted(len(piece.points), 'point')} of at most response.points = {most}"
         self(line)
 
     def save(self, done: bool = False) -> None:

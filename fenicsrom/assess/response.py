@@ -23,7 +23,7 @@ from fenicsrom.assess.trust import Check, RicherModel, contradiction, inaccuraci
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
-from fenicsrom.online.curve import LOST, CurvePoint
+from fenicsrom.online.curve import LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.periodic import FALLBACK_STEPS
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
@@ -119,7 +119,7 @@ def response(
                 outcome = _Outcome(ResponseCurve(values[number]), outcome)
             found.curves.append(outcome.curve)
             progress.finished(number)
-            error = outcome.error or _lost(scene, outcome.curve)
+            error = outcome.error or _incomplete(scene, outcome.curve)
             if error is not None:
                 found.warnings.append(f"{curve_title(scene, values[number])}{error}")
                 found.unfinished = found.unfinished or error
@@ -151,26 +151,34 @@ def _leave_out_unresolved(found: Response) -> None:
 
 
 def _warn_of_errors(found: Response) -> None:
-    """Warn of large errors, and where a richer basis judges the stability otherwise."""
+    """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
     for curve in found.curves:
         said = inaccuracies(curve.checks, found.scene, found.table.parameter)
         if sentence := contradiction(curve.checks, found.scene, found.table.parameter):
             said.append(sentence)
-        found.warnings += [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        said = [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        found.warnings += said
+        if said and found.unfinished is None:
+            found.unfinished = AccuracyError(f"response: {said[0]}")
 
 
-def _lost(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
-    """The error of a curve that ends within the range because no next point was found."""
-    ends = [
-        piece.points[-1].parameter
-        for piece in curve.pieces
-        if piece.points and piece.reason == LOST
-    ]
-    if not ends:
-        return None
-    parameter = response_table(scene).parameter
-    places = in_words(scene, parameter, *ends)
-    return ConvergenceError(f"the curve was lost at {places}: no next point was found")
+ADVICE = {
+    LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
+    OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "
+    "or choose a shorter range",
+}
+"""Why a curve is incomplete, and what to do, by the reason for which it ends."""
+
+
+def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
+    """The error of a curve that ends within the range."""
+    for reason, advice in ADVICE.items():
+        ended = [piece for piece in curve.pieces if piece.points and piece.reason == reason]
+        if ended:
+            ends = [piece.points[-1].parameter for piece in ended]
+            places = in_words(scene, response_table(scene).parameter, *ends)
+            return ConvergenceError(f"the curve ends at {places}: {advice}")
+    return None
 
 
 @dataclass

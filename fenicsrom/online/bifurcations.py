@@ -149,9 +149,7 @@ def _kind(bracket: Bracket[CurvePoint], rank: int, change: float) -> str:
     return "period doubling" if multiplier.real < 0.0 else "branch point"
 
 
-def change_of_sign(
-    path: Path, test: Test, a: CurvePoint, b: CurvePoint
-) -> Bracket[CurvePoint]:
+def change_of_sign(path: Path, test: Test, a: CurvePoint, b: CurvePoint) -> Bracket[CurvePoint]:
     """Bracket the change of sign of a function between two points of a curve.
 
     Args:
@@ -204,9 +202,7 @@ class _Planes:
                 return self._along(found, points)
         return None
 
-    def _guesses(
-        self, points: list[CurvePoint], ends: list[float], arc: float
-    ) -> Iterator[Array]:
+    def _guesses(self, points: list[CurvePoint], ends: list[float], arc: float) -> Iterator[Array]:
         """Guesses (N + 1,) of a point: the cubic through two points, then their tangents."""
         places = [self._path.place(point) for point in points]
         ahead = [self._path.direction(point) for point in points]
