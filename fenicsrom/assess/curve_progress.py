@@ -15,7 +15,6 @@ from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.branches import Piece
     from fenicsrom.assess.response_files import CurveFile
     from fenicsrom.assess.response_results import ResponseCurve
     from fenicsrom.scene import Scene

@@ -143,7 +143,7 @@ def test_curve_that_comes_back_says_so() -> None:
 
 def test_curve_over_a_falling_parameter_is_the_same() -> None:
     up = followed(corner(1.0, -0.3), [-0.5, 0.5], (0.5, 1.5))
-    down = followed(corner(1.0, -0.3), up.points[-1].s.tolist() + [1.5], (0.5, 1.5), -1.0)
+    down = followed(corner(1.0, -0.3), [*up.points[-1].s.tolist(), 1.5], (0.5, 1.5), -1.0)
     assert down.reason == END
     assert down.points[-1].s[0] == pytest.approx(-0.5)
 

@@ -10,7 +10,6 @@ import pytest
 from numpy.typing import NDArray
 from support import linear_model, one_contact
 
-from fenicsrom.online import continuation
 from fenicsrom.online.bifurcations import LOCATED, outside, special_points
 from fenicsrom.online.brackets import bracketed
 from fenicsrom.online.contact_events import (
