@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,10 @@ RATE = 0.3  # while each correction is shorter than this part of the last
 FLAT = 1e6  # length of the null vector beyond which its border is nearly normal to it
 
 
+Factor = tuple[Array, Array]
+"""LU factors and pivots."""
+
+
 class Values(NamedTuple):
     """The equations at one place.
 
@@ -97,19 +101,9 @@ class Place(NamedTuple):
     detail: Any
 
 
-class Point(Protocol):
-    """What a continuation needs of a point of its curve: `fenicsrom.online.curve.CurvePoint`.
-
-    The tangent (n + 1,) is the direction of the curve in (s, p), and `sense` is its c.
-    """
-
-    s: Array
-    parameter: float
-    tangent: Array
-    sense: float
-
-
-P = TypeVar("P", bound=Point)
+Point = Any
+"""What a continuation needs of a point of its curve, as `fenicsrom.online.curve.CurvePoint` has it:
+s (n,), the parameter, the tangent (n + 1,) in (s, p) and its sense c."""
 
 
 class ArcLength:
@@ -138,7 +132,7 @@ class ArcLength:
         """The equations; None if they could not be evaluated."""
         raise NotImplementedError
 
-    def point(self, place: Place, evaluations: tuple[int, int]) -> Any:
+    def point(self, place: Place, evaluations: tuple[int, int]) -> Point:
         """The point of the curve of a solution, with sense 1.
 
         Args:
@@ -158,13 +152,13 @@ class ArcLength:
         found = np.append(point.tangent[:-1] / self.size, point.tangent[-1] / self.range)
         return np.asarray(found / norm(found))
 
-    def at_parameter(self, s: Array, value: float) -> Any:
+    def at_parameter(self, s: Array, value: float) -> Point:
         """The point at a value of the parameter near s (n,); None if it is not found."""
         along = np.zeros(s.size + 1)
         along[-1] = 1.0
         return self.correct(np.append(s / self.size, value / self.range), along, exact=True)
 
-    def correct(self, y: Array, along: Array, *, exact: bool = False) -> Any:
+    def correct(self, y: Array, along: Array, *, exact: bool = False) -> Point:
         """The point of the curve on the plane through y normal to `along`; None if not found.
 
         Args:
@@ -175,7 +169,7 @@ class ArcLength:
         found = self._corrected(y, along, EXACT if exact else TOLERANCE, exact=exact)
         return None if found is None else self._made(found)
 
-    def _made(self, place: Place) -> Any:
+    def _made(self, place: Place) -> Point:
         marched, derived = self._evaluations
         self._evaluations = [0, 0]
         return self.point(place, (marched, derived))
@@ -192,9 +186,10 @@ class ArcLength:
 
         Newton's method keeps the derivative after short corrections, while it serves.
         """
-        begin, last, least, factor = y, np.inf, np.inf, None
-        jacobian, scaled, free = np.zeros((0, 0)), np.zeros((0, 0)), 0
-        corrections = 0
+        begin, last, least, corrections, free = y, np.inf, np.inf, 0, 0
+        factor: Factor | None = None
+        jacobian: Array = np.zeros((0, 0))
+        scaled: Array = jacobian
         for _ in range(CORRECTIONS):
             fresh = factor is None
             found = self._at(y, derive=fresh)
@@ -204,8 +199,8 @@ class ArcLength:
                 jacobian = found.jacobian
                 scaled, free = self._scaled(jacobian)
                 factor = _factor(scaled, along)
-                if factor is None:
-                    return None
+            if factor is None:
+                return None
             step = _solve(factor, np.append(-found.residual / self.size, along @ (begin - y)))
             length = norm(step)
             if length <= tolerance or (length <= TOLERANCE and length > RATE * last):
@@ -240,7 +235,7 @@ class ArcLength:
 
     # ------------------------------------------------------------------ one step
 
-    def _next(self, here: P, step: float) -> tuple[P, int] | None:
+    def _next(self, here: Point, step: float) -> tuple[Point, int] | None:
         """The point a step beyond a point, and its corrections; None asks for a shorter step."""
         y, ahead = self.place(here), self.direction(here)
         tolerance = min(TOLERANCE, OF_STEP * step)
@@ -262,7 +257,7 @@ class ArcLength:
                     return self._oriented(found, here.sense), found.corrections
         return None
 
-    def _oriented(self, found: Place, sense: float) -> Any:
+    def _oriented(self, found: Place, sense: float) -> Point:
         return oriented(self._made(found), sense)
 
     def _beyond(self, y: Array, ahead: Array, sense: float) -> Array | None:
@@ -274,7 +269,7 @@ class ArcLength:
         tangent = _null(scaled, ahead, _factor(scaled, ahead))
         return None if tangent is None else sense * tangent
 
-    def _end(self, inside: P, outside: P) -> P | None:
+    def _end(self, inside: Point, outside: Point) -> Point | None:
         """The point on the bound of the range between two points, if it is found."""
         bound = self.high if outside.parameter > self.high else self.low
         share = (bound - inside.parameter) / (outside.parameter - inside.parameter)
@@ -287,7 +282,7 @@ class ArcLength:
 
     def run(
         self,
-        start: P,
+        start: Point,
         direction: float | None,
         *,
         curve: Curve | None = None,
@@ -295,7 +290,7 @@ class ArcLength:
         largest_step: float = LARGEST_STEP,
         points: int = 1000,
         locate: bool = True,
-        progress: Callable[[P], None] | None = None,
+        progress: Callable[[Point], None] | None = None,
     ) -> Curve:
         """Follow the curve.
 
@@ -355,7 +350,7 @@ class ArcLength:
         if not 1.0 / REMEASURED <= now / self.size <= REMEASURED:
             self.size = now
 
-    def highest(self, points: Sequence[P], height: Callable[[P], float]) -> P:
+    def highest(self, points: Sequence[Point], height: Callable[[Point], float]) -> Point:
         """The highest point on the arc through three points, of which the second is the highest."""
         from scipy.optimize import minimize_scalar  # slow to import
 
@@ -383,18 +378,18 @@ class ArcLength:
         minimize_scalar(depth, bounds=(0.0, arcs[2]), method="bounded", options=limit)
         return best[0]
 
-    def between(self, before: P, found: P) -> tuple[list[P], list[P]]:
+    def between(self, before: Point, found: Point) -> tuple[list[Point], list[Point]]:
         """More points between two points, and the special points there."""
         return [], []
 
-    def arrival(self, curve: Curve, before: P, found: P) -> str:
+    def arrival(self, curve: Curve, before: Point, found: Point) -> str:
         """Why the curve ends between two points; its last point is then added. Else ""."""
         if len(curve.points) > 2 and self._passes(curve.points[:2], before, found):
             curve.points.append(curve.points[0])
             return "closed"
         return ""
 
-    def _passes(self, home: list[P], before: P, found: P) -> bool:
+    def _passes(self, home: list[Point], before: Point, found: Point) -> bool:
         """Whether the curve passes the first of two points in their direction."""
         first, last, y = self.place(before), self.place(found), self.place(home[0])
         chord, way = last - first, self.place(home[1]) - y
@@ -402,29 +397,29 @@ class ArcLength:
         share = float(chord @ (y - first)) / length**2
         if not 0.0 < share <= 1.0 or way @ chord < 0.5 * length * norm(way):
             return False
-        ahead = self.direction(before), self.direction(found)
-        near = hermite(first, last, *ahead, length, share)
+        ahead, there = self.direction(before), self.direction(found)
+        near = hermite(first, last, ahead, there, length, share)
         return norm(near - y) < CLOSED * length
 
 
-def oriented(point: Any, sense: float) -> Any:
+def oriented(point: Point, sense: float) -> Point:
     """The point with the tangent of a sense, 1 or -1."""
     if point.sense == sense:
         return point
     return replace(point, tangent=-point.tangent, sense=sense)
 
 
-def _factor(jacobian: Array, border: Array) -> tuple[Array, Array] | None:
+def _factor(jacobian: Array, border: Array) -> Factor | None:
     """The LU factors of [J; border] (n + 1, n + 1); None if it is singular."""
     lu, pivots, fails = dgetrf(np.vstack([jacobian, border]))
     return None if fails else (lu, pivots)
 
 
-def _solve(factor: tuple[Array, Array], right: Array) -> Array:
+def _solve(factor: Factor, right: Array) -> Array:
     return np.asarray(dgetrs(*factor, right)[0])
 
 
-def _null(jacobian: Array, border: Array, factor: tuple[Array, Array] | None) -> Array | None:
+def _null(jacobian: Array, border: Array, factor: Factor | None) -> Array | None:
     """The unit null vector v (n + 1,) of J with det [J; v] > 0; None if it is not unique.
 
     Of [J; g] v = e the last unit vector, det [J; v] has the sign of det [J; g]. The border g may be
@@ -442,5 +437,5 @@ def _null(jacobian: Array, border: Array, factor: tuple[Array, Array] | None) ->
                 negative = np.count_nonzero(np.diag(lu) < 0.0)
                 return np.asarray(found / length * (-1.0) ** (swaps + negative))
         border = np.random.default_rng(0).standard_normal(border.size)
-        factor = _factor(jacobian, border / norm(border))
+        factor = _factor(jacobian, np.asarray(border / norm(border)))
     return None

@@ -189,7 +189,7 @@ class _Planes:
         chord, normal = path.place(b) - self._origin, path.direction(a) + path.direction(b)
         if normal @ chord <= 0.5 * norm(normal) * norm(chord):
             normal = chord
-        self._normal = normal / norm(normal)
+        self._normal: Array = np.asarray(normal / norm(normal))
         self.length = float(self._normal @ chord)
 
     def point(
@@ -208,7 +208,7 @@ class _Planes:
         ahead = [self._path.direction(point) for point in points]
         if ahead[0] @ ahead[1] > SMOOTH:
             length, share = norm(places[1] - places[0]), (arc - ends[0]) / (ends[1] - ends[0])
-            guess = hermite(*places, *ahead, length, share)
+            guess = hermite(places[0], places[1], ahead[0], ahead[1], length, share)
             yield guess + (arc - self._normal @ (guess - self._origin)) * self._normal
         nearer = int(arc > 0.5 * (ends[0] + ends[1]))
         for k in (nearer, 1 - nearer):

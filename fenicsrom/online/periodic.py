@@ -321,8 +321,9 @@ def solve(
     """Find a periodic motion by Newton's method with bounded steps.
 
     Where many contact points change their state in a step, the first steps must make the residual
-    larger. So it may grow, but a step that makes it larger is at most `LONGEST` times the
-    variables. The iteration ends if the steps did not become shorter for `PATIENCE` iterations.
+    larger. So it may grow, but a step is at most `LONGEST` times the variables; without contact,
+    only one that makes the residual larger. The iteration ends if the steps did not become shorter
+    for `PATIENCE` iterations.
 
     The last march of `shooting` is that of the motion.
 
@@ -363,12 +364,12 @@ def solve(
         lengths.append(length)
         if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
             break
-        found = shooting.march(s + step)
-        bound = LONGEST * max(1.0, residuals[-1]) / length
-        if bound < 1.0 and (found is None or np.linalg.norm(found[0]) > residuals[-1] * size):
+        bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
+        ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)
+        if bound < 1.0 and (ahead is None or np.linalg.norm(ahead[0]) > residuals[-1] * size):
             step *= bound
-            found = shooting.march(s + step)
-        s = s + step
+            ahead = shooting.march(s + step)
+        s, found = s + step, ahead
     raise ConvergenceError(
         f"no periodic motion of {counted(shooting.m, 'period')} was found near the start: relative "
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "

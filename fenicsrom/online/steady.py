@@ -57,7 +57,7 @@ FIRST_ATTEMPT = 5  # marched periods before the first attempt; each further atte
 LARGEST_MULTIPLE = 8  # periods of the loads in one of a subharmonic motion that is looked for
 RECURRENCE = 0.2  # |P^m(z) - z| relative to |P(z) - z|, below which the state repeats after m
 GENUINE = 1e-6  # relative |P(z*) - z*| above which a motion of m periods is not one of 1 period
-LOOK_AHEAD = 40  # least number of periods in which (1) must be shown
+LOOK_AHEAD = 160  # least number of periods in which (1) must be shown
 LOOK_AHEAD_PART = 2  # or so many times the periods that were marched, if they are more
 KEPT_MULTIPLIERS = 6  # in the record, without those of free sliders
 
