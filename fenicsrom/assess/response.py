@@ -19,7 +19,7 @@ from fenicsrom.assess.response_files import CurveFile, KeptCurve, curve_file, fo
 from fenicsrom.assess.response_pieces import follow_curve
 from fenicsrom.assess.response_problem import check_response
 from fenicsrom.assess.response_results import Response, ResponseCurve, curve_title, response_table
-from fenicsrom.assess.trust import Check, RicherModel, contradiction, inaccuracies
+from fenicsrom.assess.trust import Check, RicherModel, contradictions, inaccuracies
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.online.archive import StoredModel
 from fenicsrom.online.contact_events import Extremes
@@ -154,8 +154,7 @@ def _warn_of_errors(found: Response) -> None:
     """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
     for curve in found.curves:
         said = inaccuracies(curve.checks, found.scene, found.table.parameter)
-        if sentence := contradiction(curve.checks, found.scene, found.table.parameter):
-            said.append(sentence)
+        said += contradictions(curve.checks, found.scene, found.table.parameter)
         said = [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
         found.warnings += said
         if said and found.unfinished is None:

@@ -116,6 +116,7 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
                 "basis_error": check.basis_error,
                 "stability": check.point.verdict,
                 "compared_with_a_richer_basis": check.compared,
+                "stability_with_half_the_step": check.finer_verdict,
                 "stability_with_a_richer_basis": check.richer_verdict,
             }
             for check in curve.checks
