@@ -26,13 +26,13 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fenicsrom.assess.full_cache import machine
-from fenicsrom.fem.full import FullModel
-from fenicsrom.fem.solid import build_solid
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.measures import errors_percent
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.assess.full.full_cache import machine
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.fem.solid.solid import build_solid
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.motion.measures import errors_percent
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, read_scene
 

@@ -19,14 +19,14 @@ import numpy as np
 from numba import njit
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.contact_state import OPEN
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import elastic_polynomial
-from fenicsrom.online.surfaces import planes
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.state import OPEN
+from fenicsrom.online.contact.surfaces import planes
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import elastic_polynomial
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import integrate
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Time
 

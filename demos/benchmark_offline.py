@@ -26,9 +26,9 @@ from petsc4py import PETSc
 from slepc4py import SLEPc
 
 from fenicsrom.arrays import Array
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import Solid, solid_of
-from fenicsrom.online.contact_points import ContactPoints
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import Solid, solid_of
+from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.mode_count import EXTRA_MODES
 from fenicsrom.reduction.modes import ComponentModes, component_modes

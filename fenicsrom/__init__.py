@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-    from fenicsrom.fem.full import FullModel
-    from fenicsrom.fem.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
-    from fenicsrom.fem.mesh_data import Mesh
-    from fenicsrom.fem.solid import Solid, build_solid, solid_of
-    from fenicsrom.online.archive import StoredModel, load_model, save_model
-    from fenicsrom.online.history import History, read_history
-    from fenicsrom.online.matrices import ModelArrays, model_arrays
-    from fenicsrom.online.measures import amplitudes, contact_fractions
-    from fenicsrom.online.model import ReducedModel
-    from fenicsrom.online.motion import Motion
-    from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.record import Study
+    from fenicsrom.fem.full.full import FullModel
+    from fenicsrom.fem.mesh.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
+    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.fem.solid.solid import Solid, build_solid, solid_of
+    from fenicsrom.online.model.matrices import ModelArrays, model_arrays
+    from fenicsrom.online.model.model import ReducedModel
+    from fenicsrom.online.motion.history import History, read_history
+    from fenicsrom.online.motion.measures import amplitudes, contact_fractions
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.run.simulate import simulate
+    from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+    from fenicsrom.post.base.record import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
     from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
@@ -80,20 +80,20 @@ __all__ = [
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
     "scene": ("Scene", "make_scene", "parse_scene", "read_scene"),
-    "fem.mesh": ("build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
-    "fem.mesh_data": ("Mesh",),
-    "fem.solid": ("Solid", "build_solid", "solid_of"),
-    "fem.full": ("FullModel",),
+    "fem.mesh.mesh": ("build_mesh", "mesh_from_dolfinx", "mesh_from_gmsh_model"),
+    "fem.mesh.mesh_data": ("Mesh",),
+    "fem.solid.solid": ("Solid", "build_solid", "solid_of"),
+    "fem.full.full": ("FullModel",),
     "reduction.modes": ("component_modes",),
     "reduction.stages": ("choose", "differentiate", "enrich", "reduce"),
-    "online.model": ("ReducedModel",),
-    "online.archive": ("StoredModel", "load_model", "save_model"),
-    "online.matrices": ("ModelArrays", "model_arrays"),
-    "online.simulate": ("simulate",),
-    "online.motion": ("Motion",),
-    "online.history": ("History", "read_history"),
-    "online.measures": ("amplitudes", "contact_fractions"),
-    "post.record": ("Study",),
+    "online.model.model": ("ReducedModel",),
+    "online.store.archive": ("StoredModel", "load_model", "save_model"),
+    "online.model.matrices": ("ModelArrays", "model_arrays"),
+    "online.run.simulate": ("simulate",),
+    "online.motion.motion": ("Motion",),
+    "online.motion.history": ("History", "read_history"),
+    "online.motion.measures": ("amplitudes", "contact_fractions"),
+    "post.base.record": ("Study",),
     "study": ("build_model", "run"),
 }
 

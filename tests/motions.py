@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fenicsrom.online.motion import Motion
+from fenicsrom.online.motion.motion import Motion
 
 PERIOD = 0.25
 FRICTION, NORMAL_STIFFNESS, STIFFNESS = 0.5, 1e4, 2e4

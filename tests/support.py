@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.load_histories import LoadHistories, harmonic
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import ElasticPolynomial, elastic_polynomial, pairs
-from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.online.surfaces import Contacts, frame, planes
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.surfaces import Contacts, frame, planes
+from fenicsrom.online.model.loads import LoadHistories, harmonic
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial, pairs
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.reduction.strain_products import strain_products
 from fenicsrom.scene import Basis, Scene, Time, override_table, parse_scene
 
@@ -203,7 +203,7 @@ def make_solid(scene: Scene) -> Any:
     """Mesh and solid of a scene; `scene_of` gives the scene back."""
     from mpi4py import MPI
 
-    from fenicsrom.fem.solid import build_solid
+    from fenicsrom.fem.solid.solid import build_solid
 
     solid = build_solid(scene, MPI.COMM_WORLD)
     _SCENES[solid] = scene

@@ -16,9 +16,9 @@ from support import beam_scene, oscillator, random_model, random_polynomial, ref
 
 import fenicsrom
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.history import HISTORY_ARRAYS
-from fenicsrom.online.matrices import UNITS, full_tensors
-from fenicsrom.online.polynomial import elastic_force, elastic_polynomial
+from fenicsrom.online.model.matrices import UNITS, full_tensors
+from fenicsrom.online.model.polynomial import elastic_force, elastic_polynomial
+from fenicsrom.online.motion.history import HISTORY_ARRAYS
 from fenicsrom.reduction.strain_products import strain_products
 
 PACKAGE = Path(fenicsrom.__file__).parent
@@ -138,7 +138,7 @@ def test_model_arrays_of_a_linear_model_have_zero_tensors() -> None:
 
 
 def test_history_read_back_equals_the_motion(tmp_path: Path) -> None:
-    from fenicsrom.post.summary import write_history
+    from fenicsrom.post.run.summary import write_history
 
     _, scene, motion = oscillator()
     write_history(tmp_path / "history.npz", {"reduced": motion, "full": motion})
@@ -188,7 +188,7 @@ def test_history_that_is_damaged_is_refused(tmp_path: Path) -> None:
 def test_history_with_array_of_wrong_shape_or_content_is_refused(
     tmp_path: Path, change: dict[str, Any]
 ) -> None:
-    from fenicsrom.post.summary import write_history
+    from fenicsrom.post.run.summary import write_history
 
     _, _, motion = oscillator()
     path = write_history(tmp_path / "history.npz", {"reduced": motion})

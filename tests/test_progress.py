@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from fenicsrom.online.compilation import Compilations
+from fenicsrom.online.kernels.compilation import Compilations
 from fenicsrom.progress import duration, listening, tell, time_left, tracked
 from fenicsrom.study import stopwatch
 

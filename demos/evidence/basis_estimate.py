@@ -22,17 +22,17 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess import stability
-from fenicsrom.assess.estimates import basis_errors
-from fenicsrom.assess.random_cases import random_cases
-from fenicsrom.assess.scales import scales_of
-from fenicsrom.assess.true_errors import full_distances
-from fenicsrom.assess.verdicts import BASIS_ERROR
+from fenicsrom.assess.errors.estimates import basis_errors
+from fenicsrom.assess.errors.verdicts import BASIS_ERROR
+from fenicsrom.assess.full.true_errors import full_distances
+from fenicsrom.assess.studies import stability
+from fenicsrom.assess.studies.random_cases import random_cases
+from fenicsrom.assess.studies.scales import scales_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
-from fenicsrom.online.measures import has_settled
-from fenicsrom.online.simulate import simulate
-from fenicsrom.post.style import new_figure, styled
-from fenicsrom.post.writers import write_figure
+from fenicsrom.online.motion.measures import has_settled
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.writers import write_figure
 from fenicsrom.reduction.candidates import candidate_model
 
 DEMOS = Path(__file__).parents[1]

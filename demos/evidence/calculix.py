@@ -161,8 +161,8 @@ def compute(folder: Path) -> None:
     from unittest.mock import patch
 
     from fenicsrom import __version__
-    from fenicsrom.fem.deck import scene_deck
-    from fenicsrom.fem.formats.calculix import write_deck
+    from fenicsrom.exchange.calculix import write_deck
+    from fenicsrom.exchange.deck import scene_deck
 
     found: dict[str, Any] = {}
     for name, what, scene in cases(folder):
@@ -172,7 +172,7 @@ def compute(folder: Path) -> None:
         mesh = f"{len(deck.mesh.blocks[0].nodes)} {deck.element}"
         found[name] = {"what": what, "mesh": mesh, "ours": numbers(scene, printed)}
         if deck.element in ("C3D10", "CPE6"):
-            with patch("fenicsrom.fem.elasticity.quadrature_degree", lambda domain: 2):
+            with patch("fenicsrom.fem.body.elasticity.quadrature_degree", lambda domain: 2):
                 found[name]["degree 2"] = numbers(scene, printed)
         print(f"{name}: {mesh}", file=sys.stderr, flush=True)
     content = {"version": __version__, "cases": found}

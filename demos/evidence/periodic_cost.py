@@ -26,16 +26,16 @@ from typing import Any
 
 import numpy as np
 
-from fenicsrom.assess.response import response
-from fenicsrom.assess.response_problem import family_of, start_motion
-from fenicsrom.assess.verdicts import estimate_errors
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.continuation import follow
-from fenicsrom.online.curve import Curve
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.periodic import Shooting, hold_sliders, largest_multiplier
-from fenicsrom.online.simulate import simulate
-from fenicsrom.post.tables import text_table
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_problem import family_of, start_motion
+from fenicsrom.assess.errors.verdicts import estimate_errors
+from fenicsrom.online.curves.continuation import follow
+from fenicsrom.online.curves.curve import Curve
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.shooting import Shooting, hold_sliders, largest_multiplier
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.post.base.tables import text_table
 from fenicsrom.scene import read_scene
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.study import build_model

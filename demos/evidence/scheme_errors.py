@@ -2,7 +2,7 @@
 
 A model runs to its steady state by every scheme, with every number of steps per period and every
 tolerance. Each run is made and checked like a run of a user
-(`fenicsrom.assess.verdicts.rejection_reason`), and compared with a run of `REFERENCE` steps per
+(`fenicsrom.assess.errors.verdicts.rejection_reason`), and compared with a run of `REFERENCE` steps per
 period of the discrete gradient, which the other schemes confirm. Four relative errors are measured
 (`Errors`). The order p of error = c h^p is fitted to each of them over the short steps. Every
 scheme is of second order where the motion is smooth; a scheme keeps that order at contact events
@@ -26,17 +26,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.verdicts import rejection_reason
+from fenicsrom.assess.errors.verdicts import rejection_reason
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.measures import (
+from fenicsrom.online.motion.measures import (
     amplitude,
     difference,
     has_settled,
     interpolated,
     peak_normal_force,
 )
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import Scene
 from fenicsrom.scene.step_size import with_time
 

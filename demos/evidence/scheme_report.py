@@ -20,11 +20,11 @@ from scheme_errors import (
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.energy import ENERGY_ERROR
-from fenicsrom.post.html_page import write_report
-from fenicsrom.post.style import COLOURS, new_figure, styled
-from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_figure, write_rows, write_summary
+from fenicsrom.online.motion.energy import ENERGY_ERROR
+from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.writers import write_figure, write_rows, write_summary
 
 
 def _words(scheme: str) -> str:

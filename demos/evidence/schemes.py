@@ -18,7 +18,7 @@ from scheme_errors import Series, series
 from scheme_report import terminal, write
 from stability_matrix import CONTACT, KN, PAPER, SCENE, WALL
 
-from fenicsrom.assess.stability import WORKERS, build, in_processes, load, scene_of
+from fenicsrom.assess.studies.stability import WORKERS, build, in_processes, load, scene_of
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 
 STUDIED = {**PAPER, "impact on 1e5 N/m": (*WALL, f"{CONTACT}gap=0.1", f"{KN}=1e5")}

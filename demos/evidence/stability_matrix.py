@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.assess.stability import WORKERS, Case, Matrix, Verdict, load, run_all
-from fenicsrom.post.stability_report import sentences, write
+from fenicsrom.assess.studies.stability import WORKERS, Case, Matrix, Verdict, load, run_all
+from fenicsrom.post.studies.stability_report import sentences, write
 
 SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
 

@@ -37,9 +37,9 @@ print(count(200_000_000))
 """
 INTEGRATION = """
 import sys, time
-from fenicsrom.assess import verdicts
+from fenicsrom.assess.errors import verdicts
 from fenicsrom.cli import main
-from fenicsrom.online import simulate
+from fenicsrom.online.run import simulate
 seconds = 0.0
 def timed(function):
     def run(*arguments, **options):

@@ -11,13 +11,13 @@ from typing import Any
 
 from mpi4py import MPI
 
-from fenicsrom.assess.compare import Outcome, Workshop, compare_bases
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import solid_of
-from fenicsrom.online import measures
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.assess.studies.compare import Outcome, Workshop, compare_bases
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.online.motion import measures
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.beam import beam_structure
 from fenicsrom.scene import Scene, read_scene
 

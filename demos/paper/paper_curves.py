@@ -13,20 +13,20 @@ from matplotlib.lines import Line2D
 from paper_cases import Table, body, scene
 
 from fenicsrom.arrays import Array
-from fenicsrom.assess.full_points import add_full_points
-from fenicsrom.assess.response import response
-from fenicsrom.assess.response_results import Response, judged_multiplier
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.motion import Motion
-from fenicsrom.post.response_figures import (
+from fenicsrom.assess.curves.full_points import add_full_points
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_results import Response, judged_multiplier
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.curves.response_figures import (
     FULL_MARKER,
     INK,
     colour_of,
     draw_curves,
     legend_handles,
 )
-from fenicsrom.post.style import new_figure, styled
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
 

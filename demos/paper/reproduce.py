@@ -30,12 +30,12 @@ from paper_tables import (
     threshold_table,
 )
 
-from fenicsrom.fem.full import full_model
+from fenicsrom.fem.full.full import full_model
 from fenicsrom.files import atomic_write
-from fenicsrom.online.simulate import simulate
-from fenicsrom.post import figures
-from fenicsrom.post.style import COLOURS, line_styles, new_figure, styled
-from fenicsrom.post.writers import write_figure
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.post.base.style import COLOURS, line_styles, new_figure, styled
+from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.run import figures
 from fenicsrom.scene import scene_heading
 
 

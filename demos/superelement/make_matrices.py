@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from fenicsrom.online.exchange.op4 import write_op4
+from fenicsrom.exchange.op4 import write_op4
 from fenicsrom.reduction.timoshenko import TimoshenkoBeam, timoshenko
 from fenicsrom.scene import BeamSection, Material
 

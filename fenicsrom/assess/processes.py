@@ -23,7 +23,7 @@ from typing import Any
 from fenicsrom.errors import ConvergenceError
 
 POLL = 0.02  # s between two looks at the messages of the processes
-SERVER = "fenicsrom.assess.worker_server"  # module that the server process imports
+SERVER = "fenicsrom.assess.studies.worker_server"  # module that the server process imports
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Tell = Callable[[int, float, str], None]

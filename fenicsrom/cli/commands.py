@@ -40,8 +40,8 @@ def run(options: argparse.Namespace) -> int:
         return _rerun(options)
     require_scene(options)
     comm, say, scene = start(options)
-    from fenicsrom.post import motion_table, sentences
-    from fenicsrom.post.directions import direction_names
+    from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.run import motion_table, sentences
 
     resume = Path(options.resume) if options.resume else None
     with opened(options, scene, comm) as folder:
@@ -67,9 +67,9 @@ def _rerun(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     with importing():
-        from fenicsrom.online import archive, checkpoints
-        from fenicsrom.post import motion_table, sentences
-        from fenicsrom.post.directions import direction_names
+        from fenicsrom.online.store import archive, checkpoints
+        from fenicsrom.post.base.directions import direction_names
+        from fenicsrom.post.run import motion_table, sentences
 
     stored = archive.load_model(Path(options.stored))
     resume = Path(options.resume) if options.resume else None
@@ -112,7 +112,7 @@ def plan(options: argparse.Namespace) -> int:
                 f"the table [{command}] is for another command: fenicsrom {command} {options.scene}"
             )
     if options.picture is not None:
-        from fenicsrom.post.pictures import draw_pictures
+        from fenicsrom.post.run.pictures import draw_pictures
 
         path = Path(options.picture)
         require_lasting(path, "--picture")
@@ -132,7 +132,7 @@ def plan(options: argparse.Namespace) -> int:
 def modes(options: argparse.Namespace) -> int:
     """Compute modes and modal derivatives."""
     comm, say, scene = start(options, unloaded=True)
-    from fenicsrom.post import sentences
+    from fenicsrom.post.run import sentences
 
     with opened(options, scene, comm) as folder:
         found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
@@ -144,8 +144,8 @@ def modes(options: argparse.Namespace) -> int:
 def compare(options: argparse.Namespace) -> int:
     """Compare bases with the full model."""
     comm, say, scene = start(options)
-    from fenicsrom.assess import compare
-    from fenicsrom.post import compare_report
+    from fenicsrom.assess.studies import compare
+    from fenicsrom.post.studies import compare_report
 
     with opened(options, scene, comm) as folder:
         found = compare.compare(scene, comm, say)
@@ -158,9 +158,9 @@ def compare(options: argparse.Namespace) -> int:
 def campbell(options: argparse.Namespace) -> int:
     """Compute a Campbell diagram."""
     comm, say, scene = start(options, unloaded=True)
-    from fenicsrom.assess import campbell
-    from fenicsrom.post import campbell_report
-    from fenicsrom.post.body_pictures import setup_pictures
+    from fenicsrom.assess.rotation import campbell
+    from fenicsrom.post.run.body_pictures import setup_pictures
+    from fenicsrom.post.studies import campbell_report
 
     with opened(options, scene, comm) as folder:
         found = campbell.campbell(scene, comm, say)
@@ -186,7 +186,7 @@ def response(options: argparse.Namespace) -> int:
         "stop": is_terminated,
     }
     if options.stored:
-        from fenicsrom.online import archive
+        from fenicsrom.online.store import archive
 
         current = changed_model(options, archive.load_model(Path(options.stored)))
         with opened(options, current.scene) as folder:
@@ -202,7 +202,7 @@ def response(options: argparse.Namespace) -> int:
 def _end_of_curves(found: Any, comm: Any) -> int:
     """Print the response curves, and end as their computation did."""
     if found.curves and (comm is None or comm.rank == 0):
-        from fenicsrom.post import response_tables
+        from fenicsrom.post.curves import response_tables
 
         table = response_tables.terminal(found)
         varied = response_tables.varied_keys(found)
@@ -220,7 +220,7 @@ def backbone(options: argparse.Namespace) -> int:
         ConvergenceError: the mode or a peak was not found.
     """
     if options.stored:
-        from fenicsrom.online import archive
+        from fenicsrom.online.store import archive
 
         current = changed_model(options, archive.load_model(Path(options.stored)))
         with opened(options, current.scene) as folder:
@@ -237,7 +237,7 @@ def backbone(options: argparse.Namespace) -> int:
 def _end_of_mode(found: Any, comm: Any, folder: Path) -> int:
     """Write and print a nonlinear mode, and end as its computation did."""
     if found.points and (comm is None or comm.rank == 0):
-        from fenicsrom.post import backbone_report
+        from fenicsrom.post.curves import backbone_report
 
         files = backbone_report.write(found, folder)
         print_results(found.scene, backbone_report.terminal(found), found.warnings, files=files)
@@ -254,14 +254,14 @@ def statics(options: argparse.Namespace) -> int:
         ConvergenceError: the path was lost.
     """
     comm, say, scene = start(options)
-    from fenicsrom.assess.equilibrium_path import equilibrium_path, varied_loads
+    from fenicsrom.assess.curves.equilibrium_path import equilibrium_path, varied_loads
 
     varied_loads(scene)
     with opened(options, scene, comm) as folder:
         found = equilibrium_path(scene, comm, say, is_terminated)
         if found.points:
-            from fenicsrom.post import equilibrium_report
-            from fenicsrom.post.body_pictures import setup_pictures
+            from fenicsrom.post.curves import equilibrium_report
+            from fenicsrom.post.run.body_pictures import setup_pictures
 
             shapes = equilibrium_report.write_shapes(found, folder)
             setup = setup_pictures(found.body, scene)
@@ -292,9 +292,9 @@ def sweep(options: argparse.Namespace) -> int:
         start_server()
     comm = ranks()
     with importing():
-        from fenicsrom.assess.sweep_runs import FAILED
-        from fenicsrom.online import archive
-        from fenicsrom.post import sweep_report
+        from fenicsrom.assess.studies.sweep_runs import FAILED
+        from fenicsrom.online.store import archive
+        from fenicsrom.post.studies import sweep_report
 
     if options.stored:
         model = archive.load_model(Path(options.stored))
@@ -338,8 +338,8 @@ def stability(options: argparse.Namespace) -> int:
     Raises:
         SceneError: axes and random variants are asked for together.
     """
-    from fenicsrom.assess import stability
-    from fenicsrom.post import stability_report
+    from fenicsrom.assess.studies import stability
+    from fenicsrom.post.studies import stability_report
 
     if options.random and options.axis:
         raise SceneError(

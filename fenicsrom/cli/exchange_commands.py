@@ -16,9 +16,9 @@ def export(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the model or the scene cannot be read.
     """
-    from fenicsrom.online import archive
-    from fenicsrom.online.exchange.export import SUFFIXES
-    from fenicsrom.online.exchange.export import export as write
+    from fenicsrom.exchange.export import SUFFIXES
+    from fenicsrom.exchange.export import export as write
+    from fenicsrom.online.store import archive
 
     model = Path(options.model)
     is_model = model.suffix.lower() == ".npz"
@@ -43,8 +43,8 @@ def export(options: argparse.Namespace) -> int:
 
 def _export_scene(options: argparse.Namespace) -> int:
     """Write the CalculiX deck of a scene."""
-    from fenicsrom.fem.deck import scene_deck
-    from fenicsrom.fem.formats.calculix import write_deck
+    from fenicsrom.exchange.calculix import write_deck
+    from fenicsrom.exchange.deck import scene_deck
     from fenicsrom.scene import read_scene
 
     scene = read_scene(options.model, options.overrides, unloaded=True)
@@ -63,8 +63,8 @@ def import_matrices(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the matrices or the scene cannot be used.
     """
-    from fenicsrom.online import archive
-    from fenicsrom.online.exchange.superelement import read_matrices, superelement_model
+    from fenicsrom.exchange.superelement import read_matrices, superelement_model
+    from fenicsrom.online.store import archive
     from fenicsrom.scene.rules import counted
     from fenicsrom.scene.superelement import read_superelement_scene
 

@@ -18,8 +18,8 @@ def inspect(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the file cannot be read, or its mesh cannot be used.
     """
-    from fenicsrom.post import mesh_report
-    from fenicsrom.post.pictures import draw_pictures
+    from fenicsrom.post.run.pictures import draw_pictures
+    from fenicsrom.post.studies import mesh_report
 
     density = _positive(options.density, "--density")
     found = _inspect(options)
@@ -43,7 +43,7 @@ def init(options: argparse.Namespace) -> int:
         SceneError: the mesh cannot be used, or the scene file exists.
     """
     from fenicsrom.files import atomic_write
-    from fenicsrom.post.starter import starter_scene
+    from fenicsrom.post.studies.starter import starter_scene
 
     path = Path(options.output or f"{Path(options.mesh).stem}.toml")
     require_lasting(path)
@@ -61,7 +61,7 @@ def init(options: argparse.Namespace) -> int:
 
 def _inspect(options: argparse.Namespace) -> Any:
     """Read the mesh file of the options."""
-    from fenicsrom.fem.inspection import inspect
+    from fenicsrom.fem.mesh.inspection import inspect
 
     scale, size = _positive(options.scale, "--scale"), _positive(options.size, "--size")
     return inspect(Path(options.mesh), scale or 1.0, size)

@@ -27,8 +27,8 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
         SceneError: the folder holds another run, is in use, or would vanish with the container.
         OSError: the folder cannot be written.
     """
-    from fenicsrom.online.compilation import announced
-    from fenicsrom.online.stored_code import load_code_only
+    from fenicsrom.online.kernels.compilation import announced
+    from fenicsrom.online.kernels.stored_code import load_code_only
 
     load_code_only()
     folder = output_path(options)
@@ -53,7 +53,7 @@ def output_path(options: argparse.Namespace) -> Path:
     Raises:
         SceneError: a file has this name, or that of a folder that should hold it.
     """
-    from fenicsrom.post.origin import SCENE_FILE
+    from fenicsrom.post.base.origin import SCENE_FILE
 
     source = Path(options.scene or options.stored)
     own = source.resolve().parent.name if source.name == SCENE_FILE else ""
@@ -76,7 +76,7 @@ STATES = {"run": "checkpoint.npz", "response": "response_state", "sweep": "runs"
 
 def _origin(options: argparse.Namespace, folder: Path) -> Any:
     """How the command was started, and how it is repeated in its folder."""
-    from fenicsrom.post.origin import SCENE_FILE, Origin
+    from fenicsrom.post.base.origin import SCENE_FILE, Origin
 
     model = getattr(options, "stored", None)
     resume = getattr(options, "resume", None)
@@ -103,8 +103,8 @@ def _origin(options: argparse.Namespace, folder: Path) -> Any:
 
 def _continuation(options: argparse.Namespace, folder: Path) -> str:
     """Say how to go on after an interrupt."""
-    from fenicsrom.online.checkpoints import holds_motion
-    from fenicsrom.post.origin import MODEL
+    from fenicsrom.online.store.checkpoints import holds_motion
+    from fenicsrom.post.base.origin import MODEL
 
     state = STATES.get(options.name)
     if state is None or not (folder / state).exists():
@@ -135,7 +135,7 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
 
 def _is_of(options: argparse.Namespace, result: Path) -> bool:
     """Whether a result exists and the record beside it is one of this command."""
-    from fenicsrom.post.origin import read_record
+    from fenicsrom.post.base.origin import read_record
 
     record = read_record(result.parent) or {}
     own = record.get("command") == shlex.join(("fenicsrom", *options.arguments))

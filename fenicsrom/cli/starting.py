@@ -68,7 +68,7 @@ def start(options: argparse.Namespace, unloaded: bool = False) -> tuple[Any, Any
 
 def ranks() -> Any:
     """Give the communicator of all ranks; None where mpi4py is not installed."""
-    from fenicsrom.post.optional import missing_module
+    from fenicsrom.post.base.optional import missing_module
 
     if missing_module("mpi4py") is not None:
         return None

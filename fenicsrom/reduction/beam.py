@@ -16,14 +16,14 @@ from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.load_histories import LoadHistories
-from fenicsrom.online.newton import Correction, newton, small_against_load
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.pressure import PressurePolynomial, no_pressure
-from fenicsrom.online.support_motion import histories_of
-from fenicsrom.online.surfaces import frame
+from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.surfaces import frame
+from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.loads import LoadHistories
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
+from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.online.step.newton import Correction, newton, small_against_load
 from fenicsrom.reduction.damping import UNDAMPED, viscous_damping
 from fenicsrom.reduction.protocols import Inverse
 from fenicsrom.reduction.timoshenko import UNKNOWNS, TimoshenkoBeam, timoshenko

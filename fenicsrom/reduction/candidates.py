@@ -9,7 +9,7 @@ static deflections under the loads (attachment modes), those under the inertia f
 deflections, and combinations of the modal derivatives that the basis lacks, those of the next modes
 included. The projected force of the larger model contains the residual Wᵀ r of the full equations
 at every motion of the reduced model, as a polynomial, so that no mesh is needed to judge a stored
-model (`fenicsrom.assess.estimates.basis_errors`).
+model (`fenicsrom.assess.errors.estimates.basis_errors`).
 
 The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
 directions in which none of the next modes moves, such as the axis of a slender body. It is taken of
@@ -28,7 +28,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, SceneError
-from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, split
 from fenicsrom.reduction.modes import ComponentModes, component_modes

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.load_histories import OMEGA
+from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.reduction.protocols import Structure
 
 LOAD_SHARE = 0.05

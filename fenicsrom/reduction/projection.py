@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.load_histories import static_factors
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.pressure import PressurePolynomial
+from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.loads import static_factors
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.protocols import Structure
 

@@ -1,6 +1,6 @@
 """What the reduction needs of a structure, as types.
 
-`fenicsrom.fem.solid.Solid` (a mesh on dolfinx, possibly distributed) and
+`fenicsrom.fem.solid.solid.Solid` (a mesh on dolfinx, possibly distributed) and
 `fenicsrom.reduction.beam.BeamStructure` (dense matrices) satisfy `Structure`. The reduction knows
 no other interface, so it runs and is tested without dolfinx.
 
@@ -13,10 +13,10 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Protocol
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.load_histories import LoadHistories
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.pressure import PressurePolynomial
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.loads import LoadHistories
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.pressure import PressurePolynomial
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.families import frequency_family
-from fenicsrom.online.load_histories import OMEGA
-from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.periodic import settled_contacts
-from fenicsrom.online.simulate import checked_contacts
-from fenicsrom.online.state import Checkpoint
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.loads import OMEGA
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.periodic.shooting import settled_contacts
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.simulate import checked_contacts
+from fenicsrom.online.step.state import Checkpoint
 from fenicsrom.progress import tracked
 from fenicsrom.reduction.basis import build_basis
 from fenicsrom.reduction.modes import ComponentModes

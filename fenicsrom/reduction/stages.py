@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.model import ReducedModel
+from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.reduction.basis import ReducedBasis, build_basis
 from fenicsrom.reduction.derivatives import all_pairs, modal_derivatives
 from fenicsrom.reduction.modes import ComponentModes, component_modes

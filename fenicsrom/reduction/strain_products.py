@@ -4,7 +4,7 @@ With the displacement u = u₀ + Σ q_i φ_i the strain is a quadratic polynomia
 
     E = E₀ + q_i ε_i + ½ q_i q_j h_ij,    ε_i = sym(F₀ᵀ ∇φ_i),    h_ij = sym(∇φ_iᵀ ∇φ_j),    (1)
 
-and the polynomial of `fenicsrom.online.polynomial` needs all products
+and the polynomial of `fenicsrom.online.model.polynomial` needs all products
 
     ⟨x, y⟩ = ∫ λ tr x tr y + 2 μ x : y    (2)
 
@@ -24,8 +24,8 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.polynomial import pairs
-from fenicsrom.online.strain_columns import write_strains
+from fenicsrom.online.model.polynomial import pairs
+from fenicsrom.online.stress.strain_columns import write_strains
 
 Chunks = Iterable[tuple[Array, Array]]
 

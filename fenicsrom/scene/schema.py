@@ -75,7 +75,7 @@ class Surface:
             casing is at rest, so the rate is minus the rotation of the scene about this axis.
         waves: waves of a cylinder; each moves the surface towards the body by height cos(order
             (angle - spin t) - phase). The angle starts at the first tangent of
-            `fenicsrom.online.surfaces.frame` for the axis, in 2D at x.
+            `fenicsrom.online.contact.surfaces.frame` for the axis, in 2D at x.
     """
 
     kind: Annotated[str, choice("cylinder", "sphere")]

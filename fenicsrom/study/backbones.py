@@ -10,8 +10,8 @@ from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.backbone import Backbone
-    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.assess.curves.backbone import Backbone
+    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
 
@@ -40,10 +40,10 @@ def backbone(
         KeyboardInterrupt: `stop` returned True before the curve began.
         OSError: the model cannot be written.
     """
-    from fenicsrom.assess.backbone import check_backbone
-    from fenicsrom.online.archive import save_model
-    from fenicsrom.post.origin import MODEL
-    from fenicsrom.post.summary import stored_model
+    from fenicsrom.assess.curves.backbone import check_backbone
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.run.summary import stored_model
 
     check_backbone(scene)
     built = offline(scene, comm, Stopwatch(say), stop=stop, fresh=fresh)
@@ -62,7 +62,7 @@ def backbone_of_model(stored: StoredModel, say: Callable[[str], None] | None = N
         SceneError: the scene of the model cannot be used.
         ConvergenceError: the model has no equilibrium.
     """
-    from fenicsrom.assess.large_strains import equilibrium_warnings
+    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
 
     found = _followed(stored, say)
     found.warnings[:0] = equilibrium_warnings(stored.deformation)
@@ -71,7 +71,7 @@ def backbone_of_model(stored: StoredModel, say: Callable[[str], None] | None = N
 
 def _followed(stored: StoredModel, say: Callable[[str], None] | None) -> Backbone:
     """Compute the nonlinear mode of a stored model; arguments and errors as there."""
-    from fenicsrom.assess import backbone as modes
+    from fenicsrom.assess.curves import backbone as modes
 
     watch = Stopwatch(say)
     with watch("nonlinear mode"):

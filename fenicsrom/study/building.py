@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.base.record import Study
     from fenicsrom.reduction.modes import ComponentModes
 
 
 def mesh(run: Run) -> None:
     """Make or read the mesh, unless the caller gave one."""
-    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.mesh.mesh import build_mesh
 
     if run.mesh is None:
         run.mesh = build_mesh(run.study.scene.geometry, run.comm)
@@ -24,8 +24,8 @@ def solid(run: Run) -> None:
     """Assemble the solid, and solve for its static equilibrium if there are static loads."""
     import numpy as np
 
-    from fenicsrom.assess.large_strains import equilibrium_deformation, equilibrium_warnings
-    from fenicsrom.fem.solid import solid_of
+    from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equilibrium_warnings
+    from fenicsrom.fem.solid.solid import solid_of
 
     assert run.mesh is not None
     body = run.study.solid = solid_of(run.study.scene, run.mesh)

@@ -10,8 +10,8 @@ from fenicsrom.study.execution import offline
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.response_results import Response
-    from fenicsrom.online.archive import StoredModel
+    from fenicsrom.assess.curves.response_results import Response
+    from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.scene import Scene
 
 
@@ -38,7 +38,7 @@ def response(
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
-            `fenicsrom.assess.response.response`; with several ranks there are no processes.
+            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
         fresh: compute all offline results, also where the cache has them.
@@ -49,12 +49,12 @@ def response(
         KeyboardInterrupt: `stop` returned True before the curves began.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.response_files import check_folder
-    from fenicsrom.assess.response_problem import check_response
-    from fenicsrom.online.archive import save_model
-    from fenicsrom.post.origin import MODEL
-    from fenicsrom.post.response_report import write
-    from fenicsrom.post.summary import stored_model
+    from fenicsrom.assess.curves.response_files import check_folder
+    from fenicsrom.assess.curves.response_problem import check_response
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.curves.response_report import write
+    from fenicsrom.post.run.summary import stored_model
 
     check_response(scene)
     if resume is not None:
@@ -67,7 +67,7 @@ def response(
     found = _curves(stored, say, kept, resume, workers if ranks.size == 1 else 1, stop)
     found.warnings[:0] = built.warnings
     if found.table.full_values and not found.interrupted:
-        from fenicsrom.assess.full_points import add_full_points
+        from fenicsrom.assess.curves.full_points import add_full_points
 
         assert built.basis is not None
         watch = Stopwatch(say)
@@ -93,9 +93,9 @@ def response_of_model(
         SceneError: the scene of the model or the earlier state cannot be used.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.large_strains import equilibrium_warnings
-    from fenicsrom.assess.response_files import check_folder
-    from fenicsrom.post.response_report import write
+    from fenicsrom.assess.curves.response_files import check_folder
+    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.post.curves.response_report import write
 
     if resume is not None:
         check_folder(resume)
@@ -120,8 +120,8 @@ def _curves(
     stop: Callable[[], bool],
 ) -> Response:
     """Compute the response curves of a stored model; arguments as `response`."""
-    from fenicsrom.assess import response as curves
-    from fenicsrom.assess.trust import richer_model
+    from fenicsrom.assess.curves import response as curves
+    from fenicsrom.assess.curves.trust import richer_model
 
     watch = Stopwatch(say)
     with watch("response curves"):

@@ -15,10 +15,10 @@ from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 from fenicsrom.study.writing import keep_motion
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh_data import Mesh
-    from fenicsrom.online.archive import StoredModel
-    from fenicsrom.post.picture import Picture
-    from fenicsrom.post.record import Study
+    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.post.base.picture import Picture
+    from fenicsrom.post.base.record import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
 
@@ -60,7 +60,7 @@ def run(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.base.record import Study
 
     if resume is not None:
         _require_resumable(resume, scene)
@@ -93,7 +93,7 @@ def offline(
         stop: called between stages; the run ends when it returns True.
         fresh: compute all results, also where the cache has them.
     """
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.base.record import Study
 
     run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
@@ -117,9 +117,9 @@ def setup_picture(
     """
     from mpi4py import MPI
 
-    from fenicsrom.fem.mesh import build_mesh
-    from fenicsrom.fem.solid import UNDEFORMED, solid_of
-    from fenicsrom.post import body_pictures
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
+    from fenicsrom.post.run import body_pictures
 
     watch = Stopwatch(say)
     with watch("mesh"):
@@ -150,7 +150,7 @@ def build_model(
             projected, which needs the mesh.
         ConvergenceError, AccuracyError: a stage failed.
     """
-    from fenicsrom.post.summary import stored_model
+    from fenicsrom.post.run.summary import stored_model
 
     if scene.static_only:
         reason = "all loads are static, so there is no reduced model to integrate"
@@ -224,7 +224,7 @@ def _require_resumable(resume: Path, scene: Scene) -> None:
         SceneError: the file cannot be read, or belongs to another scene; or models of this scene
             have no checkpoints.
     """
-    from fenicsrom.online.checkpoints import check_checkpoint
+    from fenicsrom.online.store.checkpoints import check_checkpoint
 
     if _is_projected(scene):
         raise SceneError(

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
-    from fenicsrom.fem.solid import Solid
-    from fenicsrom.online.contact_points import ContactPoints
+    from fenicsrom.fem.solid.solid import Solid
+    from fenicsrom.online.contact.points import ContactPoints
 
 
 class LateSolid:
@@ -16,7 +16,7 @@ class LateSolid:
 
     Attributes:
         comm: the communicator.
-        free: see `fenicsrom.fem.solid.Solid`, as the other attributes.
+        free: see `fenicsrom.fem.solid.solid.Solid`, as the other attributes.
         loaded: see there.
         unstable: see there.
         equilibrium: see there.

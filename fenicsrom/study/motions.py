@@ -8,15 +8,15 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
-    from fenicsrom.post.record import Study
+    from fenicsrom.post.base.record import Study
 
 
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
-    from fenicsrom.online.measures import out_of_reach
-    from fenicsrom.online.motion import Motion
-    from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.sentences import motion_warnings
+    from fenicsrom.online.motion.measures import out_of_reach
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.run.simulate import simulate
+    from fenicsrom.post.run.sentences import motion_warnings
 
     study, scene = run.study, run.study.scene
     options = _checkpoints(run) if name == "reduced" else {}
@@ -48,14 +48,14 @@ def integrate(run: Run, name: str) -> None:
 
 def check_beam(study: Study) -> None:
     """Check that the 1D beam stands for the solid."""
-    from fenicsrom.assess import beam_check
+    from fenicsrom.assess.errors import beam_check
 
     beam_check.check_beam(study.solid, study.scene)
 
 
 def compare_modes(study: Study) -> None:
     """Compare the modes of the reduced model with those of the full model. Collective."""
-    from fenicsrom.assess.mode_agreement import mode_agreement
+    from fenicsrom.assess.errors.mode_agreement import mode_agreement
 
     assert study.basis is not None
     try:
@@ -67,8 +67,8 @@ def compare_modes(study: Study) -> None:
 def _model(study: Study, name: str) -> Any:
     """Make the model of this name."""
     if name == "full":
-        from fenicsrom.fem.full import full_model
-        from fenicsrom.online.contact_points import contacts_of
+        from fenicsrom.fem.full.full import full_model
+        from fenicsrom.online.contact.points import contacts_of
 
         return full_model(study.solid, contacts_of(study.scene, study.solid.points))
     if name == "beam":
@@ -85,11 +85,11 @@ def _checkpoints(run: Run) -> dict[str, Any]:
         SceneError: the checkpoint does not belong to this model and scene.
         OSError: a file cannot be written.
     """
-    from fenicsrom.online.archive import save_model
-    from fenicsrom.online.checkpoints import keeper, load_start
-    from fenicsrom.online.model import ReducedModel
-    from fenicsrom.post.origin import MODEL
-    from fenicsrom.post.summary import CHECKPOINT, stored_model
+    from fenicsrom.online.model.model import ReducedModel
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.online.store.checkpoints import keeper, load_start
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.run.summary import CHECKPOINT, stored_model
 
     study, model = run.study, run.study.model
     if not isinstance(model, ReducedModel):
@@ -107,8 +107,8 @@ def _checkpoints(run: Run) -> dict[str, Any]:
 
 def check(study: Study) -> None:
     """Estimate the errors of the motions; an error that is too large makes the study unfinished."""
-    from fenicsrom.assess.verdicts import estimate_errors
-    from fenicsrom.online.energy import check_energy
+    from fenicsrom.assess.errors.verdicts import estimate_errors
+    from fenicsrom.online.motion.energy import check_energy
 
     model = ""
     try:

@@ -25,7 +25,7 @@ from fenicsrom.study.offline_key import keys_of
 from fenicsrom.study.reasons import with_stresses
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid.solid import Solid
     from fenicsrom.scene import Scene
     from fenicsrom.study.stage import Run
 
@@ -173,8 +173,8 @@ def _modes_contents(run: Run) -> Contents:
 
 def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
     """Take the equilibrium and the modes into the record."""
-    from fenicsrom.online.contact_points import ContactPoints
-    from fenicsrom.online.deformation import Deformation
+    from fenicsrom.online.contact.points import ContactPoints
+    from fenicsrom.online.stress.deformation import Deformation
     from fenicsrom.reduction.load_vectors import LoadVectors
     from fenicsrom.reduction.modes import ComponentModes, ConstrainedInverse
 
@@ -217,8 +217,8 @@ def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
 
 def _model_contents(run: Run, warned: int) -> Contents:
     """The archive of the stages after the modes, which added warnings to the first ones."""
-    from fenicsrom.online.archive import model_contents
-    from fenicsrom.post.summary import stored_model
+    from fenicsrom.online.store.archive import model_contents
+    from fenicsrom.post.run.summary import stored_model
 
     study = run.study
     assert study.derivatives is not None and study.basis is not None
@@ -237,7 +237,7 @@ def _model_contents(run: Run, warned: int) -> Contents:
 
 def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
     """Take the results of the stages after the modes into the record."""
-    from fenicsrom.online.archive import model_of_contents
+    from fenicsrom.online.store.archive import model_of_contents
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.selection import Selection
     from fenicsrom.reduction.stages import Derivatives
@@ -276,7 +276,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     Raises:
         AccuracyError: the mesh has other nodes than the one of the results.
     """
-    from fenicsrom.fem.solid import KnownEquilibrium, solid_of
+    from fenicsrom.fem.solid.solid import KnownEquilibrium, solid_of
 
     user = f'the stage "{run.watch.stage}" needs the body' if run.watch.stage else "they are used"
     kept = "; the equilibrium is the earlier one" if run.study.solid.loaded else ""

@@ -14,7 +14,7 @@ from dataclasses import fields
 from typing import Any
 
 from fenicsrom.files import reads_other_files
-from fenicsrom.online.scene_changes import CONTACT_KEYS, SURFACE_KEYS
+from fenicsrom.online.store.scene_changes import CONTACT_KEYS, SURFACE_KEYS
 from fenicsrom.scene import Contact, Load, Scene, Surface, scene_table
 from fenicsrom.scene.excitation import highest_frequency
 from fenicsrom.scene.tables import plain
@@ -97,8 +97,8 @@ def keys_of(scene: Scene) -> tuple[str, str] | None:
 
 def _program() -> dict[str, str]:
     """The code of this package, the versions of the libraries, and the options of PETSc."""
-    from fenicsrom.assess.full_cache import PACKAGE, package_digest
-    from fenicsrom.online.provenance import provenance
+    from fenicsrom.assess.full.full_cache import PACKAGE, package_digest
+    from fenicsrom.online.store.provenance import provenance
 
     found = provenance(LIBRARIES)
     found["package"] = package_digest(PACKAGE)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.errors import ErrorKind, SceneError
 
 if TYPE_CHECKING:
-    from fenicsrom.post.origin import Origin
+    from fenicsrom.post.base.origin import Origin
     from fenicsrom.scene import Scene
 
 WAITING = ".earlier"  # folder of the files of the earlier run
@@ -79,7 +79,7 @@ def _held_folder(
 ) -> Iterator[None]:
     """`output_folder` on the first rank."""
     from fenicsrom.files import locked_folder
-    from fenicsrom.post.origin import SCENE_FILE, python_origin, read_record, write_origin
+    from fenicsrom.post.base.origin import SCENE_FILE, python_origin, read_record, write_origin
 
     place = folder.resolve()
     if place in _held:
@@ -135,7 +135,7 @@ def _recorded(
         continued: names of the results of the run that this one continues in its own folder.
         same: whether the earlier run is one of the same scene.
     """
-    from fenicsrom.post.origin import RECORD, SCENE_FILE, end_record, write_record
+    from fenicsrom.post.base.origin import RECORD, SCENE_FILE, end_record, write_record
 
     state = "complete"
     copies = [record[key].get("copy") for key in ("mesh", "model") if record[key]]
@@ -197,7 +197,7 @@ def _is_same_run(folder: Path, record: dict[str, Any], scene: Scene, origin: Ori
 
 def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
     """Whether the folder holds a run of the same scene and the same mesh file."""
-    from fenicsrom.post.origin import SCENE_FILE, checksum
+    from fenicsrom.post.base.origin import SCENE_FILE, checksum
     from fenicsrom.scene import scene_table
 
     try:
@@ -236,7 +236,7 @@ def _is_series(path: Path) -> bool:
 
 def _stamps(folder: Path) -> Stamps:
     """The entries of a folder that may be results, with marks that change when they are written."""
-    from fenicsrom.post.origin import RECORD
+    from fenicsrom.post.base.origin import RECORD
 
     found = {}
     for path in folder.iterdir():
@@ -249,7 +249,7 @@ def _stamps(folder: Path) -> Stamps:
 
 def _put_aside(folder: Path, names: list[str], kept: set[Path]) -> None:
     """Move the record and the results, but no input of the new run, into the waiting folder."""
-    from fenicsrom.post.origin import RECORD, SCENE_FILE
+    from fenicsrom.post.base.origin import RECORD, SCENE_FILE
 
     waiting = folder / WAITING
     if not waiting.exists():

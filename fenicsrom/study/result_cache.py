@@ -61,7 +61,7 @@ def cache_folder() -> Path | None:
                 source=given,
             )
         return Path(given)
-    from fenicsrom.assess.full_cache import cache_folder
+    from fenicsrom.assess.full.full_cache import cache_folder
 
     return cache_folder() / "offline"
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
-    from fenicsrom.fem.mesh_data import Mesh
-    from fenicsrom.post.record import Study
+    from fenicsrom.fem.mesh.mesh_data import Mesh
+    from fenicsrom.post.base.record import Study
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 

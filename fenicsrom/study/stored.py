@@ -10,12 +10,12 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stopwatch import Stopwatch, never, stop_where_asked
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.estimates import MotionErrors
-    from fenicsrom.online.archive import StoredModel
-    from fenicsrom.online.motion import Motion
-    from fenicsrom.online.state import Checkpoint
-    from fenicsrom.online.stress_peaks import Stresses
-    from fenicsrom.post.record import Rerun
+    from fenicsrom.assess.errors.estimates import MotionErrors
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.step.state import Checkpoint
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.stress.stress_peaks import Stresses
+    from fenicsrom.post.base.record import Rerun
     from fenicsrom.scene import Scene
 
 
@@ -44,11 +44,11 @@ def rerun(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.assess.large_strains import equilibrium_warnings
-    from fenicsrom.online.archive import SUPERELEMENT
-    from fenicsrom.online.checkpoints import load_start
-    from fenicsrom.post.record import Rerun
-    from fenicsrom.post.sentences import (
+    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.online.store.archive import SUPERELEMENT
+    from fenicsrom.online.store.checkpoints import load_start
+    from fenicsrom.post.base.record import Rerun
+    from fenicsrom.post.run.sentences import (
         UNJUDGED,
         UNJUDGED_MATRICES,
         motion_warnings,
@@ -84,8 +84,8 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
-    from fenicsrom.post.sentences import unchecked_sentence
-    from fenicsrom.post.summary import write_rerun_numbers
+    from fenicsrom.post.run.sentences import unchecked_sentence
+    from fenicsrom.post.run.summary import write_rerun_numbers
 
     try:
         stop_where_asked(stop)
@@ -104,8 +104,8 @@ def _check(
     stored: StoredModel, motion: Motion, errors: dict[str, MotionErrors]
 ) -> AccuracyError | ConvergenceError | None:
     """Write the estimated errors of a motion into `errors`; give the error that rejects it."""
-    from fenicsrom.assess.verdicts import estimate_errors
-    from fenicsrom.online.energy import check_energy
+    from fenicsrom.assess.errors.verdicts import estimate_errors
+    from fenicsrom.online.motion.energy import check_energy
 
     try:
         check_energy(motion)
@@ -119,8 +119,8 @@ def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
     """Find the stresses if the scene asks for them; warn if the model does not have them."""
-    from fenicsrom.assess.large_strains import state_warnings
-    from fenicsrom.online.stress_peaks import find_stresses
+    from fenicsrom.assess.errors.large_strains import state_warnings
+    from fenicsrom.online.stress.stress_peaks import find_stresses
 
     scene = stored.scene
     if scene.output.stresses == "none":
@@ -154,10 +154,10 @@ def _integrate(
     Returns:
         The motion, up to the failure if there was one, and the failure.
     """
-    from fenicsrom.online.checkpoints import keeper
-    from fenicsrom.online.motion import Motion
-    from fenicsrom.online.simulate import simulate
-    from fenicsrom.post.summary import CHECKPOINT
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.run.simulate import simulate
+    from fenicsrom.online.store.checkpoints import keeper
+    from fenicsrom.post.run.summary import CHECKPOINT
 
     if isinstance(begin, Motion):
         return begin, None
@@ -187,8 +187,8 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
     Raises:
         KeyboardInterrupt: `stop` returned True, or the run was interrupted.
     """
-    from fenicsrom.post.report import write_rerun_report
-    from fenicsrom.post.summary import write_checkpoint, write_rerun_numbers
+    from fenicsrom.post.run.report import write_rerun_report
+    from fenicsrom.post.run.summary import write_checkpoint, write_rerun_numbers
 
     stored = found.stored
     stop_where_asked(stop)
@@ -209,8 +209,8 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 
 def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     """Draw the motion and the stresses; give the titles and the files."""
-    from fenicsrom.post.directions import direction_names
-    from fenicsrom.post.pictures import (
+    from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.run.pictures import (
         draw_pictures,
         motion_pictures,
         working,

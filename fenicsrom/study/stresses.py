@@ -9,9 +9,9 @@ def tabulate(run: Run) -> None:
     """Tabulate the gradients of the basis vectors; of the normal modes if there is no basis."""
     import numpy as np
 
-    from fenicsrom.fem.reaction_rows import reaction_table
-    from fenicsrom.fem.stress_points import stress_table
-    from fenicsrom.online.recovery import Recovery
+    from fenicsrom.fem.body.stress_points import stress_table
+    from fenicsrom.fem.solid.reaction_rows import reaction_table
+    from fenicsrom.online.stress.recovery import Recovery
 
     study = run.study
     solid, scene = study.solid, study.scene
@@ -32,8 +32,8 @@ def evaluate(run: Run) -> None:
 
     import numpy as np
 
-    from fenicsrom.assess.large_strains import state_warnings
-    from fenicsrom.online.stress_peaks import find_stresses, modal_peaks
+    from fenicsrom.assess.errors.large_strains import state_warnings
+    from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks
 
     study = run.study
     assert study.recovery is not None

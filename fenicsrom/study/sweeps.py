@@ -18,7 +18,7 @@ from fenicsrom.scene.variations import Axis, combinations
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.sweep_runs import Sweep, SweepRun
+    from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
     from fenicsrom.scene import Scene
 
 MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
@@ -61,7 +61,7 @@ def sweep(
         SceneError: no run has a scene that can be used.
         OSError: a file cannot be read or written.
     """
-    from fenicsrom.assess.sweep_runs import Sweep, compute, failure, kept
+    from fenicsrom.assess.studies.sweep_runs import Sweep, compute, failure, kept
 
     begin = clock.perf_counter()
     first = comm is None or comm.rank == 0
@@ -81,7 +81,7 @@ def sweep(
         build = [(model, path, fresh) for path, model in models.items() if path in wanted]
         build = [job for job in build if not (resume and job[1].exists())]
         if build and comm is not None and comm.size > 1:
-            import fenicsrom.fem.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
+            import fenicsrom.fem.base.linalg  # noqa: F401 (PETSc and SLEPc start on all ranks together)
         failures = dict(
             zip((path for _, path, _ in build), jobs(_build, build, "model"), strict=False)
         )
@@ -98,7 +98,7 @@ def sweep(
     found.rows = [results.get(k, row) for k, row in enumerate(rows)]
     found.seconds = clock.perf_counter() - begin
     if first:
-        from fenicsrom.post.sweep_report import write
+        from fenicsrom.post.studies.sweep_report import write
 
         found.files = write(found, folder)
     return found
@@ -112,7 +112,7 @@ def _rows_and_scenes(
     Raises:
         SceneError: all scenes are wrong.
     """
-    from fenicsrom.assess.sweep_runs import failure
+    from fenicsrom.assess.studies.sweep_runs import failure
 
     rows: list[Row] = []
     scenes: dict[int, Scene] = {}
@@ -140,8 +140,8 @@ def _assign_models(
     rows: list[Row], scenes: dict[int, Scene], folder: Path, stored: Path | None
 ) -> tuple[list[SweepRun], dict[Path, Scene]]:
     """The runs with the files of their models, and the scenes of the models that must be built."""
-    from fenicsrom.assess.sweep_runs import SweepRun, digest_of, file_digest
-    from fenicsrom.online.scene_changes import changed_key
+    from fenicsrom.assess.studies.sweep_runs import SweepRun, digest_of, file_digest
+    from fenicsrom.online.store.scene_changes import changed_key
 
     models: dict[Path, Scene] = {}
     origins = {} if stored is None else {stored: file_digest(stored)}
@@ -166,7 +166,7 @@ def _build(job: tuple[Scene, Path, bool], report: Callable[[float, str], None]) 
     """Build the reduced model of a scene and write it; give the error if this fails."""
     from mpi4py import MPI
 
-    from fenicsrom.online.archive import save_model
+    from fenicsrom.online.store.archive import save_model
     from fenicsrom.study.execution import build_model
 
     (scene, path, fresh), failed = job, None

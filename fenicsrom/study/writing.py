@@ -19,7 +19,7 @@ def _output(run: Run) -> Path:
 
 def numbers(run: Run) -> None:
     """Write the summary, the history and the checkpoint."""
-    from fenicsrom.post.summary import write_numbers
+    from fenicsrom.post.run.summary import write_numbers
 
     if run.comm.rank == 0:
         run.study.files = [*write_numbers(run.study, _output(run)), *run.study.files]
@@ -27,9 +27,9 @@ def numbers(run: Run) -> None:
 
 def keep_motion(run: Run) -> None:
     """Write the numbers of a finished motion of an interrupted run; the checkpoint holds it all."""
-    from fenicsrom.online.model import ReducedModel
-    from fenicsrom.post.sentences import unchecked_sentence
-    from fenicsrom.post.summary import write_checkpoint, write_numbers
+    from fenicsrom.online.model.model import ReducedModel
+    from fenicsrom.post.run.sentences import unchecked_sentence
+    from fenicsrom.post.run.summary import write_checkpoint, write_numbers
 
     study, done = run.study, run.watch.seconds
     if run.folder is None or run.comm.rank or study.unfinished or "reduced" not in study.motions:
@@ -44,14 +44,14 @@ def keep_motion(run: Run) -> None:
 
 def paraview_modes(run: Run) -> None:
     """Write the shapes for ParaView."""
-    from fenicsrom.post.fields import write_shapes
+    from fenicsrom.post.paraview.fields import write_shapes
 
     run.study.files += write_shapes(run.study, _output(run))
 
 
 def paraview_motion(run: Run) -> None:
     """Write the last period of the reduced model for ParaView."""
-    from fenicsrom.post.fields import write_last_period
+    from fenicsrom.post.paraview.fields import write_last_period
 
     if "reduced" in run.study.motions:
         run.study.files += write_last_period(run.study, _output(run))
@@ -61,9 +61,9 @@ def paraview_scene(run: Run) -> None:
     """Write the groups and the rigid surfaces, and the file that opens all ParaView files."""
     import numpy as np
 
-    from fenicsrom.post.fields import frame_rows
-    from fenicsrom.post.paraview import write_groups, write_index
-    from fenicsrom.post.surface_mesh import write_surfaces
+    from fenicsrom.post.body.surface_mesh import write_surfaces
+    from fenicsrom.post.paraview.fields import frame_rows
+    from fenicsrom.post.paraview.paraview import write_groups, write_index
 
     study, folder = run.study, _output(run)
     study.files += write_groups(study.solid, folder)
@@ -82,14 +82,14 @@ def paraview_scene(run: Run) -> None:
 
 def pictures(run: Run) -> None:
     """Draw the motions and the shapes."""
-    from fenicsrom.post.pictures import write_pictures
+    from fenicsrom.post.run.pictures import write_pictures
 
     run.study.pictures += write_pictures(run.study, _output(run))
 
 
 def stress_picture(run: Run) -> None:
     """Draw the largest von Mises stress."""
-    from fenicsrom.post.pictures import write_stress_picture
+    from fenicsrom.post.run.pictures import write_stress_picture
 
     study = run.study
     if run.comm.rank == 0 and study.stresses is not None:
@@ -101,7 +101,7 @@ def stress_picture(run: Run) -> None:
 
 def animation(run: Run) -> None:
     """Animate the last period of the reduced model."""
-    from fenicsrom.post.pictures import write_animation
+    from fenicsrom.post.run.pictures import write_animation
 
     if "reduced" in run.study.motions:
         run.study.pictures += write_animation(run.study, _output(run))
@@ -109,9 +109,9 @@ def animation(run: Run) -> None:
 
 def report(run: Run) -> None:
     """Write the report, and the summary again if there are new warnings about the pictures."""
-    from fenicsrom.post.report import write_study_report
-    from fenicsrom.post.summary import SUMMARY, summary
-    from fenicsrom.post.writers import write_summary
+    from fenicsrom.post.base.writers import write_summary
+    from fenicsrom.post.run.report import write_study_report
+    from fenicsrom.post.run.summary import SUMMARY, summary
 
     if run.comm.rank == 0:
         study, folder = run.study, _output(run)

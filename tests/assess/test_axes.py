@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model
 
-from fenicsrom.assess.axes import AXES, Case, cases_of
-from fenicsrom.assess.scales import Scales, buckling_preload, scales_of
-from fenicsrom.assess.stability import build
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of
+from fenicsrom.assess.studies.scales import Scales, buckling_preload, scales_of
+from fenicsrom.assess.studies.stability import build
 from fenicsrom.scene import Scene
 
 EULER = np.pi**2 * 207e9 * 0.0254**4 / 12.0 / (4.0 * 2.54**2)  # N, clamped and free

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from support import beam_scene, loaded_duffing, unexplained
 
-from fenicsrom.assess import backbone as module
-from fenicsrom.assess.backbone import backbone, check_backbone
+from fenicsrom.assess.curves import backbone as module
+from fenicsrom.assess.curves.backbone import backbone, check_backbone
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, save_model
-from fenicsrom.online.simulate import load_histories
-from fenicsrom.post.backbone_report import rows
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel, save_model
+from fenicsrom.post.curves.backbone_report import rows
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 DAMPING, CUBIC, FORCE, LAST = 0.02, 0.1, 0.02, 3.0
@@ -106,7 +106,7 @@ def test_forced_peaks_lie_on_the_backbone() -> None:
 
 def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """The amplitude does not fall to a thousandth within the range of the search."""
-    monkeypatch.setattr("fenicsrom.online.forced_peak.FALLEN", 1e-3)
+    monkeypatch.setattr("fenicsrom.online.curves.forced_peak.FALLEN", 1e-3)
     found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
     assert found.peaks[0].ends == ("end of the range", "end of the range")
     assert len(found.warnings) == 1 and found.unfinished is None
@@ -114,7 +114,7 @@ def test_peak_says_that_its_search_ended_early(monkeypatch: pytest.MonkeyPatch) 
 
 def test_search_without_a_peak_says_how_it_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """The range of the search is too narrow to hold the peak of a motion that hardens."""
-    monkeypatch.setattr("fenicsrom.online.forced_peak.WINDOW", 1.001)
+    monkeypatch.setattr("fenicsrom.online.curves.forced_peak.WINDOW", 1.001)
     found = backbone(oscillator("backbone.load_factors=[1.0]"), ignore)
     assert found.unfinished is not None and not found.peaks
     assert "end of the range" in str(found.unfinished)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fenicsrom.assess.campbell import _warnings
-from fenicsrom.post.campbell_report import five_digits
+from fenicsrom.assess.rotation.campbell import _warnings
+from fenicsrom.post.studies.campbell_report import five_digits
 
 
 def test_mode_that_keeps_little_of_its_shape_gets_a_remark() -> None:

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from support import STOCKY, beam_scene, contact_points, make_solid
 
-from fenicsrom.assess import agreement, compare, full_cache, residual
-from fenicsrom.assess.compare import Combination, Comparison, Outcome
+from fenicsrom.assess.errors import agreement, residual
+from fenicsrom.assess.full import full_cache
+from fenicsrom.assess.studies import compare
+from fenicsrom.assess.studies.compare import Combination, Comparison, Outcome
 from fenicsrom.errors import SceneError
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.scene import parse_scene, read_scene, scene_table
 
 PERIOD = 0.5
@@ -186,7 +188,7 @@ QUICK = (
 @pytest.mark.parametrize("kind", ["solid", "beam"])
 def test_identity_basis_has_no_residual(scheme, kind):
     pytest.importorskip("dolfinx")
-    from fenicsrom.fem.full import full_model
+    from fenicsrom.fem.full.full import full_model
     from fenicsrom.reduction.beam import beam_structure
 
     section = {"length": 1.0, "height": 0.2, "width": 0.0254, "elements": 4, "load_at": 0.5}
@@ -214,7 +216,7 @@ def test_identity_basis_has_no_residual(scheme, kind):
 def test_indicator_of_body_at_rest_is_root_mean_square_of_sine():
     """The residual is the harmonic load of 2 N; the static load is balanced and does not count."""
     pytest.importorskip("dolfinx")
-    from fenicsrom.fem.full import full_model
+    from fenicsrom.fem.full.full import full_model
 
     load = {"group": "load", "at": "centre", "direction": [0.0, 1.0]}
     scene = beam_scene(
@@ -234,7 +236,7 @@ def test_indicator_of_body_at_rest_is_root_mean_square_of_sine():
 @pytest.mark.parametrize("scheme", ["discrete-gradient", "average-acceleration"])
 def test_run_started_from_a_motion_continues_it(scheme):
     pytest.importorskip("dolfinx")
-    from fenicsrom.fem.full import full_model
+    from fenicsrom.fem.full.full import full_model
     from fenicsrom.reduction.beam import beam_structure
 
     section = {"length": 2.54, "height": 0.0254, "width": 0.0254, "elements": 10, "load_at": 0.7}
@@ -402,8 +404,8 @@ def handmade(**changes):
 
 def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
     """The scene of a round surface gives no normal."""
-    from fenicsrom.post.compare_figures import pareto_figure
-    from fenicsrom.post.compare_report import error_heads
+    from fenicsrom.post.studies.compare_figures import pareto_figure
+    from fenicsrom.post.studies.compare_report import error_heads
 
     found = replace(handmade(), points=contact_points([0.0, 1.0], [0.0, -1.0]))
     heads = error_heads(found)
@@ -414,7 +416,7 @@ def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
 
 
 def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
-    from fenicsrom.post.compare_report import terminal, write_comparison
+    from fenicsrom.post.studies.compare_report import terminal, write_comparison
 
     found = handmade()
     files = write_comparison(found, tmp_path)
@@ -445,7 +447,7 @@ def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
 
 
 def test_comparison_without_full_model_has_no_pictures(tmp_path):
-    from fenicsrom.post.compare_report import write_comparison
+    from fenicsrom.post.studies.compare_report import write_comparison
 
     found = handmade(full=None, full_run={})
     for outcome in found.outcomes:

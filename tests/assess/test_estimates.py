@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from support import beam_scene, first, linear_model
 
-from fenicsrom.assess import estimates, verdicts
+from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online.measures import amplitude, has_settled, is_unsteady
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import ElasticPolynomial, pairs
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+from fenicsrom.online.motion.measures import amplitude, has_settled, is_unsteady
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
 

@@ -12,18 +12,18 @@ from support import beam_scene, enriched, make_solid
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.assess.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
+from fenicsrom.assess.full.full_periodic import FullPeriodicMotion, _Problem, full_periodic_motion
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.fem.full import FullModel
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.march import integrate
-from fenicsrom.online.periodic import (
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.periodic.shooting import (
     PeriodicMotion,
     Shooting,
     periodic_motion,
     settled_contacts,
 )
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Scene
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fenicsrom.assess.large_strains import strain_warnings
-from fenicsrom.online.deformation import Deformation
+from fenicsrom.assess.errors.large_strains import strain_warnings
+from fenicsrom.online.stress.deformation import Deformation
 
 
 def state(volume_ratio: float, smallest: float) -> Deformation:

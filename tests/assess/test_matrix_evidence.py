@@ -10,8 +10,8 @@ import pytest
 import stability_matrix
 from stability_matrix import AXES, SCENE
 
-from fenicsrom.assess import stability
-from fenicsrom.assess.stability import Case, Finding, Verdict
+from fenicsrom.assess.studies import stability
+from fenicsrom.assess.studies.stability import Case, Finding, Verdict
 
 CONVERGED, REFUSED = Verdict.CONVERGED, Verdict.REFUSED
 

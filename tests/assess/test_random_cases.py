@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support import beam_scene, refusal
 
-from fenicsrom.assess import stability
-from fenicsrom.assess.random_cases import KINDS, MOST_MODES, random_cases
-from fenicsrom.assess.scales import Scales
+from fenicsrom.assess.studies import stability
+from fenicsrom.assess.studies.random_cases import KINDS, MOST_MODES, random_cases
+from fenicsrom.assess.studies.scales import Scales
 from fenicsrom.cli.commands import stability as command
 from fenicsrom.cli.parser import make_parser
 from fenicsrom.errors import ErrorKind

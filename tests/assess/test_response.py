@@ -13,15 +13,15 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, loaded_duffing
 
-from fenicsrom.assess.response import response
-from fenicsrom.assess.response_problem import check_response, family_of
-from fenicsrom.assess.response_results import Response, judged_multiplier
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_problem import check_response, family_of
+from fenicsrom.assess.curves.response_results import Response, judged_multiplier
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, save_model
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.simulate import load_histories
-from fenicsrom.post.response_figures import in_order, stretches
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel, save_model
+from fenicsrom.post.curves.response_figures import in_order, stretches
 from fenicsrom.scene import Scene
 
 DAMPING, CUBIC, FORCE = 0.02, 0.1, 0.02
@@ -120,7 +120,7 @@ def test_force_curve_with_families_passes_the_same_motions(found: Response) -> N
 
 
 def test_interrupt_keeps_the_part_that_is_done() -> None:
-    from fenicsrom.assess import curve_progress as module
+    from fenicsrom.assess.curves import curve_progress as module
 
     lines: list[str] = []
 
@@ -310,7 +310,7 @@ def test_scene_without_the_table_is_refused(tmp_path: Path) -> None:
 def test_lost_curve_says_where_and_exits_1(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    from fenicsrom.online.continuation import Continuation
+    from fenicsrom.online.curves.continuation import Continuation
 
     true = Continuation.values
 
@@ -349,7 +349,7 @@ def test_range_from_above_gives_the_same_curve(found: Response) -> None:
 def test_start_without_a_motion_exits_1(
     model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fenicsrom.assess import response_problem as module
+    from fenicsrom.assess.curves import response_problem as module
     from fenicsrom.errors import ConvergenceError
 
     def lost(*arguments: Any, **options: Any) -> None:

@@ -13,21 +13,21 @@ import numpy as np
 import pytest
 from test_response import HIGH, fold_frequencies, ignore, oscillator, scene_with
 
-from fenicsrom.assess import branches, trust
-from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response import response
-from fenicsrom.assess.response_results import Response, ResponseCurve
-from fenicsrom.assess.stability_search import EXTRA
-from fenicsrom.assess.trust import BETWEEN, SPREAD, richer_model, spread
-from fenicsrom.assess.verdicts import TIME_ERROR, in_percent
+from fenicsrom.assess.curves import branches, trust
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.assess.curves.stability_search import EXTRA
+from fenicsrom.assess.curves.trust import BETWEEN, SPREAD, richer_model, spread
+from fenicsrom.assess.errors.verdicts import TIME_ERROR, in_percent
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, load_model, save_model
-from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.model import reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.post.response_rows import summary
-from fenicsrom.post.response_tables import sentences
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.post.curves.response_rows import summary
+from fenicsrom.post.curves.response_tables import sentences
 
 # a range with three motions at its first frequency: a march from rest finds the lower one
 INSIDE = float(np.mean(fold_frequencies()))

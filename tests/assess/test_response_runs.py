@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 from test_response import DAMPING, HIGH, LOW, ignore, oscillator
 
-from fenicsrom.assess import curve_progress
-from fenicsrom.assess.curve_progress import CurveProgress
-from fenicsrom.assess.response import CLASSES, response
-from fenicsrom.assess.response_files import curve_file
-from fenicsrom.assess.response_results import Response
+from fenicsrom.assess.curves import curve_progress
+from fenicsrom.assess.curves.curve_progress import CurveProgress
+from fenicsrom.assess.curves.response import CLASSES, response
+from fenicsrom.assess.curves.response_files import curve_file
+from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, save_model
-from fenicsrom.online.curve import CurvePoint
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.store.archive import StoredModel, save_model
 
 FAMILY = f'response.families={{key="material.mass_damping", values=[{DAMPING}, {2 * DAMPING}]}}'
 
@@ -216,7 +216,7 @@ def test_signal_ends_all_processes_with_files_and_state(
 def test_curve_that_is_not_found_is_listed_and_the_others_are_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fenicsrom.assess import response_pieces as module
+    from fenicsrom.assess.curves import response_pieces as module
     from fenicsrom.errors import ConvergenceError
 
     start = module.start_motion
@@ -252,7 +252,7 @@ def test_progress_tells_the_fraction_and_the_time_left(monkeypatch: pytest.Monke
 def test_picture_that_fails_becomes_a_warning_after_the_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    from fenicsrom.post import response_report
+    from fenicsrom.post.curves import response_report
 
     def broken(found: Response) -> None:
         raise ValueError("no axes")
@@ -286,7 +286,7 @@ def test_resume_option_continues_the_state_of_the_output_folder(
 
 
 def test_motions_at_marked_points_repeat_and_have_the_amplitude(tmp_path: Path) -> None:
-    from fenicsrom.post.response_motion import marked_motions, write_motion_arrays
+    from fenicsrom.post.curves.response_motion import marked_motions, write_motion_arrays
 
     stored = oscillator()
     found = response(stored, ignore)

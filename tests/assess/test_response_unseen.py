@@ -10,15 +10,15 @@ from support import beam_scene, excited_stiffness
 from test_response import ignore
 from test_response_runs import assert_same, interrupted
 
-from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response import response
-from fenicsrom.assess.response_problem import family_of
-from fenicsrom.assess.trust import checks, contradictions
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.bifurcations import outside
-from fenicsrom.online.continuation import Continuation
-from fenicsrom.online.periodic import Shooting
-from fenicsrom.online.simulate import load_histories
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.response import response
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.assess.curves.trust import checks, contradictions
+from fenicsrom.online.curves.bifurcations import outside
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.periodic.shooting import Shooting
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import read_scene
 
 

@@ -15,9 +15,9 @@ from scheme_errors import SCHEMES, Errors, Run, Series
 from support import oscillator
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.motion.measures import amplitude
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
 
 STEPS = (6, 100, 200, 400)
 

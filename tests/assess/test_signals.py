@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from motions import PERIOD, jenkins, motion
 
-from fenicsrom.assess import signals
+from fenicsrom.assess.errors import signals
 
 
 def test_spectrum_shows_amplitude_and_frequency_of_sines():

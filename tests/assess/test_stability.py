@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 from support import beam_scene, oscillator, refusal
 
-from fenicsrom.assess import estimates, stability
-from fenicsrom.assess.stability import Case, Finding, Matrix, Verdict
+from fenicsrom.assess.errors import estimates
+from fenicsrom.assess.studies import stability
+from fenicsrom.assess.studies.stability import Case, Finding, Matrix, Verdict
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online import measures, simulate
-from fenicsrom.online.motion import Motion
-from fenicsrom.post import stability_report
+from fenicsrom.online.motion import measures
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run import simulate
+from fenicsrom.post.studies import stability_report
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
@@ -182,7 +184,7 @@ def test_command_runs_chosen_axes_and_names_those_left_out(
 ) -> None:
     """In two processes; exit code 1 as soon as one run is silently wrong."""
     pytest.importorskip("dolfinx")
-    from fenicsrom.assess import axes
+    from fenicsrom.assess.studies import axes
     from fenicsrom.cli import main
 
     few = {"0": ("contacts.0.friction=0.0",), "at the clamp": ("contacts.0.group='root'",)}

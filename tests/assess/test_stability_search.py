@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.stability_search import EXTRA, SHORTEST, divide_gaps
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.stability_search import EXTRA, SHORTEST, divide_gaps
 
 
 def motion(parameter: float, stable: bool = True) -> Any:

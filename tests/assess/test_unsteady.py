@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from support import beam_scene, uncoupled
 
-from fenicsrom.assess import unsteady
-from fenicsrom.assess.unsteady import why_unsteady
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.state import PeriodicSearch
+from fenicsrom.assess.curves import unsteady
+from fenicsrom.assess.curves.unsteady import why_unsteady
+from fenicsrom.online.motion.measures import amplitude
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.step.state import PeriodicSearch
 
 NOT_FOUND = PeriodicSearch(
     verdict="not found",

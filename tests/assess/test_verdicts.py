@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from support import beam_scene, linear_model, oscillator
 
-from fenicsrom.assess import estimates, verdicts
+from fenicsrom.assess.errors import estimates, verdicts
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.online import measures, simulate
-from fenicsrom.online.motion import Motion
-from fenicsrom.post.record import Study
+from fenicsrom.online.motion import measures
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run import simulate
+from fenicsrom.post.base.record import Study
 from fenicsrom.study import check
 
 

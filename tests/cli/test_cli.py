@@ -16,7 +16,7 @@ from motions import RESPONSE_KEYS
 
 from fenicsrom import study
 from fenicsrom.cli import main
-from fenicsrom.post.origin import checksum
+from fenicsrom.post.base.origin import checksum
 
 DEMOS = Path(__file__).parents[2] / "demos"
 SCENE = DEMOS / "slip_liftoff_2d.toml"
@@ -294,7 +294,7 @@ def test_output_that_vanishes_with_the_container_is_refused(tmp_path, capsys, mo
 def test_plan_draws_the_setup_without_an_equilibrium(tmp_path, capsys, monkeypatch):
     from matplotlib.image import imread
 
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid.solid import Solid
 
     monkeypatch.setattr(Solid, "_find_equilibrium", None)
     path = tmp_path / "plan.png"
@@ -385,7 +385,7 @@ def test_interrupted_run_says_how_to_continue(tmp_path, capsys, monkeypatch):
 
 
 def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeypatch):
-    from fenicsrom.post import pictures
+    from fenicsrom.post.run import pictures
 
     def broken(*_, **__):
         raise ValueError("no axes")
@@ -402,7 +402,7 @@ def test_picture_that_fails_becomes_a_warning(results, tmp_path, capsys, monkeyp
 @pytest.mark.parametrize("stage", ["pictures", "report"])
 def test_run_that_fails_at_pictures_keeps_numbers(tmp_path, monkeypatch, stage):
     """The numbers are complete before the first picture is drawn."""
-    from fenicsrom.post import pictures, report
+    from fenicsrom.post.run import pictures, report
 
     def full(*_):
         raise OSError(28, "No space left on device", "a picture")
@@ -504,7 +504,7 @@ def test_missing_scene_file_is_refused(capsys):
 
 def test_failed_integration_keeps_motion_and_exits_1(tmp_path, capsys, monkeypatch):
     """Exit code 1, a sentence that says when and where, and the history up to there."""
-    from fenicsrom.online import step as integrate
+    from fenicsrom.online.step import step as integrate
 
     monkeypatch.setattr(
         integrate, "NEWTON_ITERATIONS", 0

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 from support import beam_scene, random_model
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, load_model, save_model
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene.paths import shared_meshes
 
 
@@ -315,7 +315,7 @@ answers = os.fdopen(os.dup(1), "w")
 os.dup2(2, 1)
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.scene import Geometry
 resource.setrlimit(resource.RLIMIT_AS, (2**33, resource.RLIM_INFINITY))
 for line in sys.stdin:

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.solid import build_solid
-from fenicsrom.online.measures import amplitudes, contact_fractions, errors_percent
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.solid.solid import build_solid
+from fenicsrom.online.motion.measures import amplitudes, contact_fractions, errors_percent
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction import beam, stages
 from fenicsrom.scene import read_scene
 

@@ -12,9 +12,9 @@ from fenicsrom.errors import ErrorKind
 
 pytest.importorskip("gmsh")
 from fenicsrom.cli import main
-from fenicsrom.fem.inspection import inspect
-from fenicsrom.post import mesh_report
-from fenicsrom.post.starter import starter_scene
+from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.post.studies import mesh_report
+from fenicsrom.post.studies.starter import starter_scene
 from fenicsrom.scene import parse_scene
 from fenicsrom.scene.paths import shared_meshes
 

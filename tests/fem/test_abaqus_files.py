@@ -9,8 +9,8 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.formats import MeshFile, read
-from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.formats import MeshFile, read
+from fenicsrom.formats.shapes import SHAPES
 
 NODES = """*HEADING
 Two cubes

@@ -24,8 +24,8 @@ from support import (
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.full import full_model
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Basis

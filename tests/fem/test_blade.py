@@ -29,20 +29,20 @@ pytest.importorskip("dolfinx")
 import ufl
 from dolfinx import fem
 
-from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import StoredModel, changed_key, load_model, save_model
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.equilibrium import _Statics
-from fenicsrom.online.measures import (
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.motion.measures import (
     amplitude,
     out_of_reach,
     peak_normal_force,
     peak_total_normal_force,
 )
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import simulate
-from fenicsrom.post.record import Study
-from fenicsrom.post.summary import stored_model
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.step.equilibrium import _Statics
+from fenicsrom.online.store.archive import StoredModel, changed_key, load_model, save_model
+from fenicsrom.post.base.record import Study
+from fenicsrom.post.run.summary import stored_model
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction

@@ -16,8 +16,8 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.fem.linalg import Factorisation, negative_eigenvalues
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.fem.base.linalg import Factorisation, negative_eigenvalues
+from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.scene import make_scene, read_scene
 
 LENGTH, EULER = 2.54, np.pi**2 * 207e9 * 0.0254**4 / 12 / (4 * 2.54**2)  # m, N

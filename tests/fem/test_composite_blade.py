@@ -12,9 +12,9 @@ pytest.importorskip("dolfinx")
 
 from support import make_solid, scene_of
 
-from fenicsrom.fem.full import FullModel
-from fenicsrom.online.measures import amplitude, peak_normal_force
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.online.motion.measures import amplitude, peak_normal_force
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import read_scene
 

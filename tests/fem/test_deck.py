@@ -14,11 +14,11 @@ pytest.importorskip("dolfinx")
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.deck import scene_deck
-from fenicsrom.fem.formats import read
-from fenicsrom.fem.formats.abaqus_keywords import Keyword, read_keywords
-from fenicsrom.fem.formats.calculix import FIELD, Deck, write_deck
-from fenicsrom.fem.formats.shapes import SHAPES, facet_nodes
+from fenicsrom.exchange.calculix import FIELD, Deck, write_deck
+from fenicsrom.exchange.deck import scene_deck
+from fenicsrom.formats import read
+from fenicsrom.formats.abaqus_keywords import Keyword, read_keywords
+from fenicsrom.formats.shapes import SHAPES, facet_nodes
 from fenicsrom.scene import Geometry, Scene
 
 SHORT = ("geometry.parameters.length=0.5", "geometry.parameters.elements_along=3")
@@ -82,7 +82,7 @@ def test_deck_is_read_back_with_its_mesh_and_groups(
 def test_deck_is_a_mesh_of_a_scene_with_the_same_facets(tmp_path: Path) -> None:
     from mpi4py import MPI
 
-    from fenicsrom.fem.mesh import build_mesh
+    from fenicsrom.fem.mesh.mesh import build_mesh
 
     scene = scene_of(3, "geometry.cells='simplex'")
     write_deck(tmp_path / "deck.inp", scene_deck(scene))

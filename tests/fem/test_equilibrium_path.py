@@ -14,11 +14,11 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.assess import equilibrium_path as paths
-from fenicsrom.assess.equilibrium_path import EquilibriumPath, equilibrium_path
+from fenicsrom.assess.curves import equilibrium_path as paths
+from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath, equilibrium_path
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.fem.equilibrium_path import PathPoint
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.fem.paths.equilibrium_path import PathPoint
+from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.scene import Scene, make_scene, read_scene
 
 YOUNG, LENGTH, HEIGHT, DEPTH = 1e6, 1.0, 1.0, 0.1
@@ -356,7 +356,7 @@ def test_interrupted_path_keeps_its_points(tmp_path: Path) -> None:
 
 
 def test_lost_path_says_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from fenicsrom.fem.equilibrium_path import PathFollower
+    from fenicsrom.fem.paths.equilibrium_path import PathFollower
 
     whole = PathFollower._next
 
@@ -374,7 +374,7 @@ TWO_RANKS = """\
 import sys
 import numpy as np
 from mpi4py import MPI
-from fenicsrom.assess.equilibrium_path import equilibrium_path
+from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
 from fenicsrom.scene import read_scene
 scene = read_scene(sys.argv[1], sys.argv[3:])
 found = equilibrium_path(scene, MPI.COMM_WORLD, lambda line: None)

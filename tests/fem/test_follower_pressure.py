@@ -30,11 +30,11 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.fem.flutter import _coupled_squares
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.solid import KnownEquilibrium, build_solid, solid_of
-from fenicsrom.online.pressure import unit_force, unit_tangent
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.equilibrium.flutter import _coupled_squares
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.solid.solid import KnownEquilibrium, build_solid, solid_of
+from fenicsrom.online.model.pressure import unit_force, unit_tangent
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project

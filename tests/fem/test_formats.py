@@ -20,10 +20,10 @@ from mpi4py import MPI
 from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.mesh_data import Mesh
-from fenicsrom.fem.solid import solid_of
-from fenicsrom.fem.supports import unclamped_pieces
+from fenicsrom.fem.body.supports import unclamped_pieces
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.solid.solid import solid_of
 from fenicsrom.scene import Geometry, Plane, Region, Scene, parse_scene
 from fenicsrom.scene.paths import shared_meshes
 
@@ -634,10 +634,10 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, parse_scene
-from fenicsrom.fem.solid import solid_of
+from fenicsrom.fem.solid.solid import solid_of
 comm = MPI.COMM_WORLD
 found = []
 for table in json.loads(Path(sys.argv[1]).read_text()):
@@ -701,7 +701,7 @@ def test_two_ranks_give_the_same_imported_mesh(tmp_path: Path) -> None:
 
 
 def test_mesh_with_a_node_that_is_not_finite_is_refused(tmp_path: Path) -> None:
-    from fenicsrom.fem.conformity import check_conforming
+    from fenicsrom.fem.mesh.conformity import check_conforming
 
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, np.nan, 0]])
     with refusal(ErrorKind.MESH, file="a.msh", names="not finite"):

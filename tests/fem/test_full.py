@@ -11,11 +11,11 @@ pytest.importorskip("dolfinx")
 
 from support import STOCKY, beam_scene, make_solid, scene_of
 
-from fenicsrom.fem import full as module
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.linalg import Factorisation
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.base.linalg import Factorisation
+from fenicsrom.fem.full import full as module
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.run.simulate import simulate
 
 
 def moving(linear: bool, pressed: bool) -> Any:

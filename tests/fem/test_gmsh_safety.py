@@ -13,8 +13,8 @@ import gmsh
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.gmsh_files import load_file, open_gmsh
-from fenicsrom.fem.inspection import inspect
+from fenicsrom.fem.mesh.gmsh_files import load_file, open_gmsh
+from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.scene import Geometry
 
 

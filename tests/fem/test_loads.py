@@ -409,7 +409,7 @@ def struck(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any]:
 
 
 def test_stored_model_keeps_the_table_of_its_load(struck: tuple[Path, Any]) -> None:
-    from fenicsrom.online.archive import load_model
+    from fenicsrom.online.store.archive import load_model
 
     folder, found = struck
     stored = load_model(folder / "out" / "reduced_model.npz")
@@ -450,8 +450,8 @@ def test_reduced_model_under_base_excitation_matches_full_model(struck: tuple[Pa
     table."""
     from dataclasses import replace
 
-    from fenicsrom.fem.full import full_model
-    from fenicsrom.online.simulate import simulate
+    from fenicsrom.fem.full.full import full_model
+    from fenicsrom.online.run.simulate import simulate
 
     _, found = struck
     scene = replace(found.scene, time=found.scene.time.changed(tolerance=1e-5))

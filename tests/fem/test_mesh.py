@@ -20,10 +20,10 @@ from mpi4py import MPI
 from support import group_names, needs_mpirun, on_ranks, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem import gmsh_model
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.mesh_data import Mesh
-from fenicsrom.fem.supports import unclamped_pieces
+from fenicsrom.fem.body.supports import unclamped_pieces
+from fenicsrom.fem.mesh import gmsh_model
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Geometry, Region
 from fenicsrom.scene.paths import shared_meshes
 
@@ -596,8 +596,8 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.supports import unclamped_pieces
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.body.supports import unclamped_pieces
 from fenicsrom.scene import Geometry
 beam, pieces = Path(sys.argv[1]), Path(sys.argv[2])
 comm = MPI.COMM_WORLD

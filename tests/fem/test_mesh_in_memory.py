@@ -14,10 +14,10 @@ from mpi4py import MPI
 from support import beam_scene, refusal
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.fem.mesh import mesh_from_dolfinx, mesh_from_gmsh_model
-from fenicsrom.fem.mesh_data import Mesh
-from fenicsrom.fem.solid import solid_of
-from fenicsrom.fem.supports import unclamped_pieces
+from fenicsrom.fem.body.supports import unclamped_pieces
+from fenicsrom.fem.mesh.mesh import mesh_from_dolfinx, mesh_from_gmsh_model
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.solid.solid import solid_of
 
 
 def length_of(mesh: Mesh, group: str) -> float:

@@ -15,11 +15,11 @@ pytest.importorskip("dolfinx")
 import ufl
 from dolfinx import fem
 
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.reaction_rows import reaction_table
-from fenicsrom.online.reactions import motion_reactions
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.support_motion import absolute_displacement, support_displacement
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.solid.reaction_rows import reaction_table
+from fenicsrom.online.model.support_motion import absolute_displacement, support_displacement
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.stress.reactions import motion_reactions
 from fenicsrom.reduction.stages import Reduction
 
 Array = NDArray[np.float64]

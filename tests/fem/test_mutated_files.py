@@ -11,7 +11,7 @@ import test_ansys_files as ansys
 import test_nastran_files as nastran
 
 from fenicsrom.errors import SceneError
-from fenicsrom.fem.formats import read
+from fenicsrom.formats import read
 
 SYSTEMS = nastran.CYLINDER + nastran.SPHERE + nastran.SHIFTED + nastran.BY_GRIDS
 FILES = {

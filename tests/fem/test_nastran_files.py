@@ -9,8 +9,8 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.formats import MeshFile, read
-from fenicsrom.fem.formats.shapes import SHAPES
+from fenicsrom.formats import MeshFile, read
+from fenicsrom.formats.shapes import SHAPES
 
 PLACES = [(x, y, z) for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
 

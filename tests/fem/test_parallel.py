@@ -17,7 +17,7 @@ import sys
 import numpy as np
 from mpi4py import MPI
 from support import beam_scene, enriched, make_solid
-from fenicsrom.fem.full import FullModel
+from fenicsrom.fem.full.full import FullModel
 from fenicsrom.reduction.projection import project
 from fenicsrom.reduction.stages import choose
 
@@ -302,8 +302,8 @@ import sys
 import numpy as np
 from mpi4py import MPI
 from support import STOCKY, beam_scene, make_solid
-from fenicsrom.fem.reaction_rows import reaction_table
-from fenicsrom.fem.stress_points import local_part, stress_table
+from fenicsrom.fem.solid.reaction_rows import reaction_table
+from fenicsrom.fem.body.stress_points import local_part, stress_table
 push = {"group": "tip", "direction": [0.3, 1.0], "force": 1e5}
 # twelve elements: only one rank has cells at the root
 scene = beam_scene(

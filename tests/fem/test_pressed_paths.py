@@ -14,9 +14,9 @@ pytest.importorskip("dolfinx")
 from mpi4py import MPI
 from test_follower_pressure import OUTSIDE, RADIUS, THICKNESS, YOUNG, ring_scene
 
-from fenicsrom.assess.equilibrium_path import EquilibriumPath, equilibrium_path
-from fenicsrom.fem.equilibrium_path import PathPoint
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath, equilibrium_path
+from fenicsrom.fem.paths.equilibrium_path import PathPoint
+from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.scene import Scene, make_scene
 
 

@@ -15,9 +15,9 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.fem import elasticity
-from fenicsrom.fem.quadrature import LEAST_DEGREE
-from fenicsrom.fem.solid import build_solid
+from fenicsrom.fem.base.quadrature import LEAST_DEGREE
+from fenicsrom.fem.body import elasticity
+from fenicsrom.fem.solid.solid import build_solid
 from fenicsrom.scene import make_scene
 
 RING = """\

@@ -14,15 +14,15 @@ from support import STOCKY, beam_scene, make_solid, random_field, scene_of
 pytest.importorskip("dolfinx")
 
 
-from fenicsrom.fem.reaction_rows import reaction_table
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.reactions import (
+from fenicsrom.fem.solid.reaction_rows import reaction_table
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.stress.reactions import (
     Reactions,
     equilibrium_reactions,
     motion_reactions,
 )
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.stress import StressLaw
+from fenicsrom.online.stress.stress import StressLaw
 from fenicsrom.reduction.stages import Reduction
 
 Array = NDArray[np.float64]

@@ -37,13 +37,13 @@ from support import (
     scene_of,
 )
 
-from fenicsrom.assess import campbell as diagram
-from fenicsrom.assess import rotating_modes
+from fenicsrom.assess.rotation import campbell as diagram
+from fenicsrom.assess.rotation import rotating_modes
 from fenicsrom.cli import main
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
-from fenicsrom.fem.full import FullModel
-from fenicsrom.online.archive import changed_key
-from fenicsrom.online.polynomial import elastic_force
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.online.model.polynomial import elastic_force
+from fenicsrom.online.store.archive import changed_key
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.projection import project, project_intrusively, projected_gyroscopic
 from fenicsrom.scene import Basis, Place, parse_scene, read_scene, scene_table
@@ -301,7 +301,7 @@ def test_geometrically_linear_scene_vibrates_about_same_equilibrium() -> None:
 
 
 def test_equilibrium_that_is_not_found_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    from fenicsrom.fem import statics
+    from fenicsrom.fem.equilibrium import statics
 
     monkeypatch.setattr(statics, "STATIC_ITERATIONS", 1)
     with pytest.raises(
@@ -779,7 +779,7 @@ def test_campbell_command_refuses_wrong_scenes(small: Path, tmp_path: Path, caps
 def test_campbell_writes_the_speeds_before_a_failure(
     small: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fenicsrom.fem.solid import Solid
+    from fenicsrom.fem.solid.solid import Solid
 
     spin = Solid.spin
 
@@ -806,7 +806,7 @@ import numpy as np
 from mpi4py import MPI
 from support import enriched
 from test_rotation import PUSH, make_solid, rotating_scene
-from fenicsrom.assess import campbell
+from fenicsrom.assess.rotation import campbell
 from fenicsrom.reduction.projection import project, projected_gyroscopic
 
 comm = MPI.COMM_WORLD

@@ -18,9 +18,9 @@ pytest.importorskip("dolfinx")
 
 from support import beam_scene, enriched, make_solid
 
-from fenicsrom.online.nonlinear_mode import ModeContinuation, linear_modes
-from fenicsrom.online.periodic_record import recorded_motion
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
+from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.reduction.projection import project
 from fenicsrom.scene import Time
 

@@ -14,12 +14,12 @@ from support import _SCENES, beam_scene, needs_mpirun, on_ranks, random_field, r
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.full import full_model
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.reaction_rows import reaction_table
-from fenicsrom.fem.solid import solid_of
-from fenicsrom.online.reactions import equilibrium_reactions
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.reaction_rows import reaction_table
+from fenicsrom.fem.solid.solid import solid_of
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.stress.reactions import equilibrium_reactions
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Basis

@@ -26,7 +26,7 @@ from support import (
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.surfaces import frame
+from fenicsrom.online.contact.surfaces import frame
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis, Place
 

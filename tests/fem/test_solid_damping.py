@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from support import STOCKY, beam_scene, dense, enriched, free_unknowns, make_solid
 
-from fenicsrom.fem.full import full_model
-from fenicsrom.online.simulate import simulate
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.projection import project
 
 DAMPING = {"stiffness": 2e-5, "ratios": [0.03, 0.0, 0.02]}

@@ -16,10 +16,10 @@ from petsc4py import PETSc
 from support import beam_scene, dense, free_unknowns, make_solid, random_field
 
 from fenicsrom.errors import ConvergenceError, ErrorKind
-from fenicsrom.fem import prediction
-from fenicsrom.fem import statics as statics_module
-from fenicsrom.fem.linalg import Factorisation
-from fenicsrom.fem.statics import Statics
+from fenicsrom.fem.base.linalg import Factorisation
+from fenicsrom.fem.equilibrium import prediction
+from fenicsrom.fem.equilibrium import statics as statics_module
+from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.scene import read_scene
 
 Array = NDArray[np.float64]

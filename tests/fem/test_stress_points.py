@@ -15,8 +15,8 @@ import basix
 import ufl
 from dolfinx import fem
 
-from fenicsrom.fem.stress_points import stress_table
-from fenicsrom.online.stress import (
+from fenicsrom.fem.body.stress_points import stress_table
+from fenicsrom.online.stress.stress import (
     CAUCHY,
     MEASURES,
     StressTable,

@@ -11,8 +11,8 @@ from support import beam_scene, make_solid, needs_mpirun, on_ranks, refusal, sce
 pytest.importorskip("dolfinx")
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.fem.reaction_rows import reaction_table
-from fenicsrom.online.reactions import equilibrium_reactions
+from fenicsrom.fem.solid.reaction_rows import reaction_table
+from fenicsrom.online.stress.reactions import equilibrium_reactions
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.scene import Basis
 

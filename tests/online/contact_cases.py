@@ -9,19 +9,19 @@ import pytest
 from numpy.typing import NDArray
 from support import one_contact
 
-from fenicsrom.online.contact_state import (
+from fenicsrom.online.contact.law import (
+    at_rest,
+    commit_contact_state,
+    contact_force,
+)
+from fenicsrom.online.contact.state import (
     ContactScratch,
     ContactState,
     Interval,
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact_step import (
-    at_rest,
-    commit_contact_state,
-    contact_force,
-)
-from fenicsrom.online.surfaces import (
+from fenicsrom.online.contact.surfaces import (
     CYLINDER,
     SPHERE,
     Contacts,

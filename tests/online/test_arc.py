@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.online.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values
-from fenicsrom.online.curve import BACK, END, LOST, OUT_OF_POINTS, Curve
+from fenicsrom.online.curves.arc import FIRST_SIZE, LARGEST_STEP, ArcLength, Place, Values
+from fenicsrom.online.curves.curve import BACK, END, LOST, OUT_OF_POINTS, Curve
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, load_model, save_model
-from fenicsrom.online.deformation import Deformation
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.motion.measures import amplitude
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.scene import Scene
 
 SHORT = ("time.periods=40", "time.steps_per_period=40", "geometrically_nonlinear=false")

@@ -10,21 +10,26 @@ import pytest
 from numpy.typing import NDArray
 from support import first
 
-from fenicsrom.online.branching import (
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.curves.branching import (
     _eigenvector,
     branch,
     lies_on,
     motions_through_load,
     passes_through,
 )
-from fenicsrom.online.continuation import Continuation
-from fenicsrom.online.curve import Curve, CurvePoint
-from fenicsrom.online.families import Family, excitation_family, force_family, frequency_family
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.periodic import Shooting, solve
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.periodic.families import (
+    Family,
+    excitation_family,
+    force_family,
+    frequency_family,
+)
+from fenicsrom.online.periodic.shooting import Shooting, solve
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

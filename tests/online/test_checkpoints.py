@@ -20,17 +20,18 @@ from support import beam_scene, linear_model, one_contact, random_model
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online import archive, simulate
-from fenicsrom.online import checkpoints as restart
-from fenicsrom.online.checkpoints import fingerprint, load_checkpoint, save_checkpoint
-from fenicsrom.online.contact_state import OPEN, SLIP, STICK
-from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.scene_changes import changed_run_key
-from fenicsrom.online.state import TIME, Checkpoint
-from fenicsrom.online.surfaces import Contacts
-from fenicsrom.post.summary import write_checkpoint
+from fenicsrom.online.contact.state import OPEN, SLIP, STICK
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run import simulate
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.step.state import TIME, Checkpoint
+from fenicsrom.online.store import archive
+from fenicsrom.online.store import checkpoints as restart
+from fenicsrom.online.store.checkpoints import fingerprint, load_checkpoint, save_checkpoint
+from fenicsrom.online.store.scene_changes import changed_run_key
+from fenicsrom.post.run.summary import write_checkpoint
 from fenicsrom.scene import Scene, Time
 
 DEMOS = Path(__file__).parents[2] / "demos"
@@ -184,7 +185,7 @@ def test_resumed_run_of_the_full_model_equals_the_whole_run_bit_for_bit() -> Non
     pytest.importorskip("dolfinx")
     from support import make_solid
 
-    from fenicsrom.fem.full import FullModel
+    from fenicsrom.fem.full.full import FullModel
 
     scene = beam_scene(
         2,
@@ -406,7 +407,7 @@ def test_terminated_run_leaves_a_checkpoint_to_continue(tmp_path: Path) -> None:
     program = """
 import sys
 from fenicsrom import cli
-from fenicsrom.online import checkpoints
+from fenicsrom.online.store import checkpoints
 
 checkpoints.INTERVAL = 0.0
 sys.exit(cli.main(sys.argv[1:]))

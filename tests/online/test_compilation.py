@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from fenicsrom.online import compilation
-from fenicsrom.online.compilation import Compilations, announced, keep_time, known_times
+from fenicsrom.online.kernels import compilation
+from fenicsrom.online.kernels.compilation import Compilations, announced, keep_time, known_times
 
 ALL = "this takes some minutes"
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from support import fixed_steps, one_contact, random_model
 
-from fenicsrom.online import compiled
-from fenicsrom.online.march import integrate
-from fenicsrom.online.motion import Motion
+from fenicsrom.online.kernels import compiled
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import integrate
 
 
 def rubbing_motion() -> Motion:
@@ -71,7 +71,7 @@ import sys
 import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
-from fenicsrom.online import compiled
+from fenicsrom.online.kernels import compiled
 from test_compiled import rubbing_motion
 assert not compiled.PRIVATE and not compiled.UNCOUNTED
 motion = rubbing_motion()

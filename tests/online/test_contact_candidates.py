@@ -9,24 +9,25 @@ import pytest
 from numpy.typing import NDArray
 from support import one_contact, period_steps, random_model
 
-from fenicsrom.online import march, step
-from fenicsrom.online.compliance import (
+from fenicsrom.online.contact.candidates import add_candidates, list_candidates
+from fenicsrom.online.contact.compliance import (
     compliance_of,
     delassus_of,
     form_delassus,
     given_compliance,
 )
-from fenicsrom.online.contact_candidates import add_candidates, list_candidates
-from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.contact_problem import solve_contact
-from fenicsrom.online.contact_state import OPEN, Interval, contact_scratch, zero_contact_state
-from fenicsrom.online.equilibrium import equilibrium
-from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.period_map import PeriodMap
-from fenicsrom.online.scheme import scheme
-from fenicsrom.online.surfaces import Contacts
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.state import OPEN, Interval, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.run import march
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.step import step
+from fenicsrom.online.step.equilibrium import equilibrium
+from fenicsrom.online.step.scheme import scheme
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,14 @@ from contact_cases import RUB, RUB3, SCHEMES, SURFACES, apply, casing, rest, ste
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
-from fenicsrom.online.compliance import given_compliance
-from fenicsrom.online.contact_problem import solve_contact
-from fenicsrom.online.contact_state import (
+from fenicsrom.online.contact.compliance import given_compliance
+from fenicsrom.online.contact.friction import blended_normal_force, mean_normal_force
+from fenicsrom.online.contact.law import (
+    at_rest,
+    contact_energy,
+)
+from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,
     STICK,
@@ -21,12 +26,7 @@ from fenicsrom.online.contact_state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact_step import (
-    at_rest,
-    contact_energy,
-)
-from fenicsrom.online.friction import blended_normal_force, mean_normal_force
-from fenicsrom.online.surfaces import (
+from fenicsrom.online.contact.surfaces import (
     PLANE,
     Contacts,
 )

@@ -11,9 +11,13 @@ from contact_cases import SCHEMES, spoiled_scratch, step
 from numpy.typing import NDArray
 from support import fixed_steps, linear_model, one_contact, slope
 
-from fenicsrom.online.compliance import given_compliance
-from fenicsrom.online.contact_problem import solve_contact
-from fenicsrom.online.contact_state import (
+from fenicsrom.online.contact.compliance import given_compliance
+from fenicsrom.online.contact.law import (
+    at_rest,
+    implicit_blending,
+)
+from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.state import (
     OPEN,
     SLIP,
     STICK,
@@ -22,12 +26,8 @@ from fenicsrom.online.contact_state import (
     contact_scratch,
     zero_contact_state,
 )
-from fenicsrom.online.contact_step import (
-    at_rest,
-    implicit_blending,
-)
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march import integrate
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.run.march import integrate
 
 Array = NDArray[np.float64]
 

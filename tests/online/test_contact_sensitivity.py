@@ -8,10 +8,15 @@ import numpy as np
 import pytest
 from contact_cases import RUB, SURFACES, casing
 
-from fenicsrom.online.complex_step import as_complex
-from fenicsrom.online.contact_sensitivity import PARAMETERS, is_constant, perturb, state_of
-from fenicsrom.online.contact_state import STICK, contact_scratch, zero_contact_state
-from fenicsrom.online.contact_step import at_rest
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.state import STICK, contact_scratch, zero_contact_state
+from fenicsrom.online.derivative.contact_sensitivity import (
+    PARAMETERS,
+    is_constant,
+    perturb,
+    state_of,
+)
+from fenicsrom.online.kernels.complex_step import as_complex
 
 
 def test_every_parameter_of_a_contact_is_perturbed() -> None:

@@ -8,19 +8,19 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from fenicsrom.online.contact_events import OPENS, SLIPS, STICKS
-from fenicsrom.online.curve_measures import (
+from fenicsrom.online.curves.contact_events import OPENS, SLIPS, STICKS
+from fenicsrom.online.curves.curve_measures import (
     HARMONICS,
     PHASES,
     harmonics,
     load_harmonic,
     states_over_period,
 )
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march_records import joined_rows
-from fenicsrom.online.packing import pack, unpack
-from fenicsrom.online.state import Record, no_record
-from fenicsrom.online.steady import periods_of
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.periodic.steady import periods_of
+from fenicsrom.online.run.march_records import joined_rows
+from fenicsrom.online.step.state import Record, no_record
+from fenicsrom.online.store.packing import pack, unpack
 
 PERIOD = 0.5
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from fenicsrom.online.deformation import NOWHERE, deformation, extremes
-from fenicsrom.online.stress import StressLaw
+from fenicsrom.online.stress.deformation import NOWHERE, deformation, extremes
+from fenicsrom.online.stress.stress import StressLaw
 
 LAME, SHEAR = 2.0, 1.0
 

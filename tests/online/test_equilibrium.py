@@ -13,11 +13,11 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 from support import linear_model, one_contact
 
-from fenicsrom.assess import stability
-from fenicsrom.online import equilibrium as statics
-from fenicsrom.online import simulate as online
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.load_histories import harmonic
+from fenicsrom.assess.studies import stability
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.run import simulate as online
+from fenicsrom.online.step import equilibrium as statics
 from fenicsrom.scene import Scene
 
 Array = NDArray[np.float64]

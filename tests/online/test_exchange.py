@@ -16,15 +16,15 @@ from support import STEEL, beam_scene, random_model, refusal
 
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.archive import StoredModel, load_model, save_model
-from fenicsrom.online.exchange.export import SUFFIXES, export
-from fenicsrom.online.exchange.matrix_set import MatrixSet
-from fenicsrom.online.exchange.nastran import read_dmig, write_dmig
-from fenicsrom.online.exchange.op4 import op4_matrices, read_op4, write_op4
-from fenicsrom.online.exchange.superelement import read_matrices, superelement_model
-from fenicsrom.online.matrices import model_arrays
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.exchange.export import SUFFIXES, export
+from fenicsrom.exchange.matrix_set import MatrixSet
+from fenicsrom.exchange.nastran import read_dmig, write_dmig
+from fenicsrom.exchange.op4 import op4_matrices, read_op4, write_op4
+from fenicsrom.exchange.superelement import read_matrices, superelement_model
+from fenicsrom.online.model.matrices import model_arrays
+from fenicsrom.online.motion.measures import amplitude
+from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
 from fenicsrom.scene import Damping, Scene, scene_table
 from fenicsrom.scene.superelement import parse_superelement_scene, read_superelement_scene
 

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from support import beam_scene, random_model, random_polynomial
 
-import fenicsrom.online.exchange.fmu as exchange
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.exchange.export import export
-from fenicsrom.online.matrices import ModelArrays, model_arrays
-from fenicsrom.online.simulate import load_histories
+import fenicsrom.exchange.fmu as exchange
+from fenicsrom.exchange.export import export
+from fenicsrom.online.model.matrices import ModelArrays, model_arrays
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel
 
 N, M = 3, 2
 EXACT = {"rtol": 1e-11, "atol": 1e-12}

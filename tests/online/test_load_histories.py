@@ -15,8 +15,9 @@ from scipy.integrate import quad
 from support import linear_model
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online import load_histories
-from fenicsrom.online.load_histories import (
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.model import loads as load_histories
+from fenicsrom.online.model.loads import (
     LoadHistories,
     factors,
     harmonic,
@@ -25,10 +26,9 @@ from fenicsrom.online.load_histories import (
     of_loads,
     quarter_period,
 )
-from fenicsrom.online.march import integrate
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.scene_changes import changed_key
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.store.scene_changes import changed_key
 from fenicsrom.scene import (
     Load,
     PulseTable,

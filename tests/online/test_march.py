@@ -13,14 +13,14 @@ from scipy.integrate import solve_ivp
 from support import enriched, fixed_steps, linear_model, one_contact, random_model, scene_of, slope
 
 from fenicsrom.errors import AccuracyError, ConvergenceError
-from fenicsrom.online.contact_state import OPEN, SLIP, STICK
-from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march import integrate
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.motion import Interrupted, Motion
-from fenicsrom.online.polynomial import elastic_force
-from fenicsrom.online.surfaces import Contacts, no_contacts
+from fenicsrom.online.contact.state import OPEN, SLIP, STICK
+from fenicsrom.online.contact.surfaces import Contacts, no_contacts
+from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import elastic_force
+from fenicsrom.online.motion.motion import Interrupted, Motion
+from fenicsrom.online.run.march import integrate
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

@@ -8,11 +8,11 @@ import pytest
 from motions import FRICTION, PERIOD, RESPONSE_KEYS, STIFFNESS, jenkins, motion, side_by_side
 from support import beam_scene, contact_points
 
-from fenicsrom.online import measures
-from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.state import PeriodicSearch
-from fenicsrom.post.directions import millimetres
-from fenicsrom.post.sentences import error_sentence
+from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.motion import measures
+from fenicsrom.online.step.state import PeriodicSearch
+from fenicsrom.post.base.directions import millimetres
+from fenicsrom.post.run.sentences import error_sentence
 
 
 def test_amplitude_is_half_of_peak_to_peak_of_last_period():

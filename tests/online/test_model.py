@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from support import NO_LOADS, first
 
-from fenicsrom.online.dense_model import DenseModel
-from fenicsrom.online.model import reduced_model
-from fenicsrom.online.polynomial import ElasticPolynomial
+from fenicsrom.online.model.dense_model import DenseModel
+from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
 
 Array = NDArray[np.float64]
 

@@ -8,17 +8,17 @@ import scipy.linalg
 from numpy.typing import NDArray
 from support import NO_LOADS, assert_tangent, first, linear_model, loaded_duffing, one_contact
 
-from fenicsrom.online.arc import TOLERANCE, Values
-from fenicsrom.online.crest import half_range
-from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.families import force_family, frequency_family
-from fenicsrom.online.forced_peak import forced_peaks
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.nonlinear_mode import ModeContinuation, linear_modes
-from fenicsrom.online.periodic_record import recorded_motion
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.surfaces import Contacts, no_contacts
+from fenicsrom.online.contact.surfaces import Contacts, no_contacts
+from fenicsrom.online.curves.arc import TOLERANCE, Values
+from fenicsrom.online.curves.crest import half_range
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.forced_peak import forced_peaks
+from fenicsrom.online.curves.nonlinear_mode import ModeContinuation, linear_modes
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.periodic.families import force_family, frequency_family
+from fenicsrom.online.periodic.periodic_record import recorded_motion
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

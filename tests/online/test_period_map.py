@@ -10,21 +10,21 @@ import pytest
 from numpy.typing import NDArray
 from support import linear_model, one_contact, random_model
 
-from fenicsrom.online.contact_state import OPEN, SLIP, STICK
-from fenicsrom.online.families import (
+from fenicsrom.online.contact.state import OPEN, SLIP, STICK
+from fenicsrom.online.contact.surfaces import CYLINDER, PLANE, SPHERE, Contacts
+from fenicsrom.online.derivative.sensitivity import no_drift
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.periodic.families import (
     Family,
     contact_family,
     damping_family,
     force_family,
     frequency_family,
 )
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.loop import DONE
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import PeriodMap
-from fenicsrom.online.scheme import scheme
-from fenicsrom.online.sensitivity import no_drift
-from fenicsrom.online.surfaces import CYLINDER, PLANE, SPHERE, Contacts
+from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.step.loop import DONE
+from fenicsrom.online.step.scheme import scheme
 
 Array = NDArray[np.float64]
 

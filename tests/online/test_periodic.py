@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from support import duffing, linear_model, one_contact, period_steps
 
 from fenicsrom.errors import ConvergenceError
-from fenicsrom.online.continuation import follow
-from fenicsrom.online.curve import Curve
-from fenicsrom.online.families import frequency_family
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march import integrate
-from fenicsrom.online.measures import amplitude
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.periodic import Shooting, periodic_motion, solve, start_variables
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.curves.continuation import follow
+from fenicsrom.online.curves.curve import Curve
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.measures import amplitude
+from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.periodic.shooting import Shooting, periodic_motion, solve, start_variables
+from fenicsrom.online.run.march import integrate
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

@@ -14,17 +14,17 @@ import pytest
 from numpy.typing import NDArray
 from support import duffing, linear_model, one_contact, period_steps
 
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.contact_points import contacts_of
-from fenicsrom.online.contact_state import OPEN
-from fenicsrom.online.families import contact_family
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.loop import DONE
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.period_map import PeriodEnd, PeriodMap
-from fenicsrom.online.periodic import PeriodicMotion, periodic_motion
-from fenicsrom.online.scheme import scheme
-from fenicsrom.online.surfaces import Contacts, no_contacts
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.contact.state import OPEN
+from fenicsrom.online.contact.surfaces import Contacts, no_contacts
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.periodic.families import contact_family
+from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
+from fenicsrom.online.periodic.shooting import PeriodicMotion, periodic_motion
+from fenicsrom.online.step.loop import DONE
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import read_scene
 
 Array = NDArray[np.float64]

@@ -19,14 +19,14 @@ from support import (
     scene_of,
 )
 
-from fenicsrom.online.polynomial import (
+from fenicsrom.online.model.polynomial import (
     ElasticPolynomial,
     elastic_force,
     elastic_polynomial,
     pairs,
     write_tangents,
 )
-from fenicsrom.online.simulate import simulate
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.strain_products import strain_products
 
@@ -168,7 +168,7 @@ def test_terms_of_reduced_model_match_the_mesh(bent3d: Any) -> None:
 def test_identity_basis_moves_as_full_model(nonlinear: bool) -> None:
     """R = I with the contact node first: the reduced model moves as the full model, with friction
     and lift-off."""
-    from fenicsrom.fem.full import FullModel
+    from fenicsrom.fem.full.full import FullModel
     from fenicsrom.reduction.projection import project
 
     load = {"group": "tip", "direction": [0.3, 1.0], "force": 4e4, "frequency": 40.0}

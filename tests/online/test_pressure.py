@@ -20,17 +20,17 @@ from support import (
 )
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.archive import StoredModel, load_model, save_model
-from fenicsrom.online.checkpoints import fingerprint
-from fenicsrom.online.families import damping_family, force_family, frequency_family
-from fenicsrom.online.load_histories import factors, harmonic
-from fenicsrom.online.loop import DONE
-from fenicsrom.online.march import integrate
-from fenicsrom.online.matrices import model_arrays
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.period_map import PeriodMap
-from fenicsrom.online.pressure import PressurePolynomial, unit_force, unit_tangent
-from fenicsrom.online.scheme import scheme
+from fenicsrom.online.model.loads import factors, harmonic
+from fenicsrom.online.model.matrices import model_arrays
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.pressure import PressurePolynomial, unit_force, unit_tangent
+from fenicsrom.online.periodic.families import damping_family, force_family, frequency_family
+from fenicsrom.online.periodic.period_map import PeriodMap
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.step.loop import DONE
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.store.archive import StoredModel, load_model, save_model
+from fenicsrom.online.store.checkpoints import fingerprint
 from fenicsrom.scene import Scene, Time
 
 Array = NDArray[np.float64]

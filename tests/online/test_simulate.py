@@ -6,8 +6,8 @@ import numpy as np
 from support import beam_scene, linear_model, refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.contact_points import ContactPoints
-from fenicsrom.online.simulate import load_histories, simulate
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.scene import Scene
 
 

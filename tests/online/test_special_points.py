@@ -10,22 +10,22 @@ import pytest
 from numpy.typing import NDArray
 from support import linear_model, one_contact
 
-from fenicsrom.online.bifurcations import LOCATED, outside, special_points
-from fenicsrom.online.brackets import bracketed
-from fenicsrom.online.contact_events import (
+from fenicsrom.online.contact.state import SLIP, STICK
+from fenicsrom.online.curves.bifurcations import LOCATED, outside, special_points
+from fenicsrom.online.curves.brackets import bracketed
+from fenicsrom.online.curves.contact_events import (
     NEGLIGIBLE,
     OPENS,
     SLIPS,
     STICKS,
     occurrences,
 )
-from fenicsrom.online.contact_state import SLIP, STICK
-from fenicsrom.online.continuation import Continuation
-from fenicsrom.online.curve import BIFURCATIONS, Curve, CurvePoint
-from fenicsrom.online.families import Family, force_family
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.periodic import Shooting, solve
-from fenicsrom.online.state import no_record
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import BIFURCATIONS, Curve, CurvePoint
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.periodic.families import Family, force_family
+from fenicsrom.online.periodic.shooting import Shooting, solve
+from fenicsrom.online.step.state import no_record
 from fenicsrom.scene import Time
 
 Array = NDArray[np.float64]

@@ -14,26 +14,30 @@ import pytest
 from numpy.typing import NDArray
 from support import beam_scene, first, linear_model, one_contact, oscillator
 
-from fenicsrom.assess.estimates import check_motion, step_errors
-from fenicsrom.assess.multiplicity import free_slider_sentence
-from fenicsrom.online.checkpoints import load_checkpoint, save_checkpoint
-from fenicsrom.online.energy import check_energy
-from fenicsrom.online.history import read_history
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.march import integrate
-from fenicsrom.online.measures import amplitude, friction_dissipation_per_period, response_summary
-from fenicsrom.online.model import ReducedModel, reduced_model
-from fenicsrom.online.motion import Interrupted, Motion
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.steady import _Problem, fractions_of
-from fenicsrom.online.surfaces import no_contacts
-from fenicsrom.online.tendency import horizon_by_distance
-from fenicsrom.post.figures import plot_energy
-from fenicsrom.post.record import Rerun
-from fenicsrom.post.report import write_rerun_report
-from fenicsrom.post.sentences import periodic_sentence
-from fenicsrom.post.summary import write_history
+from fenicsrom.assess.errors.estimates import check_motion, step_errors
+from fenicsrom.assess.errors.multiplicity import free_slider_sentence
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.motion.energy import check_energy
+from fenicsrom.online.motion.history import read_history
+from fenicsrom.online.motion.measures import (
+    amplitude,
+    friction_dissipation_per_period,
+    response_summary,
+)
+from fenicsrom.online.motion.motion import Interrupted, Motion
+from fenicsrom.online.periodic.steady import _Problem, fractions_of
+from fenicsrom.online.periodic.tendency import horizon_by_distance
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.checkpoints import load_checkpoint, save_checkpoint
+from fenicsrom.post.base.record import Rerun
+from fenicsrom.post.run.figures import plot_energy
+from fenicsrom.post.run.report import write_rerun_report
+from fenicsrom.post.run.sentences import periodic_sentence
+from fenicsrom.post.run.summary import write_history
 from fenicsrom.scene import Time
 from fenicsrom.scene.step_size import coarser, with_time
 

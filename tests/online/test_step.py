@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fenicsrom.online.step import has_converged
+from fenicsrom.online.step.step import has_converged
 
 
 def iterations(decrements: list[float], quadratic: bool) -> int:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from support import linear_model
 
-from fenicsrom.online.load_histories import LoadHistories, of_loads
-from fenicsrom.online.march import integrate
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.step_limits import landings, longest_step
-from fenicsrom.online.surfaces import Contacts, no_contacts, planes
+from fenicsrom.online.contact.surfaces import Contacts, no_contacts, planes
+from fenicsrom.online.model.loads import LoadHistories, of_loads
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.step.step_limits import landings, longest_step
 from fenicsrom.scene import Load, Time
 
 FREE = no_contacts(1)

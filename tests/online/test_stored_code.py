@@ -13,8 +13,8 @@ import numba
 import numpy as np
 import pytest
 
-from fenicsrom.online.compiled import PRIVATE, compiled
-from fenicsrom.online.stored_code import MARK, StoredLibrary, load_code_only
+from fenicsrom.online.kernels.compiled import PRIVATE, compiled
+from fenicsrom.online.kernels.stored_code import MARK, StoredLibrary, load_code_only
 
 pytestmark = pytest.mark.skipif(not PRIVATE, reason="numba is of another version")
 EMPTY = "an array without entries"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.online.stress import (
+from fenicsrom.online.stress.stress import (
     CAUCHY,
     StressLaw,
     StressTable,

@@ -14,12 +14,12 @@ from support import beam_scene, refusal, uncoupled
 from fenicsrom import study
 from fenicsrom.errors import ErrorKind
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online.archive import FORMAT, StoredModel, load_model, save_model
-from fenicsrom.online.reactions import ReactionTable
-from fenicsrom.online.recovery import REACTION_ARRAYS, STRESS_ARRAYS, Recovery
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.stress import StressLaw, StressTable, von_mises
-from fenicsrom.online.stress_peaks import find_stresses, modal_peaks, reduced_modes
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model, save_model
+from fenicsrom.online.stress.reactions import ReactionTable
+from fenicsrom.online.stress.recovery import REACTION_ARRAYS, STRESS_ARRAYS, Recovery
+from fenicsrom.online.stress.stress import StressLaw, StressTable, von_mises
+from fenicsrom.online.stress.stress_peaks import find_stresses, modal_peaks, reduced_modes
 from fenicsrom.scene import Scene
 
 Array = NDArray[np.float64]

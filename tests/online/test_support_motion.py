@@ -13,18 +13,18 @@ from scipy.linalg import eigh
 from support import assert_tangent, beam_scene, linear_model, refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.contact_points import ContactPoints, no_points
-from fenicsrom.online.families import frequency_family
-from fenicsrom.online.load_histories import factors
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.simulate import load_histories, simulate
-from fenicsrom.online.support_motion import (
+from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.model.loads import factors
+from fenicsrom.online.model.support_motion import (
     absolute_displacement,
     displacement_sines,
     histories_of,
     support_displacement,
 )
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.reduction.beam import beam_model, beam_structure
 from fenicsrom.scene import Load, Scene
 

@@ -10,13 +10,13 @@ from contact_cases import SURFACES, casing
 from numpy.typing import NDArray
 from support import assert_tangent, one_contact, slope
 
-from fenicsrom.online.contact_state import (
-    zero_contact_state,
-)
-from fenicsrom.online.contact_step import (
+from fenicsrom.online.contact.law import (
     contact_energy,
 )
-from fenicsrom.online.surfaces import (
+from fenicsrom.online.contact.state import (
+    zero_contact_state,
+)
+from fenicsrom.online.contact.surfaces import (
     CYLINDER,
     PLANE,
     SPHERE,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from support import duffing
 
-from fenicsrom.online.periodic import PeriodicMotion, Shooting, solve, start_variables
-from fenicsrom.online.surfaces import no_contacts
-from fenicsrom.online.tendency import CALM, MarchedPath
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve, start_variables
+from fenicsrom.online.periodic.tendency import CALM, MarchedPath
 from fenicsrom.scene import Time
 
 UPPER, LOWER = (1.30722027, 0.87306771), (-0.24849689, 0.02338837)

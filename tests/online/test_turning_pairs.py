@@ -9,15 +9,15 @@ import pytest
 from numpy.typing import NDArray
 from support import excited_stiffness, linear_model, period_steps
 
-from fenicsrom.online import continuation
-from fenicsrom.online.bifurcations import outside
-from fenicsrom.online.continuation import follow
-from fenicsrom.online.curve import Curve, CurvePoint
-from fenicsrom.online.families import frequency_family
-from fenicsrom.online.load_histories import harmonic
-from fenicsrom.online.periodic import Shooting, periodic_motion
-from fenicsrom.online.surfaces import no_contacts
-from fenicsrom.online.turning_pairs import turning_pairs, unseen_points
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.curves import continuation
+from fenicsrom.online.curves.bifurcations import outside
+from fenicsrom.online.curves.continuation import follow
+from fenicsrom.online.curves.curve import Curve, CurvePoint
+from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
+from fenicsrom.online.model.loads import harmonic
+from fenicsrom.online.periodic.families import frequency_family
+from fenicsrom.online.periodic.shooting import Shooting, periodic_motion
 
 FORCE, DAMPING, TONGUE = 0.03, 1e-4, 1e-4
 LOW, HIGH = 0.9 / (2.0 * np.pi), 1.1 / (2.0 * np.pi)

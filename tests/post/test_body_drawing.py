@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from test_figures import drawn, illegible
 
-from fenicsrom.post import body_figures, setup_figure
-from fenicsrom.post.body_surface import surface_of
-from fenicsrom.post.body_view import view_of
-from fenicsrom.post.group_drawing import MORE_COLOURS, group_figure
-from fenicsrom.post.setup_marks import (
+from fenicsrom.post.base.style import magnification
+from fenicsrom.post.body import body_figures
+from fenicsrom.post.body.body_surface import surface_of
+from fenicsrom.post.body.body_view import view_of
+from fenicsrom.post.body.group_drawing import MORE_COLOURS, group_figure
+from fenicsrom.post.paraview.vtk_files import Grid, reference_nodes
+from fenicsrom.post.setup import setup_figure
+from fenicsrom.post.setup.setup_marks import (
     CLAMPED,
     AttachmentMark,
     ContactMark,
@@ -18,7 +21,7 @@ from fenicsrom.post.setup_marks import (
     Marks,
     SupportMark,
 )
-from fenicsrom.post.setup_symbols import (
+from fenicsrom.post.setup.setup_symbols import (
     APART,
     MARK_COLOURS,
     MOST_BARS,
@@ -30,8 +33,6 @@ from fenicsrom.post.setup_symbols import (
     load_arrows,
     number_places,
 )
-from fenicsrom.post.style import magnification
-from fenicsrom.post.vtk_files import Grid, reference_nodes
 
 LONG, WIDE, THIN = 10, 4, 0.1
 

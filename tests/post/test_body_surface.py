@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fenicsrom.post.body_surface import normals, surface_of
-from fenicsrom.post.vtk_files import CELLS, Grid, in_space, reference_nodes
+from fenicsrom.post.body.body_surface import normals, surface_of
+from fenicsrom.post.paraview.vtk_files import CELLS, Grid, in_space, reference_nodes
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 SURFACE = {
@@ -84,7 +84,7 @@ def test_body_and_fields_are_collected_from_a_space():
     pytest.importorskip("dolfinx.fem")
     from spaces import HEIGHT, LENGTH, of_space, space_on
 
-    from fenicsrom.post.body_surface import gathered_surface
+    from fenicsrom.post.body.body_surface import gathered_surface
 
     space = space_on("tetrahedron")
     surface, values = gathered_surface(space, {"u": of_space(space, 2)})

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from motions import jenkins, side_by_side
 
-from fenicsrom.online import measures
-from fenicsrom.post import figures
-from fenicsrom.post.style import STATES, line_styles
+from fenicsrom.online.motion import measures
+from fenicsrom.post.base.style import STATES, line_styles
+from fenicsrom.post.run import figures
 
 
 def texts(figure):

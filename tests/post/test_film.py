@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_body_surface import beam_surface
 
-from fenicsrom.post import style
-from fenicsrom.post.body_drawing import DARKEST
-from fenicsrom.post.body_view import view_of
-from fenicsrom.post.film import (
+from fenicsrom.post.base import style
+from fenicsrom.post.body.body_drawing import DARKEST
+from fenicsrom.post.body.body_view import view_of
+from fenicsrom.post.body.film import (
     FILM_SECONDS,
     Dots,
     Film,

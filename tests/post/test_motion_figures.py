@@ -8,9 +8,9 @@ import pytest
 from motions import PERIOD, jenkins, motion, side_by_side
 from test_figures import drawn, texts
 
-from fenicsrom.post import motion_figures
-from fenicsrom.post.motion_table import open_sentence
-from fenicsrom.post.pictures import motion_pictures, working
+from fenicsrom.post.run import motion_figures
+from fenicsrom.post.run.motion_table import open_sentence
+from fenicsrom.post.run.pictures import motion_pictures, working
 from fenicsrom.scene import read_scene
 
 DEMOS = Path(__file__).parents[2] / "demos"

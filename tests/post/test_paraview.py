@@ -14,11 +14,11 @@ pytest.importorskip("dolfinx")
 pyvista = pytest.importorskip("pyvista")
 
 from fenicsrom import study  # noqa: E402
-from fenicsrom.online.archive import load_model  # noqa: E402
-from fenicsrom.online.history import read_history  # noqa: E402
-from fenicsrom.online.stress import von_mises  # noqa: E402
-from fenicsrom.post.fields import frame_rows  # noqa: E402
-from fenicsrom.post.paraview import write_index  # noqa: E402
+from fenicsrom.online.motion.history import read_history  # noqa: E402
+from fenicsrom.online.store.archive import load_model  # noqa: E402
+from fenicsrom.online.stress.stress import von_mises  # noqa: E402
+from fenicsrom.post.paraview.fields import frame_rows  # noqa: E402
+from fenicsrom.post.paraview.paraview import write_index  # noqa: E402
 
 KINDS = {
     "2D": (2, ()),

@@ -10,16 +10,16 @@ import pytest
 from support import beam_scene, contact_points, unexplained
 from test_figures import illegible
 
-from fenicsrom.assess.branches import Piece
-from fenicsrom.assess.response_results import FullPoint, Response, ResponseCurve
-from fenicsrom.online.contact_events import Extremes
-from fenicsrom.online.curve import CurvePoint
-from fenicsrom.online.curve_measures import HARMONICS, PHASES
-from fenicsrom.post.contact_map import NO_MOTION, contact_map, folds_back, state_map
-from fenicsrom.post.response_details import FARTHEST, harmonics_figure, multiplier_figure
-from fenicsrom.post.response_figures import FULL_MARKER, figure, phases, stretches
-from fenicsrom.post.response_rows import rows
-from fenicsrom.post.response_tables import event_table, run_table, trust_table
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.response_results import FullPoint, Response, ResponseCurve
+from fenicsrom.online.curves.contact_events import Extremes
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.curves.curve_measures import HARMONICS, PHASES
+from fenicsrom.post.curves.contact_map import NO_MOTION, contact_map, folds_back, state_map
+from fenicsrom.post.curves.response_details import FARTHEST, harmonics_figure, multiplier_figure
+from fenicsrom.post.curves.response_figures import FULL_MARKER, figure, phases, stretches
+from fenicsrom.post.curves.response_rows import rows
+from fenicsrom.post.curves.response_tables import event_table, run_table, trust_table
 
 DAMPING, CUBIC, FORCE = 0.05, 0.1, 0.1
 

@@ -10,15 +10,15 @@ import pytest
 from motions import jenkins, side_by_side
 from support import beam_scene
 
-from fenicsrom.post.motion_table import (
+from fenicsrom.post.base.record import Study
+from fenicsrom.post.run.motion_table import (
     PERIODS_NOTE,
     RESPONSE_NOTE,
     points_note,
     response_rows,
     response_table,
 )
-from fenicsrom.post.record import Study
-from fenicsrom.post.sentences import basis_sentences, estimate_rows, motion_warnings
+from fenicsrom.post.run.sentences import basis_sentences, estimate_rows, motion_warnings
 from fenicsrom.reduction.selection import Selection
 
 

@@ -13,10 +13,10 @@ pytest.importorskip("dolfinx")
 
 from mpi4py import MPI
 
-from fenicsrom.fem.mesh import build_mesh
-from fenicsrom.fem.solid import UNDEFORMED, solid_of
-from fenicsrom.post.body_surface import gathered_surface
-from fenicsrom.post.setup_marks import CLAMPED, Marks, marked, marks_of
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import UNDEFORMED, solid_of
+from fenicsrom.post.body.body_surface import gathered_surface
+from fenicsrom.post.setup.setup_marks import CLAMPED, Marks, marked, marks_of
 from fenicsrom.scene import make_scene
 
 SMALL = (

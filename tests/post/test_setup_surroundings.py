@@ -10,17 +10,17 @@ import pytest
 from test_body_drawing import plate  # noqa: F401
 from test_figures import drawn, illegible
 
-from fenicsrom.post.body_view import view_of
-from fenicsrom.post.setup_figure import setup_figure
-from fenicsrom.post.setup_marks import ContactMark, Marks, RotationMark
-from fenicsrom.post.setup_surroundings import (
+from fenicsrom.post.body.body_view import view_of
+from fenicsrom.post.setup.setup_figure import setup_figure
+from fenicsrom.post.setup.setup_marks import ContactMark, Marks, RotationMark
+from fenicsrom.post.setup.setup_surroundings import (
     MOST_NUMBERS,
     axis_ends,
     numbered_points,
     surroundings,
     turning_arrow,
 )
-from fenicsrom.post.setup_symbols import MARK_COLOURS
+from fenicsrom.post.setup.setup_symbols import MARK_COLOURS
 
 TURNING = RotationMark(100.0, np.array([-2.0, 0.0, 0.0]), np.array([0.0, 0.6, 0.8]))
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from fenicsrom.post import style
+from fenicsrom.post.base import style
 
 
 @pytest.mark.parametrize(

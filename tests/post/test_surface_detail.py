@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from test_body_surface import areas, beam_surface
 
-from fenicsrom.post.body_surface import normals
-from fenicsrom.post.surface_detail import for_picture, refined, simplified
+from fenicsrom.post.body.body_surface import normals
+from fenicsrom.post.body.surface_detail import for_picture, refined, simplified
 
 
 @pytest.mark.parametrize("name", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
@@ -13,7 +13,7 @@ def test_refined_surface_has_the_same_form_and_linear_fields(name):
     if name in ("triangle", "tetrahedron"):
         from test_body_surface import one_cell
 
-        from fenicsrom.post.body_surface import surface_of
+        from fenicsrom.post.body.body_surface import surface_of
 
         surface = surface_of(one_cell(name, 1))
     else:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from support import beam_scene
 
-from fenicsrom.online.contact_points import ContactPoints, contacts_of
-from fenicsrom.online.surfaces import frame, penetration, surface_normal
-from fenicsrom.post.surface_mesh import surface_grid, surface_lines
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.surfaces import frame, penetration, surface_normal
+from fenicsrom.post.body.surface_mesh import surface_grid, surface_lines
 from fenicsrom.scene import Scene
 
 RUBBING = {"group": "tip", "normal_stiffness": 1e4, "tangential_stiffness": 1e4, "friction": 0.5}

@@ -17,7 +17,7 @@ from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E40
 from support import needs_mpirun, on_ranks  # noqa: E402
 
 from fenicsrom.post import vtk  # noqa: E402
-from fenicsrom.post.centreline import centreline  # noqa: E402
+from fenicsrom.post.body.centreline import centreline  # noqa: E402
 
 MPI = pytest.importorskip("mpi4py.MPI")
 
@@ -197,8 +197,8 @@ def test_fields_on_full_disk_leave_no_file(tmp_path):
 PARALLEL = """
 import numpy as np
 from mpi4py import MPI
-from fenicsrom.post import vtk
-from fenicsrom.post.centreline import centreline
+from fenicsrom.post.paraview import vtk
+from fenicsrom.post.body.centreline import centreline
 from spaces import of_space, space_on
 space = space_on("tetrahedron", comm=MPI.COMM_WORLD)
 u = of_space(space, 2)
@@ -248,7 +248,7 @@ def test_fields_of_two_ranks_are_one_grid(tmp_path):
 @pytest.mark.parametrize("cell", CELLS)
 def test_refined_grid_keeps_linear_fields_and_volume(tmp_path, cell):
     """Quadratic cells on the corners of dolfinx, with means of corners at their other nodes."""
-    from fenicsrom.post.vtk_files import refined_grid, write_vtu
+    from fenicsrom.post.paraview.vtk_files import refined_grid, write_vtu
 
     space = space_on(cell, 1)
     d = space.mesh.geometry.dim

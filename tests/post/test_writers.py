@@ -11,10 +11,10 @@ import pytest
 from motions import jenkins
 
 from fenicsrom.errors import AccuracyError, ErrorKind
-from fenicsrom.post.figures import plot_motion
-from fenicsrom.post.html_page import html_report
-from fenicsrom.post.tables import text_table
-from fenicsrom.post.writers import write_rows, write_summary
+from fenicsrom.post.base.html_page import html_report
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.run.figures import plot_motion
 
 
 def test_text_table_aligns_columns():

@@ -11,13 +11,13 @@ from support import beam_scene, enriched, fixed_steps, refusal
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.online.march import integrate
-from fenicsrom.online.matrices import model_arrays
-from fenicsrom.online.model import reduced_model
-from fenicsrom.online.motion import Motion
-from fenicsrom.online.polynomial import ElasticPolynomial
-from fenicsrom.online.simulate import simulate
-from fenicsrom.online.surfaces import no_contacts
+from fenicsrom.online.contact.surfaces import no_contacts
+from fenicsrom.online.model.matrices import model_arrays
+from fenicsrom.online.model.model import reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.run.simulate import simulate
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.beam import BeamStructure, beam_structure
 from fenicsrom.reduction.projection import (

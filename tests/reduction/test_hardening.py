@@ -17,8 +17,8 @@ from support import beam_scene, enriched, make_solid
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.online.model import ReducedModel
-from fenicsrom.online.polynomial import elastic_force
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.reduction.projection import project
 
 Array = NDArray[np.float64]

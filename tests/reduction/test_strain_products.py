@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fenicsrom.online.polynomial import pairs
+from fenicsrom.online.model.polynomial import pairs
 from fenicsrom.reduction import strain_products as module
 from fenicsrom.reduction.strain_products import strain_products
 

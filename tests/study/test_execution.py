@@ -16,7 +16,7 @@ PROJECTED = ("basis.elastic_force='projection'", "reference.beam=false")
 @pytest.fixture(autouse=True)
 def no_mesh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fail where a mesh is made."""
-    from fenicsrom.fem import mesh
+    from fenicsrom.fem.mesh import mesh
 
     monkeypatch.setattr(mesh, "build_mesh", lambda *_: pytest.fail("a mesh is made"))
 

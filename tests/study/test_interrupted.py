@@ -11,15 +11,15 @@ import pytest
 from support import beam_scene, refusal, uncoupled
 
 from fenicsrom import study
-from fenicsrom.assess import verdicts
+from fenicsrom.assess.errors import verdicts
 from fenicsrom.cli import main
 from fenicsrom.errors import ErrorKind
 from fenicsrom.files import read_archive, write_archive
-from fenicsrom.online import simulate
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.checkpoints import FORMAT, load_checkpoint, load_start
-from fenicsrom.online.motion import Motion
-from fenicsrom.post.sentences import HALF_CHECKED, UNCHECKED
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run import simulate
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.checkpoints import FORMAT, load_checkpoint, load_start
+from fenicsrom.post.run.sentences import HALF_CHECKED, UNCHECKED
 from fenicsrom.study import stored as stored_runs
 
 SCENE = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
@@ -124,7 +124,7 @@ def test_command_says_how_an_unchecked_motion_is_checked(
     monkeypatch.setattr(simulate, "integrate", lambda *_, **__: pytest.fail("a motion is run"))
     resume = ["--resume", str(tmp_path / "checkpoint.npz")]
     with monkeypatch.context() as patched:  # then in the report
-        patched.setattr("fenicsrom.post.report.write_study_report", interrupt)
+        patched.setattr("fenicsrom.post.run.report.write_study_report", interrupt)
         assert main([*call, str(tmp_path), *resume]) == 130
     assert main([*call, str(tmp_path), *resume]) == 0
     kept = json.loads((tmp_path / "summary.json").read_text())

@@ -27,9 +27,9 @@ from fenicsrom.files import (
     reads_other_files,
     write_archive,
 )
-from fenicsrom.online.scene_changes import changed_key
-from fenicsrom.post.record import Study
-from fenicsrom.post.summary import stored_model
+from fenicsrom.online.store.scene_changes import changed_key
+from fenicsrom.post.base.record import Study
+from fenicsrom.post.run.summary import stored_model
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study import offline_key, result_cache
 from fenicsrom.study.offline_key import keys_of
@@ -229,7 +229,7 @@ def test_program_options_and_mesh_file_change_the_hashes(
     found.add(keys_of(scene))
     mesh.write_text(mesh.read_text() + "\n")
     found.add(keys_of(scene))
-    from fenicsrom.assess import full_cache
+    from fenicsrom.assess.full import full_cache
 
     monkeypatch.setattr(full_cache, "package_digest", lambda folder: "other code")
     found.add(keys_of(scene))

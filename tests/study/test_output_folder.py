@@ -11,7 +11,7 @@ import pytest
 from support import refusal
 
 from fenicsrom.errors import ErrorKind
-from fenicsrom.post.origin import Origin, checksum, origin_table, read_record
+from fenicsrom.post.base.origin import Origin, checksum, origin_table, read_record
 from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
 from fenicsrom.study import output_folder
 
@@ -159,7 +159,7 @@ def test_model_is_copied_unless_it_is_large(
 ) -> None:
     model, folder = tmp_path / "model.npz", tmp_path / "out"
     model.write_text("model")
-    monkeypatch.setattr("fenicsrom.post.origin.LARGEST_MODEL", limit)
+    monkeypatch.setattr("fenicsrom.post.base.origin.LARGEST_MODEL", limit)
     folder.mkdir()
     (folder / "reduced_model.npz").write_text("mine")
     checkpoint = tmp_path / "checkpoint.npz"

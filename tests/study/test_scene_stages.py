@@ -84,8 +84,8 @@ def test_plan_says_that_checks_run_an_enriched_basis() -> None:
 
 # Function that does the work of a stage -> name of the stage.
 WORK = {
-    "fenicsrom.fem.mesh.build_mesh": "mesh",
-    "fenicsrom.fem.solid.Solid": "solid",
+    "fenicsrom.fem.mesh.mesh.build_mesh": "mesh",
+    "fenicsrom.fem.solid.solid.Solid": "solid",
     "fenicsrom.reduction.modes.component_modes": "modes",
     "fenicsrom.reduction.snapshots.linear_snapshots": "linear transient",
     "fenicsrom.reduction.snapshots.static_snapshots": "nonlinear statics",
@@ -94,20 +94,20 @@ WORK = {
     "fenicsrom.reduction.stages.enrich": "basis",
     "fenicsrom.reduction.stages.reduce": "reduction",
     "fenicsrom.reduction.candidates.candidate_model": "candidates",
-    "fenicsrom.fem.reaction_rows.reaction_table": "stress points",
-    "fenicsrom.assess.mode_agreement.mode_agreement": "mode comparison",
+    "fenicsrom.fem.solid.reaction_rows.reaction_table": "stress points",
+    "fenicsrom.assess.errors.mode_agreement.mode_agreement": "mode comparison",
     "fenicsrom.study.motions.integrate": "motion",
     "fenicsrom.study.motions.check": "checks",
     "fenicsrom.study.motions.check_beam": "beam check",
-    "fenicsrom.online.stress_peaks.find_stresses": "stresses",
-    "fenicsrom.post.summary.write_numbers": "numbers",
-    "fenicsrom.post.fields.write_shapes": "ParaView modes",
-    "fenicsrom.post.fields.write_last_period": "ParaView motion",
-    "fenicsrom.post.paraview.write_groups": "ParaView scene",
-    "fenicsrom.post.pictures.write_pictures": "pictures",
-    "fenicsrom.post.pictures.write_stress_picture": "stress picture",
-    "fenicsrom.post.pictures.write_animation": "animation",
-    "fenicsrom.post.report.write_study_report": "report",
+    "fenicsrom.online.stress.stress_peaks.find_stresses": "stresses",
+    "fenicsrom.post.run.summary.write_numbers": "numbers",
+    "fenicsrom.post.paraview.fields.write_shapes": "ParaView modes",
+    "fenicsrom.post.paraview.fields.write_last_period": "ParaView motion",
+    "fenicsrom.post.paraview.paraview.write_groups": "ParaView scene",
+    "fenicsrom.post.run.pictures.write_pictures": "pictures",
+    "fenicsrom.post.run.pictures.write_stress_picture": "stress picture",
+    "fenicsrom.post.run.pictures.write_animation": "animation",
+    "fenicsrom.post.run.report.write_study_report": "report",
 }
 SHORT = ["time.periods=2", "output.pictures=false"]
 STATIC = ["time={}", *NO_CONTACT, "reference.beam=false"]
@@ -151,7 +151,7 @@ def test_executed_stages_are_the_planned_ones(
         return record
 
     # a module that is first imported below would keep the recording functions for the next tests
-    importlib.import_module("fenicsrom.assess.estimates")
+    importlib.import_module("fenicsrom.assess.errors.estimates")
     places = {path: importlib.import_module(path.rpartition(".")[0]) for path in WORK}
     for path, name in WORK.items():
         place, function = places[path], path.rpartition(".")[2]

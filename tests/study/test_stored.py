@@ -13,9 +13,9 @@ from support import beam_scene, linear_model, refusal, uncoupled
 
 from fenicsrom import study
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
-from fenicsrom.online.archive import StoredModel
-from fenicsrom.online.scene_changes import changed_key
-from fenicsrom.post.sentences import UNJUDGED
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.scene_changes import changed_key
+from fenicsrom.post.run.sentences import UNJUDGED
 
 SHORT = (
     "geometrically_nonlinear=false",
@@ -147,6 +147,6 @@ def test_failure_before_the_first_step_is_raised(
     def failing(*_: object, **__: object) -> None:
         raise ConvergenceError("no equilibrium", np.zeros(3))
 
-    monkeypatch.setattr("fenicsrom.online.simulate.simulate", failing)
+    monkeypatch.setattr("fenicsrom.online.run.simulate.simulate", failing)
     with pytest.raises(ConvergenceError, match="no equilibrium"):
         study.rerun(stored(), tmp_path)

@@ -15,13 +15,13 @@ import pytest
 from support import beam_scene, linear_model, needs_mpirun, on_ranks, refusal, unexplained
 
 from fenicsrom import study
-from fenicsrom.assess import sweep_runs
-from fenicsrom.assess.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.assess.studies import sweep_runs
+from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.errors import ErrorKind
-from fenicsrom.online.archive import StoredModel, changed_scene, load_model, save_model
-from fenicsrom.online.deformation import Deformation
-from fenicsrom.online.simulate import load_histories
-from fenicsrom.post import sweep_figures, sweep_report
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.store.archive import StoredModel, changed_scene, load_model, save_model
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.post.studies import sweep_figures, sweep_report
 from fenicsrom.scene.variations import make_axes
 from fenicsrom.study import sweeps
 

@@ -1,0 +1,385 @@
+"""Backbones: the damped nonlinear mode of a reduced model over its amplitude.
+
+The curve starts at the linear mode and is followed by its amplitude
+(`fenicsrom.online.curves.nonlinear_mode`). The peaks of the forced response
+(`fenicsrom.online.curves.forced_peak`) stand beside it.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.curves.crest import half_range
+from fenicsrom.online.curves.curve import LOST, CurvePoint
+from fenicsrom.online.curves.forced_peak import ForcedPeak, forced_peaks
+from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation, linear_modes
+from fenicsrom.online.model.support_motion import displacement_sines
+from fenicsrom.online.periodic.families import Problem
+from fenicsrom.online.periodic.periodic_record import recorded_motion
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import duration
+from fenicsrom.scene import Backbone as BackboneTable
+from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
+
+STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
+SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
+SMALLER = 4.0
+REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
+
+
+@dataclass(frozen=True, eq=False)
+class ModePoint:
+    """One motion of the nonlinear mode.
+
+    Attributes:
+        linear_amplitude: modal coordinate, as the amplitude of the linear mode at the probe, m.
+        modal_amplitude: modal coordinate, sqrt(kg) m.
+        frequency: Hz.
+        damping_ratio: zeta.
+        amplitude: (d,) half of peak-to-peak of the probe, m.
+        motion: the motion; its stability means nothing, as the damping is artificial.
+    """
+
+    linear_amplitude: float
+    modal_amplitude: float
+    frequency: float
+    damping_ratio: float
+    amplitude: Array
+    motion: CurvePoint
+
+
+@dataclass(frozen=True, eq=False)
+class StepError:
+    """What half the time step changes at one point.
+
+    Attributes:
+        point: number of the point, from 0.
+        frequency: relative change.
+        damping_ratio: change.
+    """
+
+    point: int
+    frequency: float
+    damping_ratio: float
+
+
+@dataclass(eq=False)
+class Backbone(CurveRecord):
+    """The nonlinear mode of a scene.
+
+    Attributes:
+        mode: the linear mode.
+        direction: of the probe's largest motion in the linear mode.
+        points: the motions in the order in which they were found.
+        reason: why the curve ends: "end of the range", "number of points", "no convergence" or
+            "interrupted".
+        step_errors: at the first, the middle and the last point.
+        peaks: of the forced response.
+    """
+
+    mode: LinearMode
+    direction: int
+    points: list[ModePoint] = field(default_factory=list)
+    reason: str = "interrupted"
+    step_errors: list[StepError] = field(default_factory=list)
+    peaks: list[ForcedPeak] = field(default_factory=list)
+
+    @property
+    def table(self) -> BackboneTable:
+        """The table [backbone] of the scene."""
+        return backbone_table(self.scene)
+
+
+def backbone_table(scene: Scene) -> BackboneTable:
+    """The table [backbone] of a scene.
+
+    Raises:
+        SceneError: the scene has none.
+    """
+    return required_table(scene, "backbone", scene.backbone)
+
+
+def check_backbone(scene: Scene) -> None:
+    """Check before the offline stage that the nonlinear mode of a scene can be computed.
+
+    Raises:
+        SceneError: there is no table [backbone], all loads are static, the model would not be an
+            exact polynomial, or a surface with waves shakes the body.
+    """
+    backbone_table(scene)
+    if scene.static_only:
+        raise _refusal(
+            scene, "backbone", "needs a reduced model, but all loads are static", ErrorKind.CONFLICT
+        )
+    if scene.basis.elastic_force == "projection":
+        raise _refusal(
+            scene,
+            "basis.elastic_force",
+            '= "projection": must be "polynomial" for a nonlinear mode',
+            ErrorKind.CONFLICT,
+        )
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is not None and contact.surface.waves:
+            raise _refusal(
+                scene,
+                f"contacts[{k}].surface.waves",
+                "is not allowed for a nonlinear mode, which moves without excitation",
+                ErrorKind.CONFLICT,
+            )
+
+
+def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError:
+    return SceneError(f"{scene.source}: {key} {reason}", kind=kind, key=key, source=scene.source)
+
+
+def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
+    """Compute the nonlinear mode of a reduced model under its scene.
+
+    Args:
+        stored: the model; its scene has a table [backbone].
+        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+
+    Returns:
+        The motions. After an interrupt they end where they were, and `interrupted` is set; if the
+        curve or a peak was not found, `unfinished` holds the error.
+
+    Raises:
+        SceneError: see `check_backbone`; or there is no such mode, or it does not move the probe.
+        ConvergenceError: there is no equilibrium.
+    """
+    begin, scene = clock.perf_counter(), stored.scene
+    check_backbone(scene)
+    contacts = settled_contacts(contacts_of(scene, stored.model.points))
+    mode, direction, unit = _linear_mode(stored, contacts)
+    found = Backbone(
+        scene,
+        stored.size,
+        scene.geometry.dimension,
+        stored.model.points,
+        scene.time.steps_per_period or FALLBACK_STEPS,
+        mode,
+        direction,
+    )
+    if scene.time.steps_per_period is None:
+        found.warnings.append(
+            f"The nonlinear mode uses {FALLBACK_STEPS} steps per period, because the scene does "
+            "not set time.steps_per_period."
+        )
+    try:
+        path = _path(stored, contacts, found, unit, scene.time)
+        _follow(path, found, unit, say)
+        _step_errors(stored, contacts, found, unit, say)
+        _peaks(stored, contacts, found, say)
+    except ConvergenceError as error:
+        found.warnings.append(str(error))
+        found.unfinished = error
+    except KeyboardInterrupt:
+        found.interrupted = True
+    found.seconds = clock.perf_counter() - begin
+    return found
+
+
+def _linear_mode(stored: StoredModel, contacts: Contacts) -> tuple[LinearMode, int, float]:
+    """The linear mode of the scene, the probe's direction, and its motion there, 1/sqrt(kg).
+
+    Raises:
+        SceneError: there is no such mode, or it does not move the probe.
+    """
+    scene, number = stored.scene, backbone_table(stored.scene).mode
+    modes = linear_modes(stored.model, contacts)
+    if number > len(modes):
+        raise _refusal(
+            scene,
+            "backbone.mode",
+            f"= {number}: must be from 1 to {len(modes)}, the number of modes of the reduced model",
+            ErrorKind.RANGE,
+        )
+    moves = [np.abs(stored.model.probe @ mode.shape) for mode in modes]
+    mine = moves[number - 1]
+    direction = int(np.argmax(mine))
+    if mine[direction] <= STILL * max(float(move.max()) for move in moves):
+        raise _refusal(
+            scene,
+            "backbone.mode",
+            f"= {number}: this mode does not move the probe; choose another probe",
+            ErrorKind.CONFLICT,
+        )
+    return modes[number - 1], direction, float(mine[direction])
+
+
+def _path(
+    stored: StoredModel, contacts: Contacts, found: Backbone, unit: float, settings: Any
+) -> ModeContinuation:
+    """The continuation over the range of the scene."""
+    table = found.table
+    return ModeContinuation(
+        stored.model, contacts, settings, found.mode, table.first / unit, table.last / unit
+    )
+
+
+def _follow(
+    path: ModeContinuation, found: Backbone, unit: float, say: Callable[[str], None]
+) -> None:
+    """Follow the nonlinear mode from the smallest to the largest amplitude.
+
+    Raises:
+        ConvergenceError: the first point was not found, or the curve ends within the range.
+    """
+    begin = last = clock.perf_counter()
+    first, width = found.table.first, np.log(found.table.last / found.table.first)
+
+    def keep(point: CurvePoint) -> None:
+        nonlocal last
+        found.points.append(_mode_point(path, point, unit, found.scene.time))
+        if clock.perf_counter() - last > REPORT_INTERVAL:
+            last, here = clock.perf_counter(), found.points[-1]
+            part = float(np.clip(np.log(here.linear_amplitude / first) / width, 0.01, 1.0))
+            left = duration((last - begin) * (1.0 - part) / part)
+            say(
+                f"{counted(len(found.points), 'point')}, linear amplitude "
+                f"{1e3 * here.linear_amplitude:.4g} mm, {here.frequency:.6g} Hz, "
+                f"damping ratio {100.0 * here.damping_ratio:.4g} %; {100.0 * part:.0f} % of the "
+                f"range, about {left} left"
+            )
+
+    keep(_first_point(path))
+    curve = path.run(
+        found.points[0].motion,
+        1.0,
+        points=found.table.points,
+        locate=False,
+        progress=keep,
+    )
+    if curve.points[-1] is not found.points[-1].motion:  # `run` reports no point at the end
+        keep(curve.points[-1])
+    found.reason = curve.reason
+    say(f"{counted(len(found.points), 'point')}, {curve.reason}")
+    if curve.reason == LOST:
+        end = found.points[-1].linear_amplitude
+        raise ConvergenceError(
+            f"backbone: the nonlinear mode was lost at an amplitude of {end:g} m"
+        )
+
+
+def _first_point(path: ModeContinuation) -> CurvePoint:
+    """The motion at the smallest amplitude: from the linear mode, or from a smaller amplitude.
+
+    Raises:
+        ConvergenceError: it was not found.
+    """
+    start, low = path.linear_start(), path.low
+    for tried in range(SMALLER_STARTS):
+        begin = path.at_parameter(start, low - tried * np.log(SMALLER))
+        if begin is None:
+            continue
+        if tried == 0:
+            return begin
+        path.low, path.high, high = begin.parameter, low, path.high
+        curve = path.run(begin, 1.0, locate=False)
+        path.low, path.high = low, high
+        if abs(curve.points[-1].parameter - low) <= 1e-9:
+            return curve.points[-1]
+        break
+    raise ConvergenceError("backbone: no nonlinear mode was found at the smallest amplitude")
+
+
+def probe_amplitude(problem: Problem, settings: Any, point: CurvePoint) -> Array:
+    """Half of peak-to-peak (d,) of the probe in the motion of a point, m.
+
+    Raises:
+        ConvergenceError: a step did not converge.
+    """
+    motion = recorded_motion(problem, settings, point.z)
+    assert motion.coordinates is not None
+    return half_range(motion.time[1:], motion.coordinates[1:] @ problem.model.probe.T)
+
+
+def _mode_point(path: ModeContinuation, point: CurvePoint, unit: float, settings: Any) -> ModePoint:
+    modal = float(np.exp(point.parameter))
+    return ModePoint(
+        unit * modal,
+        modal,
+        path.frequency(point),
+        path.damping_ratio(point),
+        probe_amplitude(path.problem_at(point.s, point.parameter), settings, point),
+        point,
+    )
+
+
+def _step_errors(
+    stored: StoredModel,
+    contacts: Contacts,
+    found: Backbone,
+    unit: float,
+    say: Callable[[str], None],
+) -> None:
+    """Repeat the first, the middle and the last point with half the time step."""
+    settings = stored.scene.time.changed(steps_per_period=2 * found.steps)
+    path = _path(stored, contacts, found, unit, settings)
+    for k in sorted({0, len(found.points) // 2, len(found.points) - 1}):
+        say(f"checking point {k + 1} with half the time step")
+        point = found.points[k]
+        finer = path.at_parameter(point.motion.s, point.motion.parameter)
+        if finer is not None:
+            found.step_errors.append(
+                StepError(
+                    k,
+                    path.frequency(finer) / point.frequency - 1.0,
+                    path.damping_ratio(finer) - point.damping_ratio,
+                )
+            )
+
+
+def _peaks(
+    stored: StoredModel, contacts: Contacts, found: Backbone, say: Callable[[str], None]
+) -> None:
+    """Find the peaks of the forced response.
+
+    Raises:
+        ConvergenceError: a peak was not found.
+    """
+    scene, direction = stored.scene, found.direction
+    factors = found.table.load_factors
+    if not factors:
+        return
+    assert scene.period is not None
+
+    def amplitude(problem: Problem, point: CurvePoint) -> float:
+        return float(probe_amplitude(problem, scene.time, point)[direction])
+
+    say("peaks of the forced response")
+    for peak in forced_peaks(
+        stored.model,
+        contacts,
+        scene.time,
+        scene.period,
+        (found.mode.equilibrium, found.mode.sliders),
+        found.points[0].frequency,
+        factors,
+        amplitude,
+        displacement_sines(scene.loads),
+    ):
+        found.peaks.append(peak)
+        say(
+            f"{peak.factor:g} times the loads: largest amplitude {1e3 * peak.amplitude:.5g} mm at "
+            f"{peak.frequency:.6g} Hz"
+        )
+        reasons = [reason for reason in dict.fromkeys(peak.ends) if reason != "fallen"]
+        if reasons:
+            found.warnings.append(
+                f"{peak.factor:g} times the loads: the curve over the frequency ended early "
+                f"({' and '.join(reasons)}), before the amplitude had fallen on both sides of the "
+                "peak; a larger amplitude may lie beyond."
+            )

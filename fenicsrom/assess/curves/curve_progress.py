@@ -1,0 +1,170 @@
+"""The progress of response curves: lines for the user, and what is kept of an interrupted run."""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.response_results import response_table
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.progress import duration
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.curves.response_files import CurveFile
+    from fenicsrom.assess.curves.response_results import ResponseCurve
+    from fenicsrom.scene import Scene
+
+REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
+NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
+KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where a continuation stands, to continue it bit for bit.
+
+    Attributes:
+        points: number of points of the piece.
+        special: number of its bifurcations.
+        size: as `fenicsrom.online.curves.arc.ArcLength.size`.
+        least: likewise.
+        step: next step along the curve.
+        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
+    """
+
+    points: int
+    special: int
+    size: float
+    least: float
+    step: float
+    guess: tuple[Array | None, float]
+
+
+class CurveWalk:
+    """Reports the progress of one curve, and keeps in a file what is done of it.
+
+    Attributes:
+        stand: where the last piece stands; None between two pieces.
+    """
+
+    def __init__(
+        self,
+        curve: ResponseCurve,
+        scene: Scene,
+        report: Callable[[float, str], None],
+        file: CurveFile | None,
+    ):
+        """Begin at the points that the curve has.
+
+        Args:
+            curve: the curve.
+            scene: its scene, with a table [response].
+            report: receives the part of the range that is covered and a line; where it is only
+                asked whether to stop, 0 and an empty line. It raises KeyboardInterrupt to stop.
+            file: the file; None keeps nothing.
+        """
+        self.curve, self.scene, self.file = curve, scene, file
+        self.stand: Stand | None = None
+        self._report = report
+        self._said = self._kept = clock.perf_counter()
+
+    def __call__(self, line: str) -> None:
+        """Report a line."""
+        self._report(self.fraction if line else 0.0, line)
+
+    @property
+    def fraction(self) -> float:
+        """The part of the range of the parameter that the curve covers, from both ends."""
+        table = response_table(self.scene)
+        low, high = table.low, table.high
+        covered = 0.0
+        for piece in self.curve.pieces:
+            values = [point.parameter for point in piece.points]
+            if values and piece.origin == "march":
+                covered += max(values) - low if piece.direction > 0.0 else high - min(values)
+        return min(max(covered / (high - low), 0.0), 1.0)
+
+    def passed(self, path: Continuation) -> None:
+        """Note that the last piece has a new point of a continuation."""
+        piece = self.curve.pieces[-1]
+        counts = len(piece.points), len(piece.special)
+        self.stand = Stand(*counts, path.size, path.least, path.step, path.shooting.guess)
+        now = clock.perf_counter()
+        if now - self._kept > KEEP_INTERVAL:
+            self.save()
+            self._kept = clock.perf_counter()
+        line = ""
+        if now - self._said > REPORT_INTERVAL:
+            self._said, point = now, piece.points[-1]
+            here = in_words(self.scene, response_table(self.scene).parameter, point.parameter)
+            line = (
+                f"{counted(len(self.curve.points), 'point')}, {here}, amplitude "
+                f"{1e3 * float(point.amplitude.max()):.4g} mm, {point.verdict}"
+            )
+        most = response_table(self.scene).points
+        if len(piece.points) == int(NEARLY_ALL * most):
+            line = f"{counted(len(piece.points), 'point')} of at most response.points = {most}"
+        self(line)
+
+    def save(self, done: bool = False) -> None:
+        """Keep the curve in its file.
+
+        Args:
+            done: whether the curve is complete.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
+        if self.file is None:
+            return
+        pieces = list(self.curve.pieces)
+        if pieces and pieces[-1].reason == "interrupted":
+            last, stand = pieces.pop(), self.stand
+            if stand is not None:
+                points, special = last.points[: stand.points], last.special[: stand.special]
+                pieces.append(replace(last, points=points, special=special))
+        self.file.save(replace(self.curve, pieces=pieces), self.stand, done=done)
+
+
+class CurveProgress:
+    """Merges the progress of several curves into lines with the time that is left."""
+
+    def __init__(self, names: Sequence[str], say: Callable[[str], None]):
+        """Begin.
+
+        Args:
+            names: beginnings of the lines, one for each curve.
+            say: receives the lines.
+        """
+        self._names, self._say = names, say
+        self._first: list[float | None] = [None] * len(names)
+        self._now = [0.0] * len(names)
+        self._begin = clock.perf_counter()
+
+    def __call__(self, number: int, fraction: float, line: str) -> None:
+        """Pass on a line of a curve, with the part of all curves that is done."""
+        if self._first[number] is None:
+            self._first[number] = fraction
+        self._now[number] = fraction
+        count = f"curve {number + 1} of {len(self._names)}, " if len(self._names) > 1 else ""
+        self._say(f"{count}{self._names[number]}{line}; {self.remaining()}")
+
+    def finished(self, number: int) -> None:
+        """Count a curve as done."""
+        self._first[number] = self._first[number] or 0.0
+        self._now[number] = 1.0
+
+    def remaining(self) -> str:
+        """The part of all curves that is done, and the time that is left if it can be told."""
+        total = sum(self._now) / len(self._now)
+        gained = total - sum(first or 0.0 for first in self._first) / len(self._now)
+        seconds = clock.perf_counter() - self._begin
+        text = f"{100.0 * total:.0f} % of the range"
+        if gained < 0.02 or total == 1.0:  # the checks are still to come
+            return text
+        return f"{text}, about {duration(seconds * (1.0 - total) / gained)} left"

@@ -1,0 +1,257 @@
+"""The path of static equilibria of a body as a factor multiplies its static loads.
+
+The full model of the solid is followed (`fenicsrom.fem.paths.equilibrium_path`), through limit points, at
+which the body under a growing load would snap through.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.large_strains import strain_warnings
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
+    from fenicsrom.fem.solid.solid import Solid
+
+SYMMETRIC = 1e-6  # a smaller part of the tangent that is not symmetric is rounding
+REPORT_INTERVAL = 2.0  # shortest time between two lines of progress, s
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """One equilibrium of a path.
+
+    Attributes:
+        load_factor: factor on the loads of the path.
+        probe: (d,) displacement of the probe, m.
+        largest: largest component of the displacement of any node, m.
+        negative_pivots: number of negative eigenvalues of the tangent stiffness; the equilibrium is
+            stable without any. At a special point this may be the number on either side.
+        residual: length of Newton's correction with the exact tangent there, relative to the
+            displacement and the load.
+        deformation: extremes of the deformation at the quadrature points.
+        kind: "" of an ordinary point, else "limit point" or "bifurcation".
+    """
+
+    load_factor: float
+    probe: Array
+    largest: float
+    negative_pivots: int
+    residual: float
+    deformation: Deformation
+    kind: str = ""
+
+
+@dataclass(eq=False)
+class EquilibriumPath:
+    """The equilibria of a scene.
+
+    Attributes:
+        scene: the scene.
+        unknowns: free unknowns of the mesh.
+        direction: the probe's component with the largest displacement on the path.
+        body: the body.
+        points: the equilibria in the order of the path, special points among them.
+        shapes: label -> displacement (local,) at each special point and at the last point, m.
+        reason: why the path ends: "end of the range", "displacement of the probe", "number of
+            points", "no convergence" or "interrupted".
+        seconds: run time.
+        warnings: sentences for the user.
+        unfinished: the error that ended the computation, or None.
+        interrupted: whether the run was asked to stop.
+    """
+
+    scene: Scene
+    unknowns: int
+    body: Solid | None = None
+    points: list[Equilibrium] = field(default_factory=list)
+    shapes: dict[str, Array] = field(default_factory=dict)
+    reason: str = "interrupted"
+    seconds: float = 0.0
+    warnings: list[str] = field(default_factory=list)
+    unfinished: ConvergenceError | None = None
+    interrupted: bool = False
+
+    @property
+    def direction(self) -> int:
+        """The probe's component with the largest displacement on the path."""
+        return int(np.argmax(np.max(np.abs([point.probe for point in self.points]), axis=0)))
+
+    @property
+    def special(self) -> list[Equilibrium]:
+        """The limit points and bifurcations, in the order of the path."""
+        return [point for point in self.points if point.kind]
+
+
+def varied_loads(scene: Scene) -> list[int]:
+    """The numbers of the static loads that the load factor multiplies.
+
+    Raises:
+        SceneError: there is none, or the equilibria of the scene are no path of the bare body.
+    """
+    chosen = scene.statics.loads
+    listed = range(len(scene.loads)) if chosen is None else chosen
+    found = [k for k in listed if scene.loads[k].static]
+    if not any(scene.loads[k].size != 0.0 for k in found):
+        raise _refusal(
+            scene, "loads", "a static load of a size other than 0 is needed", ErrorKind.MISSING
+        )
+    if not scene.geometrically_nonlinear:
+        allowed = "false: must be true, because a linear path is a straight line"
+        raise _refusal(scene, "geometrically_nonlinear", allowed, ErrorKind.CONFLICT)
+    if scene.contacts:
+        allowed = "not allowed: the path is that of the body without contacts"
+        raise _refusal(scene, "contacts", allowed, ErrorKind.CONFLICT)
+    return found
+
+
+def _refusal(scene: Scene, key: str, reason: str, kind: ErrorKind) -> SceneError:
+    return SceneError(f"{scene.source}: {key}: {reason}", kind=kind, key=key, source=scene.source)
+
+
+def equilibrium_path(
+    scene: Scene,
+    comm: Any,
+    say: Callable[[str], None],
+    stop: Callable[[], bool] = lambda: False,
+    visit: Callable[[PathPoint], None] = lambda point: None,
+) -> EquilibriumPath:
+    """Follow the equilibria of a scene as a factor multiplies its static loads.
+
+    Args:
+        scene: the scene; its table [statics] gives the range.
+        comm: MPI communicator.
+        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+        stop: asked at each point; the path ends where it returns True.
+        visit: receives each point with its displacement.
+
+    Returns:
+        The equilibria. After an interrupt they end where they were, and `interrupted` is set; if
+        the path was lost, `unfinished` holds the error.
+
+    Raises:
+        SceneError: see `varied_loads`; or the scene does not fit its mesh.
+        ConvergenceError: there is no equilibrium under the constant loads.
+    """
+    from fenicsrom.fem.paths.equilibrium_path import PathFollower
+
+    begin, table = clock.perf_counter(), scene.statics
+    varied = varied_loads(scene)
+    body = _body(scene, varied, comm, say)
+    sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
+    found = EquilibriumPath(scene, body.free, body, warnings=list(body.warnings))
+    if dropped := sum(not load.static for load in scene.loads):
+        found.warnings.append(f"{dropped} of the loads vary in time and do not act on the path")
+    lowest = -table.last if table.lowest is None else table.lowest
+    try:
+        follower = PathFollower(body, sizes, lowest, table.last)
+        _follow(follower, body, found, say, stop, visit)
+        if follower.equations.asymmetry > SYMMETRIC:
+            found.warnings.append(
+                "the follower pressures have no potential: the tangent stiffness is not "
+                "symmetric, and the negative pivots, which tell stable from unstable equilibria, "
+                "are those of its symmetric part"
+            )
+    except ConvergenceError as error:
+        found.reason = "no convergence"
+        found.unfinished = ConvergenceError(f"statics: {error}{_where(found)}")
+    except KeyboardInterrupt:
+        found.interrupted = True
+    found.warnings += strain_warnings(
+        [
+            (f"from the load factor {point.load_factor:.6g} of the path on", point.deformation)
+            for point in found.points
+        ]
+    )
+    found.seconds = clock.perf_counter() - begin
+    return found
+
+
+def _body(scene: Scene, varied: list[int], comm: Any, say: Callable[[str], None]) -> Solid:
+    """The solid in its equilibrium under the constant loads."""
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import solid_of
+
+    loads = [
+        load.changed(**{load.kind: 0.0}) if k in varied else load
+        for k, load in enumerate(scene.loads)
+    ]
+    say("mesh ..")
+    mesh = build_mesh(scene.geometry, comm)
+    say("solid ..")
+    return solid_of(replace(scene, loads=tuple(loads)), mesh)
+
+
+def _follow(
+    follower: PathFollower,
+    body: Solid,
+    found: EquilibriumPath,
+    say: Callable[[str], None],
+    stop: Callable[[], bool],
+    visit: Callable[[PathPoint], None],
+) -> None:
+    """Collect the points of the path.
+
+    Raises:
+        ConvergenceError: the path was lost.
+        KeyboardInterrupt: `stop` returned True.
+    """
+    from fenicsrom.fem.body.deformation import DeformationGauge
+
+    table, last = found.scene.statics, clock.perf_counter()
+    gauge = DeformationGauge(body, found.scene)
+    say("path ..")
+    for point in follower.points():
+        visit(point)
+        probe = body.comm.allreduce(body.probe_rows @ point.displacement)
+        found.points.append(
+            Equilibrium(
+                point.load_factor,
+                np.asarray(probe),
+                float(body.largest(point.displacement[:, None])[0]),
+                point.negative,
+                point.residual,
+                gauge.measure(point.displacement),
+                point.kind,
+            )
+        )
+        found.shapes.pop("end", None)
+        label = f"{point.kind} {len(found.shapes) + 1}" if point.kind else "end"
+        found.shapes[label] = point.displacement
+        if point.kind:
+            say(f"  {point.kind} at the load factor {point.load_factor:.6g}")
+        elif clock.perf_counter() - last > REPORT_INTERVAL:
+            last = clock.perf_counter()
+            say(f"  {counted(len(found.points), 'point')}, load factor {point.load_factor:.4g}")
+        if body.comm.bcast(stop()):
+            raise KeyboardInterrupt
+        if table.displacement is not None and np.linalg.norm(probe) >= table.displacement:
+            found.reason = "displacement of the probe"
+            return
+        if len(found.points) >= table.points and not follower.reason:
+            found.reason = "number of points"
+            return
+    found.reason = follower.reason
+
+
+def _where(found: EquilibriumPath) -> str:
+    """Where the path ends, in words."""
+    if not found.points:
+        return ""
+    end = found.points[-1]
+    probe = ", ".join(f"{1e3 * u:.5g}" for u in end.probe)
+    return (
+        f", from the load factor {end.load_factor:.6g} on, where the probe is displaced by "
+        f"({probe}) mm"
+    )

@@ -1,0 +1,123 @@
+"""The motions of the full model at some points of the response curves of its reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.response_problem import family_of
+from fenicsrom.assess.curves.response_results import (
+    FullPoint,
+    Response,
+    ResponseCurve,
+    curve_title,
+    response_table,
+)
+from fenicsrom.assess.full.full_periodic import full_periodic_motion
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.periodic.families import Family
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting, solve
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene.units import in_words
+
+REDUCED_TOLERANCE = 1e-8  # of the residual of the reduced motion, relative to the variables
+
+
+def add_full_points(
+    found: Response, stored: StoredModel, solid: Solid, basis: Array, say: Callable[[str], None]
+) -> None:
+    """Compute the motions of the full model that a scene asks for, and add them to its curves.
+
+    At each value of `response.full` the reduced motion is taken from the curve: the stable one with
+    the largest amplitude, or if all are unstable the largest one. A motion that is not found is a
+    warning, and `found.unfinished` holds its error.
+
+    Args:
+        found: the curves.
+        stored: the reduced model.
+        solid: the solid it was made from.
+        basis: (local, n) vectors of its basis.
+        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+    """
+    families = found.table.families
+    try:
+        for curve in found.curves:
+            current, begin = stored, ""
+            if families is not None:
+                current = stored.with_overrides([f"{families.key}={curve.value!r}"])
+                begin = curve_title(found.scene, curve.value)
+            family = family_of(current)
+            for value in found.table.full_values:
+                name = f"{begin}full model at {in_words(found.scene, found.table.parameter, value)}"
+                try:
+                    shooting, reduced = _reduced_motion(current, family, curve, value)
+                    motion = full_periodic_motion(
+                        solid, basis, shooting, reduced, say=_named(say, name)
+                    )
+                except ConvergenceError as error:
+                    found.warnings.append(f"{name}: {error}")
+                    found.unfinished = found.unfinished or error
+                    continue
+                curve.full.append(
+                    FullPoint(
+                        value,
+                        motion.amplitude,
+                        reduced.amplitude,
+                        reduced.verdict,
+                        motion.periods,
+                        motion.derived,
+                        motion.residuals[-1],
+                        motion.seconds,
+                    )
+                )
+    except KeyboardInterrupt:
+        found.interrupted = True
+
+
+def _named(say: Callable[[str], None], name: str) -> Callable[[str], None]:
+    """Make a callback that says each line with a name."""
+    return lambda line: say(f"{name}: {line}")
+
+
+def _reduced_motion(
+    stored: StoredModel, family: Family, curve: ResponseCurve, value: float
+) -> tuple[Shooting, PeriodicMotion]:
+    """The equation and the reduced motion of a curve at a value of the parameter.
+
+    Raises:
+        ConvergenceError: the curve has no motion there.
+    """
+    crossings = [
+        (before, after)
+        for piece in curve.pieces
+        for before, after in pairwise(piece.points)
+        if min(before.parameter, after.parameter) <= value <= max(before.parameter, after.parameter)
+    ]
+    crossings.sort(
+        key=lambda pair: (
+            pair[0].stable and pair[1].stable,
+            max(float(point.amplitude.max()) for point in pair),
+        ),
+        reverse=True,
+    )
+    problem = family(value)
+    shooting = Shooting(problem.model, problem.contacts, stored.scene.time, problem.period)
+    for pair in crossings:
+        try:
+            return shooting, solve(shooting, _between(*pair, value), REDUCED_TOLERANCE)
+        except ConvergenceError:
+            continue
+    key = response_table(stored.scene).parameter
+    raise ConvergenceError(f"the response curve has no motion at {key} = {value:.6g}")
+
+
+def _between(before: CurvePoint, after: CurvePoint, value: float) -> Array:
+    """The scaled variables (N,) between two points of a curve, by linear interpolation."""
+    width = after.parameter - before.parameter
+    part = (value - before.parameter) / width if width else 0.0
+    return np.asarray((1.0 - part) * before.s + part * after.s)

@@ -1,0 +1,223 @@
+"""Response curves: the periodic motions of a reduced model over a parameter of its scene.
+
+Each value of the second number gives one curve, computed in this process or in another
+(`fenicsrom.assess.curves.response_pieces`) and kept in a file of its own.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.curves.grazing import resolved_events
+from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
+from fenicsrom.assess.curves.response_pieces import follow_curve
+from fenicsrom.assess.curves.response_problem import check_response
+from fenicsrom.assess.curves.response_results import (
+    Response,
+    ResponseCurve,
+    curve_title,
+    response_table,
+)
+from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
+from fenicsrom.assess.processes import run_jobs
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.curves.contact_events import Extremes
+from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+from fenicsrom.scene.units import in_words
+
+CLASSES = {
+    kind.__name__: kind for kind in (ResponseCurve, Piece, CurvePoint, Extremes, Check, Stand)
+}
+"""The dataclasses of which a kept curve consists."""
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One curve to compute, in this process or in another.
+
+    Attributes:
+        stored: the model under the scene of all curves.
+        value: of the second number; None without families.
+        state: the file that keeps the curve; None keeps nothing.
+        kept: what an earlier run kept of it, or None.
+        richer: a model with a richer basis to compare with, or None.
+    """
+
+    stored: StoredModel
+    value: float | None
+    state: CurveFile | None
+    kept: KeptCurve | None
+    richer: RicherModel | None
+
+
+def response(
+    stored: StoredModel,
+    say: Callable[[str], None],
+    *,
+    state: Path | None = None,
+    resume: Path | None = None,
+    workers: int = 1,
+    stop: Callable[[], bool] = lambda: False,
+    richer: RicherModel | None = None,
+) -> Response:
+    """Compute the response curves of a reduced model under its scene.
+
+    Args:
+        stored: the model; its scene has a table [response].
+        say: receives the progress, one line at a time; it may raise KeyboardInterrupt.
+        state: folder of the files that keep what is done of each curve; None keeps nothing.
+        resume: such a folder of an earlier run, from which the curves continue.
+        workers: largest number of processes that compute curves at the same time. With several,
+            the calling script must be importable: put its code under `if __name__ == "__main__"`.
+        stop: asked at each point; the run ends when it returns True.
+        richer: a model with a richer basis to compare with at selected points.
+
+    Returns:
+        The curves. After an interrupt they end where they were, and `interrupted` is set; if a
+        curve was not found, the others are there and `unfinished` holds the error.
+
+    Raises:
+        SceneError: see `check_response`, or `resume` does not belong to this model and scene.
+        OSError: a file of `state` cannot be written.
+    """
+    begin = clock.perf_counter()
+    scene = stored.scene
+    check_response(scene)
+    table = response_table(scene)
+    found = Response(
+        scene,
+        stored.size,
+        scene.geometry.dimension,
+        stored.model.points,
+        scene.time.steps_per_period or FALLBACK_STEPS,
+    )
+    if scene.time.tolerance is not None:
+        found.warnings.append(
+            f"The curves use {FALLBACK_STEPS} steps per period: a periodic motion needs a fixed "
+            "step, and the scene asks for an adaptive one."
+        )
+    values: Sequence[float | None] = table.families.values if table.families else (None,)
+    jobs = [
+        _Job(
+            stored,
+            value,
+            curve_file(state, stored, number) if state is not None else None,
+            curve_file(resume, stored, number).load(CLASSES) if resume is not None else None,
+            richer,
+        )
+        for number, value in enumerate(values, 1)
+    ]
+    if state is not None and (resume is None or resume.resolve() != state.resolve()):
+        forget(state)
+    progress = CurveProgress([curve_title(scene, value) for value in values], say)
+    try:
+        for number, outcome in enumerate(run_jobs(_compute, jobs, progress, workers, stop)):
+            if isinstance(outcome, ConvergenceError):
+                outcome = _Outcome(ResponseCurve(values[number]), outcome)
+            found.curves.append(outcome.curve)
+            progress.finished(number)
+            error = outcome.error or _incomplete(scene, outcome.curve)
+            if error is not None:
+                found.warnings.append(f"{curve_title(scene, values[number])}{error}")
+                found.unfinished = found.unfinished or error
+            if outcome.interrupted:
+                found.interrupted = True
+                if workers <= 1:
+                    break
+    except KeyboardInterrupt:
+        found.interrupted = True
+    found.curves = [curve for curve in found.curves if curve.points]
+    _leave_out_unresolved(found)
+    _warn_of_errors(found)
+    found.seconds = clock.perf_counter() - begin
+    return found
+
+
+def _leave_out_unresolved(found: Response) -> None:
+    """Leave out contact events that the time steps do not resolve, and say how many."""
+    for curve in found.curves:
+        before = len(curve.special)
+        for piece in curve.pieces:
+            piece.special = resolved_events(piece, found.steps)
+        if count := before - len(curve.special):
+            found.warnings.append(
+                f"{curve_title(found.scene, curve.value)}a contact point grazes its surface: "
+                f"{count} changes of contact were left out, because the time steps do not resolve "
+                "them; increase time.steps_per_period."
+            )
+
+
+def _warn_of_errors(found: Response) -> None:
+    """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
+    for curve in found.curves:
+        said = inaccuracies(curve.checks, found.scene, found.table.parameter)
+        said += contradictions(curve.checks, found.scene, found.table.parameter)
+        said = [f"{curve_title(found.scene, curve.value)}{line}" for line in said]
+        found.warnings += said
+        if said and found.unfinished is None:
+            found.unfinished = AccuracyError(f"response: {said[0]}")
+
+
+ADVICE = {
+    LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
+    OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "
+    "or choose a shorter range",
+}
+"""Why a curve is incomplete, and what to do, by the reason for which it ends."""
+
+
+def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
+    """The error of a curve that ends within the range."""
+    for reason, advice in ADVICE.items():
+        ended = [piece for piece in curve.pieces if piece.points and piece.reason == reason]
+        if ended:
+            ends = [piece.points[-1].parameter for piece in ended]
+            places = in_words(scene, response_table(scene).parameter, *ends)
+            return ConvergenceError(f"the curve ends at {places}: {advice}")
+    return None
+
+
+@dataclass
+class _Outcome:
+    """A curve as far as it was computed, and why it ended before."""
+
+    curve: ResponseCurve
+    error: ConvergenceError | AccuracyError | None = None
+    interrupted: bool = False
+
+
+def _compute(job: _Job, report: Callable[[float, str], None]) -> _Outcome:
+    """Compute the curve of a job; `report` may raise KeyboardInterrupt."""
+    stored, families = job.stored, response_table(job.stored.scene).families
+    richer = job.richer
+    if families is not None:
+        override = f"{families.key}={job.value!r}"
+        stored = stored.with_overrides([override])
+        if richer is not None:
+            richer = replace(richer, stored=richer.stored.with_overrides([override]))
+    curve = job.kept.curve if job.kept is not None else ResponseCurve(job.value)
+    outcome = _Outcome(curve)
+    if job.kept is not None and job.kept.done:
+        if job.state is not None:
+            job.state.save(curve, None, done=True)
+        return outcome
+    walk = CurveWalk(curve, stored.scene, report, job.state)
+    walk.stand = job.kept.stand if job.kept is not None else None
+    try:
+        follow_curve(stored, curve, walk, richer)
+        walk.save(done=True)
+    except (ConvergenceError, AccuracyError) as error:
+        outcome.error = error
+        walk.save()
+    except KeyboardInterrupt:
+        outcome.interrupted = True
+        walk.save()
+    return outcome

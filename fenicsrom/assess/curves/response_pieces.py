@@ -1,0 +1,191 @@
+"""The pieces of one response curve, in the order in which they are followed.
+
+A curve starts at the first value of the range, where a few periods are marched and Newton's method
+finds the periodic motion (`fenicsrom.online.periodic.shooting`). It is followed through its folds to the
+last value (`fenicsrom.online.curves.continuation`). A curve that ends before is followed from the last
+value too, so that both sides of a gap are known. Branches and isolated curves come last.
+"""
+
+from __future__ import annotations
+
+import time as clock
+
+import numpy as np
+
+from fenicsrom.assess.curves.branches import Piece, follow_branches, follow_isolated
+from fenicsrom.assess.curves.curve_progress import CurveWalk
+from fenicsrom.assess.curves.response_problem import family_of, shooting_of, start_motion
+from fenicsrom.assess.curves.response_results import ResponseCurve, response_table
+from fenicsrom.assess.curves.trust import Richer, RicherModel, checks
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.curves.arc import FIRST_SIZE, oriented
+from fenicsrom.online.curves.continuation import Continuation
+from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint, norm
+from fenicsrom.online.periodic.families import Family
+from fenicsrom.online.periodic.shooting import PeriodicMotion
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.scene import Scene
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
+
+
+def follow_curve(
+    stored: StoredModel, curve: ResponseCurve, walk: CurveWalk, richer: RicherModel | None
+) -> None:
+    """Compute the pieces of one curve, from where it stands, and estimate its errors.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found at either end of the range.
+    """
+    begin, table = clock.perf_counter(), response_table(stored.scene)
+    family = family_of(stored)
+    error: ConvergenceError | AccuracyError | None = None
+    try:
+        ahead = float(np.sign(table.last - table.first))
+        for value, direction in ((table.first, ahead), (table.last, -ahead)):
+            earlier = [
+                piece
+                for piece in curve.pieces
+                if piece.origin == "march" and piece.direction == direction
+            ]
+            start: PeriodicMotion | None = None
+            if not earlier:
+                try:
+                    start = start_motion(stored, family, value, walk)
+                except (ConvergenceError, AccuracyError) as problem:
+                    error = problem
+                    continue
+                curve.pieces.append(Piece(direction=direction))
+            piece = earlier[0] if earlier else curve.pieces[-1]
+            if start is not None or piece.reason == "interrupted":
+                _follow_piece(stored, family, start, value, piece, walk)
+            reached = abs(piece.points[-1].parameter - table.last) <= 1e-9 * table.high
+            if reached or piece.reason == OUT_OF_POINTS:
+                break
+        if not curve.points and error is not None:
+            raise error
+        _follow_more(stored, family, curve, walk)
+        other = None
+        if richer is not None:
+            other = Richer(family_of(richer.stored), richer.transfer)
+        walk("checking the curve with half the step and a richer basis")
+        curve.checks = checks(curve.pieces, family, stored.scene.time, other, lambda: walk(""))
+    finally:
+        marches = np.array([point.marches for point in curve.points + curve.special])
+        total = marches.reshape(-1, 2).sum(axis=0)
+        curve.marches = int(total[0]), int(total[1])
+        curve.seconds += clock.perf_counter() - begin
+
+
+def _follow_piece(
+    stored: StoredModel,
+    family: Family,
+    start: PeriodicMotion | None,
+    value: float,
+    piece: Piece,
+    walk: CurveWalk,
+) -> None:
+    """Follow one piece from a motion, or on from where it stands.
+
+    Args:
+        stored: the model.
+        family: problems by the parameter.
+        start: the first motion; None continues from `walk.stand`.
+        value: parameter at the first motion.
+        piece: the piece.
+        walk: reports and keeps what is done.
+
+    Raises:
+        ConvergenceError: the first point was not found.
+    """
+    table, path = response_table(stored.scene), _path(stored, family)
+    if start is not None:
+        piece.points.append(_first_point(path, start, value, piece.direction, stored.scene))
+        walk.passed(path)
+    stand = walk.stand
+    assert stand is not None
+    path.size, path.least, path.shooting.guess = stand.size, stand.least, stand.guess
+    path.run(
+        piece.points[-1],
+        None,
+        curve=piece,
+        step=stand.step,
+        points=table.points,
+        progress=lambda point: walk.passed(path),
+    )
+    _refine_largest(path, piece)
+    walk.stand = None
+    walk(f"{counted(len(piece.points), 'point')}, {piece.reason}")
+
+
+def _refine_largest(path: Continuation, piece: Piece) -> None:
+    """Add the motion of the largest amplitude of a piece, which may lie between two points."""
+    points = piece.points
+
+    def size(point: CurvePoint) -> float:
+        return float(point.amplitude.max())
+
+    k = int(np.argmax([size(point) for point in points]))
+    if 0 < k < len(points) - 1:
+        path.size = norm(points[k].s)
+        top = path.highest(points[k - 1 : k + 2], size)
+        if top is not points[k]:
+            way = (path.place(top) - path.place(points[k])) @ path.direction(points[k])
+            points.insert(k + int(way > 0.0), top)
+
+
+def _path(
+    stored: StoredModel, family: Family, motion: CurvePoint | None = None, periods: int = 1
+) -> Continuation:
+    """The continuation over the range of the scene, measured by the size of a motion."""
+    table, size = response_table(stored.scene), 1.0 if motion is None else norm(motion.s)
+    return Continuation(shooting_of(stored, family, periods), family, table.low, table.high, size)
+
+
+def _first_point(
+    path: Continuation, start: PeriodicMotion, value: float, direction: float, scene: Scene
+) -> CurvePoint:
+    """The first point of a piece; arguments and errors as `_follow_piece`."""
+    s = path.shooting.scaled(start.z)
+    path.size = path.least = FIRST_SIZE * norm(s) or 1.0
+    begin = path.at_parameter(s, value)
+    if begin is None:
+        here = in_words(scene, response_table(scene).parameter, value)
+        raise ConvergenceError(f"the motion at {here} was lost")
+    turn = float(np.sign(begin.tangent[-1])) or 1.0
+    return oriented(begin, turn * direction * begin.sense)
+
+
+def _follow_more(
+    stored: StoredModel, family: Family, curve: ResponseCurve, progress: CurveWalk
+) -> None:
+    """Follow the branches and the isolated curves that the scene asks for.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found where isolated curves are sought.
+    """
+    table = response_table(stored.scene)
+
+    def path_of(motion: CurvePoint, periods: int) -> Continuation:
+        return _path(stored, family, motion, periods)
+
+    def follow(
+        path: Continuation, begin: CurvePoint, direction: float | None, origin: str, periods: int
+    ) -> None:
+        piece = Piece([begin], reason="interrupted", origin=origin, periods=periods)
+        curve.pieces.append(piece)
+        path.run(
+            begin,
+            direction,
+            curve=piece,
+            points=table.points,
+            progress=lambda point: progress(""),
+        )
+        progress(f"{origin}: {counted(len(piece.points), 'point')}, {piece.reason}")
+
+    def start(value: float) -> CurvePoint:
+        motion = start_motion(stored, family, value, progress)
+        return _first_point(_path(stored, family), motion, value, 1.0, stored.scene)
+
+    follow_branches(curve.pieces, path_of, follow, table.parameter, table.branches)
+    follow_isolated(curve.pieces, path_of, follow, start, table.isolated or ())

@@ -1,0 +1,181 @@
+"""The periodic problems of a scene with response curves: by their parameter, and at a start."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from fenicsrom.assess.curves.response_results import response_table
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.support_motion import displacement_sines
+from fenicsrom.online.periodic.families import (
+    Family,
+    contact_family,
+    damping_family,
+    force_family,
+    frequency_family,
+)
+from fenicsrom.online.periodic.shooting import (
+    FALLBACK_STEPS,
+    PeriodicMotion,
+    Shooting,
+    periodic_motion,
+    settled_contacts,
+)
+from fenicsrom.online.run.march import integrate
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.scene_changes import changed_path
+from fenicsrom.scene import (
+    Families,
+    Scene,
+    Time,
+    override_table,
+    parameter_of,
+    parse_scene,
+    scene_table,
+)
+from fenicsrom.scene.overrides import names_of
+from fenicsrom.scene.rules import show
+from fenicsrom.scene.units import in_words
+
+START_PERIODS = 320  # largest number to march before a curve starts
+
+
+def check_response(scene: Scene) -> None:
+    """Check before the offline stage that the curves of a scene can be computed.
+
+    Raises:
+        SceneError: there is no table [response], the model would not be an exact polynomial, or
+            the second number of the curves cannot be used.
+    """
+    table = response_table(scene)
+    if scene.basis.elastic_force == "projection":
+        raise SceneError(
+            f'{scene.source}: basis.elastic_force = "projection": must be "polynomial" for '
+            "response curves",
+            kind=ErrorKind.CONFLICT,
+            key="basis.elastic_force",
+            source=scene.source,
+        )
+    if table.families is not None:
+        _check_families(scene, table.parameter, table.families)
+
+
+def _check_families(scene: Scene, parameter: str, families: Families) -> None:
+    """Check the second number of the curves.
+
+    Raises:
+        SceneError: the scene has no such number, it has no effect on a curve, it has a value that
+            is not allowed, or it belongs to the offline stage.
+    """
+    key = ".".join(names_of(families.key))
+
+    def refusal(reason: str, kind: ErrorKind) -> SceneError:
+        return SceneError(
+            f"{scene.source}: response.families.key = {show(families.key)}: {reason}",
+            kind=kind,
+            key="response.families.key",
+            source=scene.source,
+        )
+
+    if parameter == "frequency" and re.fullmatch(r"(loads\.[0-9]+\.)?frequency", key):
+        reason = "the frequency is the parameter of the curves already; choose another number"
+        raise refusal(reason, ErrorKind.CONFLICT)
+    if key == parameter or key.startswith("response."):
+        raise refusal("must be a number that [response] does not set", ErrorKind.CONFLICT)
+    place = f"{scene.source}: response.families.values"
+    for value in families.values:
+        override = [f"{families.key}={value!r}"]
+        try:
+            changed = parse_scene(override_table(scene_table(scene), override, place), place, None)
+        except SceneError as error:
+            if error.kind in (ErrorKind.FORMAT, ErrorKind.UNKNOWN_KEY):
+                reason = (
+                    'the scene has no such number; must be a key of it, such as "loads.0.force"'
+                )
+                raise refusal(reason, ErrorKind.RANGE) from error
+            raise SceneError(
+                str(error),
+                kind=error.kind,
+                key="response.families.values",
+                source=scene.source,
+            ) from error
+        if (other := changed_path(scene, changed)) is not None:
+            raise refusal(f"{other} cannot change on a reduced model", ErrorKind.MISMATCH)
+
+
+def family_of(stored: StoredModel) -> Family:
+    """The periodic problems of a stored model by the parameter of its [response] table.
+
+    Raises:
+        SceneError: the scene has no table [response].
+    """
+    scene, model = stored.scene, stored.model
+    key, period = response_table(scene).parameter, float(scene.period or 0.0)
+    contacts = settled_contacts(contacts_of(scene, model.points))
+    table, index, name = parameter_of(key)
+    if table == "":
+        return frequency_family(
+            model,
+            contacts,
+            period,
+            spin=bool(np.any(contacts.height)),
+            displaced=displacement_sines(scene.loads),
+        )
+    if table == "material":
+        return damping_family(model, contacts, period)
+    if table == "loads":  # a load of size 1 times the parameter
+        return force_family(stored.with_overrides([f"{key}=1.0"]).model, contacts, period, index)
+    mine = (model.points.contact == index).astype(float)
+    if name == "gap":  # the parameter is added to a gap of zero
+        scene = stored.with_overrides([f"{key}=0.0"]).scene
+        contacts = settled_contacts(contacts_of(scene, model.points))
+    elif name != "friction":  # numbers of a node are those of a unit of its area
+        mine = mine * model.points.tributary_area
+    return contact_family(model, contacts, period, name, mine)
+
+
+def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
+    """The equation of motions of so many periods; all pieces share the scales of its variables."""
+    problem = family(response_table(stored.scene).high)
+    return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
+
+
+def start_motion(
+    stored: StoredModel, family: Family, value: float, say: Callable[[str], None]
+) -> PeriodicMotion:
+    """The periodic motion at a value of the parameter: a march from rest, then Newton's method.
+
+    Raises:
+        ConvergenceError, AccuracyError: no motion was found; the error names the value.
+    """
+    scene, problem = stored.scene, family(value)
+    key, radius = response_table(scene).parameter, scene.time.spectral_radius
+    place = in_words(scene, key, value)
+    say(f"start at {place}: a march, then Newton's method")
+    settings = Time.of(
+        scheme=scene.time.scheme,
+        periods=START_PERIODS,
+        steps_per_period=scene.time.steps_per_period or FALLBACK_STEPS,
+        steady_tolerance=1e-5,
+        **({} if radius is None else {"spectral_radius": radius}),
+    )
+    try:
+        motion = integrate(
+            problem.model,
+            problem.contacts,
+            settings,
+            problem.period,
+            dimension=scene.geometry.dimension,
+        )
+        return periodic_motion(
+            problem.model, problem.contacts, scene.time, problem.period, motion.end
+        )
+    except ConvergenceError as error:
+        raise ConvergenceError(
+            f"response: at {place} no periodic motion was found: {error}",
+            kind=ErrorKind.CONVERGENCE,
+        ) from error

@@ -1,0 +1,131 @@
+"""What the response curves of a scene consist of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.curve_record import CurveRecord, required_table
+from fenicsrom.assess.curves.trust import LARGEST, Check
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.periodic.shooting import largest_multiplier
+from fenicsrom.scene import Response as ResponseTable
+from fenicsrom.scene import Scene
+from fenicsrom.scene.units import in_words
+
+
+@dataclass(frozen=True, eq=False)
+class FullPoint:
+    """The periodic motion of the full model at one value of the parameter.
+
+    Attributes:
+        parameter: its value.
+        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) of the reduced model there, m.
+        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        periods: number of periods of the full model that were marched.
+        derived: number of them that carried derivatives.
+        residual: relative.
+        seconds: run time.
+    """
+
+    parameter: float
+    amplitude: Array
+    reduced_amplitude: Array
+    verdict: str
+    periods: int
+    derived: int
+    residual: float
+    seconds: float
+
+    @property
+    def error(self) -> float:
+        """Error of the reduced amplitudes, relative to the largest amplitude: that of the basis."""
+        size = float(self.amplitude.max())
+        change = float(np.max(np.abs(self.reduced_amplitude - self.amplitude)))
+        return change / size if size else 0.0
+
+
+@dataclass(eq=False)
+class ResponseCurve:
+    """The periodic motions over the parameter, at one value of the second number.
+
+    Attributes:
+        value: of the second number of the scene; None without families.
+        pieces: the connected parts, that from the first value of the range first.
+        checks: estimates of the errors at selected points.
+        marches: marched periods: all, and those with their derivatives.
+        seconds: run time, without that of the full model.
+        full: the motions of the full model at some values of the parameter.
+    """
+
+    value: float | None
+    pieces: list[Piece] = field(default_factory=list)
+    checks: list[Check] = field(default_factory=list)
+    marches: tuple[int, int] = (0, 0)
+    seconds: float = 0.0
+    full: list[FullPoint] = field(default_factory=list)
+
+    @property
+    def points(self) -> list[CurvePoint]:
+        """The points of all pieces."""
+        return [point for piece in self.pieces for point in piece.points]
+
+    @property
+    def special(self) -> list[CurvePoint]:
+        """The bifurcations and contact events of all pieces."""
+        return [point for piece in self.pieces for point in piece.special]
+
+    @property
+    def step_error(self) -> float | None:
+        """Relative change of the largest amplitude with half the time step; None if not found."""
+        return next((c.step_error for c in self.checks if c.where == LARGEST), None)
+
+    @property
+    def basis_error(self) -> float | None:
+        """Relative change of the largest amplitude with a richer basis; None if not found."""
+        return next((c.basis_error for c in self.checks if c.where == LARGEST), None)
+
+
+@dataclass(eq=False)
+class Response(CurveRecord):
+    """The response curves of a scene.
+
+    Attributes:
+        curves: one for each value of the second number, or one.
+        files: the written files.
+    """
+
+    curves: list[ResponseCurve] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+    @property
+    def table(self) -> ResponseTable:
+        """The table [response] of the scene."""
+        return response_table(self.scene)
+
+
+def response_table(scene: Scene) -> ResponseTable:
+    """The table [response] of a scene.
+
+    Raises:
+        SceneError: the scene has none.
+    """
+    return required_table(scene, "response", scene.response)
+
+
+def curve_title(scene: Scene, value: float | None) -> str:
+    """The beginning of a sentence about the curve of a value, such as "loads.0.force = 25 N: "."""
+    families = response_table(scene).families
+    if families is None or value is None:
+        return ""
+    return f"{in_words(scene, families.key, value)}: "
+
+
+def judged_multiplier(point: CurvePoint) -> complex:
+    """The largest Floquet multiplier without those of sliders that are not unique."""
+    return largest_multiplier(point.multipliers, point.free_sliders)

@@ -1,0 +1,148 @@
+"""Where the stability on a curve is compared with a richer basis, besides at spread points.
+
+A stretch that only the richer basis finds unstable may lie between two compared motions that both
+bases find stable. It shows by a multiplier of the richer basis that comes near the unit circle.
+A gap between two compared motions is divided if the size |mu| of the largest multiplier is within
+`NEAR` of 1 at one of them, or changes between them by as much as is left to 1. The gap with the
+largest ratio
+
+    length / (1 - |mu| - change),    |mu| the larger one of both ends,    (1)
+
+is divided first, in at most `EXTRA` points of a curve. A lightly damped vibration without such a
+stretch has |mu| near 1 everywhere; the points then are distributed evenly. A stretch of which no
+compared motion has a sign is not found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.online.curves.curve import CurvePoint
+
+EXTRA = 12
+"""Largest number of these points of a curve: half of those that are spread over it."""
+
+NEAR = 0.05
+"""Distance of |mu| from 1. A vibration at the frequency of the load with a damping ratio below
+0.8 % is as near."""
+
+SHORTEST = 1e-4
+"""Shortest gap that is divided, in parts of the range of the curve."""
+
+FLOOR = 1e-3
+"""Least denominator of (1): gaps that may reach 1 differ by their lengths only."""
+
+
+class _Place(NamedTuple):
+    """A point of a curve.
+
+    Attributes:
+        point: the point.
+        at: its distance along its part of the curve, relative to the extent of the curve.
+        size: |mu| of the richer basis; NaN if it is not known, None if it was not asked for.
+    """
+
+    point: CurvePoint
+    at: float
+    size: float | None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether |mu| is known and below 1, and the point is stable."""
+        return self.size is not None and self.size < 1.0 and self.point.stable
+
+
+def lengths_along(pieces: Sequence[Piece]) -> list[Array]:
+    """The distances of the points of each piece from its first one.
+
+    They are measured in the plane of the parameter and the amplitude, relative to both extents.
+    """
+    points = [point for piece in pieces for point in piece.points]
+    width = float(np.ptp([point.parameter for point in points])) if points else 0.0
+    height = max((float(point.amplitude.max()) for point in points), default=0.0)
+    found = []
+    for piece in pieces:
+        steps = [0.0]
+        for before, point in pairwise(piece.points):
+            across = (point.parameter - before.parameter) / (width or 1.0)
+            up = float(np.max(np.abs(point.amplitude - before.amplitude))) / (height or 1.0)
+            steps.append(float(np.hypot(across, up)))
+        found.append(np.cumsum(steps[: len(piece.points)]))
+    return found
+
+
+def divide_gaps(
+    pieces: Sequence[Piece],
+    sizes: dict[int, float],
+    between: Callable[[CurvePoint, CurvePoint], CurvePoint | None],
+    compare: Callable[[CurvePoint], float],
+) -> None:
+    """Compare up to `EXTRA` more points where a stretch may be hidden.
+
+    Args:
+        pieces: the parts of the curve.
+        sizes: identity of a compared point -> |mu| of the richer basis, NaN if it is not known.
+        between: computes a stable point of the curve between two neighbours; None if there is none.
+        compare: compares a point and gives |mu| of the richer basis, NaN if it is not known.
+    """
+    rows = [
+        [_Place(p, float(at), sizes.get(id(p))) for p, at in zip(piece.points, along, strict=True)]
+        for piece, along in zip(pieces, lengths_along(pieces), strict=True)
+    ]
+    closed: set[tuple[int, int]] = set()
+    for _ in range(EXTRA):
+        gap = _most_urgent(rows, closed)
+        if gap is None:
+            return
+        row, first, last = gap
+        ends = row[first], row[last]
+        middle = 0.5 * (ends[0].at + ends[1].at)
+        if inside := _inside(row, first, last):
+            chosen = min(inside, key=lambda k: abs(row[k].at - middle))
+        else:
+            point = between(ends[0].point, ends[1].point)
+            if point is None:
+                closed.add((id(ends[0].point), id(ends[1].point)))
+                continue
+            chosen = last
+            row.insert(chosen, _Place(point, middle, None))
+        row[chosen] = row[chosen]._replace(size=compare(row[chosen].point))
+
+
+def _most_urgent(
+    rows: Sequence[list[_Place]], closed: set[tuple[int, int]]
+) -> tuple[list[_Place], int, int] | None:
+    """The gap to be divided next: its row and its ends; None if there is none."""
+    best, chosen = 0.0, None
+    for row in rows:
+        known = [k for k, place in enumerate(row) if place.is_known]
+        for first, last in pairwise(known):
+            if (id(row[first].point), id(row[last].point)) in closed:
+                continue
+            divisible = last == first + 1 or _inside(row, first, last)
+            if divisible and all(place.point.stable for place in row[first:last]):
+                urgency = _urgency(row[first], row[last])
+                if urgency > best:
+                    best, chosen = urgency, (row, first, last)
+    return chosen
+
+
+def _inside(row: Sequence[_Place], first: int, last: int) -> list[int]:
+    """The points of the curve between two places that were not compared yet."""
+    return [k for k in range(first + 1, last) if row[k].size is None]
+
+
+def _urgency(a: _Place, b: _Place) -> float:
+    """The ratio (1) of the gap between two places; 0 if it is not to be divided."""
+    assert a.size is not None and b.size is not None
+    left, change = 1.0 - max(a.size, b.size), abs(a.size - b.size)
+    length = b.at - a.at
+    if length < SHORTEST or (left > NEAR and change < left):
+        return 0.0
+    return length / max(left - change, FLOOR)

@@ -1,0 +1,1 @@
+"""Estimates of errors, and the verdicts that follow from them."""

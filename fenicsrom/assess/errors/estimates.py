@@ -1,0 +1,350 @@
+"""Estimates of the error of a motion due to its time step and due to its basis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.contact.points import contacts_of
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.energy import check_scheme
+from fenicsrom.online.motion.measures import (
+    amplitude,
+    at_rest,
+    has_settled,
+    interpolated,
+    is_unsteady,
+    peak_normal_force,
+    rms,
+    times_before_end,
+)
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.periodic.periodic_record import motion_of
+from fenicsrom.online.periodic.shooting import Shooting, settled_contacts, solve, start_variables
+from fenicsrom.online.run.march import end_of
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.scene import Scene
+from fenicsrom.scene.step_size import coarser, refined
+from fenicsrom.scene.times import Periodic
+
+PHASES = 200  # instants at which two periods are compared
+# A check whose periodic motion is so near to the motion that it checks, relative to the variables,
+# needs no march that tends to it. What is farther away may belong to another motion.
+NEARBY = 0.1
+# Newton step, relative to the variables, that a nearby motion may lack: it changes an estimate of
+# 0.1 % by a hundredth. As the iteration converges quadratically, most lack far less.
+NEARBY_STEP = 1e-5
+CHECK_PERIODS = 18  # of a check that starts from the motion: room for two of 8 periods of the loads
+# the distance from an enriched motion is the true error in the median of random scenes, and 0.8 to
+# 1.1 times the true error in nine of ten (`demos/evidence/basis_estimate.py`)
+BASIS_SAFETY = 1.5
+PARTS = 4  # of a run without a period, whose root mean squares are compared
+SMALL_DIRECTION = 0.05  # a direction with a smaller part of the motion is compared with this part
+# a step whose peak force may be wrong by half of itself does not resolve the contact: the order of
+# the scheme is then one at most
+UNRESOLVED_FORCE = 0.5
+
+
+class MotionErrors(NamedTuple):
+    """Estimates of the relative errors of a motion, due to its time step or to its basis.
+
+    Attributes:
+        amplitude: error of the amplitudes of all directions together if the motion has settled,
+            otherwise of the root mean squares (and of a motion without a period also of the
+            amplitudes); infinite if there is no estimate.
+        peak_force: error of the largest normal force; also infinite where the step does not resolve
+            the contact.
+        directions: errors (d,) by direction, each relative to this direction: [normal, tangents],
+            or the global axes without contact. A direction with less than `SMALL_DIRECTION` of the
+            whole motion is compared with this part.
+    """
+
+    amplitude: float
+    peak_force: float
+    directions: tuple[float, ...]
+
+    @property
+    def largest(self) -> float:
+        """The largest error of the displacements: of all directions together and of each."""
+        return max(self.amplitude, *self.directions)
+
+
+def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
+    """Estimate the errors of a motion due to its time step, from a run with twice the step.
+
+    The estimate is twice the distance of the two motions. That is six times the error of a scheme
+    of second order, and twice the error of a scheme of first order; contacts that switch may reduce
+    the order to one. Impacts may make the difference of the amplitudes small by chance. The
+    estimate of a motion that has settled is therefore at least the error of its last period: a
+    third of the distance between the last periods of both runs for a scheme of second order, and
+    the whole distance for one of first order. The order counts as one if the estimated error of the
+    peak force is above `UNRESOLVED_FORCE`. If a stiff contact lasts only a few steps, its peak
+    force is not resolved. The error of this force counts as unknown if a contact has a blending
+    weight of a half or more (`fenicsrom.online.contact.law`). A motion with such a contact may
+    repeat for this step only, and any motion may fail to repeat for this step only. There is then
+    no estimate unless the motion with half the step does the same. The estimate of a motion that
+    does not settle is that from half or from twice the step, whichever is larger.
+
+    Args:
+        model: the model that was integrated.
+        scene: the scene of the motion.
+        motion: the motion.
+    """
+    dimension = motion.displacement.shape[2]
+    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * dimension)
+    coarse = coarser(scene)
+    if coarse.time == scene.time and not at_rest(motion):
+        return unknown  # a single step cannot be made longer
+    try:
+        other = check_motion(model, coarse, motion)
+    except (ConvergenceError, AccuracyError):
+        return unknown
+    if at_rest(motion) and at_rest(other):
+        return MotionErrors(0.0, 0.0, (0.0,) * dimension)
+    force = _force_error(motion, other)
+    if has_settled(motion) and not has_settled(other):
+        return unknown._replace(peak_force=force)
+    compared = _compared(motion, other)
+    if is_unsteady(motion) or (motion.steady and np.isinf(force)):
+        try:
+            fine = check_motion(model, refined(scene), motion)
+        except (ConvergenceError, AccuracyError):
+            return unknown
+        if motion.steady != _fine_settles(fine, motion):
+            return unknown
+        if not motion.steady:
+            compared += _compared(motion, fine)
+    found = _errors(compared, dimension, 2.0, relative_to=0)
+    order = 1 if force > UNRESOLVED_FORCE else 2
+    least = _shape_distance(motion, other) / (2**order - 1) if has_settled(motion) else 0.0
+    return found._replace(amplitude=max(found.amplitude, least), peak_force=force)
+
+
+def _fine_settles(fine: Motion, motion: Motion) -> bool:
+    """Whether the motion with half the step settles: within half of the periods of an unsteady one.
+
+    An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
+    """
+    return has_settled(fine) and (motion.steady or 2 * fine.periods <= motion.periods)
+
+
+def check_motion(
+    model: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None = None
+) -> Motion:
+    """A motion of another model, or with other steps, that checks a motion.
+
+    If Newton's method found the motion, the check takes its own periodic motion nearby. Where there
+    is none, the check starts where the motion ended, and marches until Newton's method finds the
+    motion to which it tends. Otherwise, and where this does not succeed within `CHECK_PERIODS`, the
+    check runs like the motion, from rest.
+
+    Args:
+        model: the model of the check.
+        scene: the scene of the check.
+        motion: the motion to be checked.
+        start: the end of the motion in the coordinates of the model: displacement and velocity
+            (n,) and sliders (P, d); by default the models have the same coordinates.
+
+    Raises:
+        ConvergenceError: the smallest step did not converge.
+        AccuracyError: the energy balance is off.
+    """
+    approaching = any(contact.approach for contact in scene.contacts)
+    if motion.newton_from is not None and motion.steady and not approaching:
+        assert isinstance(scene.time.span, Periodic)
+        nearby = _nearby_motion(model, scene, motion, start)
+        if nearby is not None:
+            return nearby
+        span = replace(scene.time.span, periods=CHECK_PERIODS)
+        short = replace(scene, time=replace(scene.time, span=span))
+        try:
+            other = simulate(model, short, start=motion if start is None else start)
+        except (ConvergenceError, AccuracyError):
+            return simulate(model, scene)
+        if other.newton_from is not None and other.steady:
+            return other
+    return simulate(model, scene)
+
+
+def _nearby_motion(
+    model: Any, scene: Scene, motion: Motion, start: tuple[Array, ...] | None
+) -> Motion | None:
+    """The stable periodic motion of a check within `NEARBY` of a motion; None if there is none.
+
+    Newton's method alone finds it, in full steps. The estimate is the distance of the two motions,
+    so it is right for any stable motion nearby, whether or not a march from the start tends to it.
+
+    Args:
+        model: the model of the check.
+        scene: the scene of the check.
+        motion: a motion that Newton's method found.
+        start: as `check_motion`.
+    """
+    if scene.time.tolerance is not None or not isinstance(model, ReducedModel):
+        return None
+    assert scene.period is not None and motion.search is not None
+    contacts = settled_contacts(contacts_of(scene, model.points))
+    shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
+    s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
+    try:
+        found = solve(shooting, s, step_tolerance=NEARBY_STEP)
+        other = motion_of(found)
+        check_scheme(other, scene.time.scheme)
+    except (ConvergenceError, AccuracyError):
+        return None
+    moved = np.linalg.norm(shooting.scaled(found.z) - s)
+    return other if found.stable and moved <= NEARBY * np.linalg.norm(s) else None
+
+
+def _start(motion: Motion) -> float:
+    """Time of the first record, s: above 0 if the run was resumed."""
+    return float(motion.time[0])
+
+
+def _force_error(motion: Motion, other: Motion) -> float:
+    """Estimated relative error of the largest normal force, infinite where it is not resolved."""
+    peak = peak_normal_force(motion)
+    apart = 2.0 * abs(peak - peak_normal_force(other, _start(motion)))
+    if peak == apart == 0.0:
+        return 0.0
+    resolved = motion.end is None or np.all(motion.end.state.trial.scratch.blending < 0.5)
+    return apart / peak if resolved and peak > 0.0 else np.inf
+
+
+def _shape_distance(motion: Motion, other: Motion) -> float:
+    """Relative distance of the last periods of two motions that have settled."""
+    shape, other_shape = _last_period(motion), _last_period(other)
+    size = float(np.linalg.norm(shape - shape.mean(axis=0)))
+    return _relative(float(np.linalg.norm(shape - other_shape)), size)
+
+
+def _last_period(motion: Motion) -> Array:
+    """Displacements (`PHASES`, P d) at equal phases of the last period, m."""
+    times = times_before_end(motion, np.arange(PHASES) / PHASES)
+    return interpolated(motion, motion.displacement, times)
+
+
+def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
+    """Estimate the errors of a motion due to its basis, from a run of an enriched model.
+
+    The enriched model has all candidates (`fenicsrom.reduction.candidates`). Its motion contains
+    what they do to the other coordinates, to the contact and to the probe. The estimate is
+    `BASIS_SAFETY` times the distance of the two motions, because the enriched model has an error
+    too.
+
+    Args:
+        candidates: the enriched model, under the loads and the damping of the scene.
+        size: number of coordinates of the model that was integrated.
+        scene: the scene of the motion.
+        motion: the motion.
+
+    Returns:
+        The estimates; infinite if the enriched model fails, or does not settle although the motion
+        did.
+    """
+    unknown = MotionErrors(np.inf, np.inf, (np.inf,) * motion.displacement.shape[2])
+    try:
+        if motion.newton_from is None or motion.buckled:  # the run itself starts from rest
+            other = simulate(candidates, scene)
+        else:
+            q, v, sliders = end_of(motion)
+            more = np.zeros(candidates.size - size)
+            start = np.concatenate([q, more]), np.concatenate([v, more]), sliders
+            other = check_motion(candidates, scene, motion, start)
+    except (ConvergenceError, AccuracyError):
+        return unknown
+    if has_settled(motion) and not has_settled(other):
+        return unknown
+    found = distances(motion, other)
+    return MotionErrors(
+        BASIS_SAFETY * found.amplitude,
+        BASIS_SAFETY * found.peak_force,
+        tuple(BASIS_SAFETY * value for value in found.directions),
+    )
+
+
+def distances(motion: Motion, other: Motion) -> MotionErrors:
+    """Relative distances of a motion from one of a better model.
+
+    A preload that has buckled one of the models moves its start; the distance of the starts then
+    counts too.
+
+    Args:
+        motion: the motion.
+        other: the motion of the better model, to whose sizes the distances are relative.
+    """
+    compared = _compared(motion, other)
+    if motion.buckled or other.buckled:
+        compared.append((motion.displacement[:1], other.displacement[:1]))
+    found = _errors(compared, motion.displacement.shape[2], 1.0, relative_to=1)
+    peak, other_peak = peak_normal_force(motion), peak_normal_force(other, _start(motion))
+    return found._replace(peak_force=_relative(abs(peak - other_peak), other_peak))
+
+
+def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
+    """The displacements by which two motions are compared: pairs of arrays (k, P, d), m.
+
+    These are the amplitudes if the motion has settled. Otherwise they are the root mean squares.
+    The other motion may start where the motion ends, so that the root mean squares of a settled
+    motion would compare different parts of its history.
+    A motion without a period is compared by its amplitudes and by the root mean squares of the
+    parts of the run, which see a change that the whole may hide.
+    """
+    points = motion.displacement.shape[1:]
+    if has_settled(motion):
+        still = at_rest(motion) and at_rest(other)
+        return [] if still else [_shaped(points, amplitude(motion), amplitude(other))]
+    if motion.period is not None:
+        return [_shaped(points, rms(motion), rms(other, _start(motion)))]
+    late = other.time >= _start(motion)
+    span = tuple(np.ptp(x, axis=0) / 2.0 for x in (motion.displacement, other.displacement[late]))
+    return [
+        _shaped(points, *span),
+        _shaped(points, *(_parts_rms(m, _start(motion)) for m in (motion, other))),
+    ]
+
+
+def _shaped(points: tuple[int, ...], ours: Array, theirs: Array) -> tuple[Array, Array]:
+    """Two arrays of displacements as (k, P, d)."""
+    return ours.reshape(-1, *points), theirs.reshape(-1, *points)
+
+
+def _parts_rms(motion: Motion, since: float) -> Array:
+    """Root mean squares (`PARTS`, P d) of equal parts of a run about their means, m."""
+    times = np.linspace(since, motion.time[-1], PARTS * PHASES + 1)
+    parts = interpolated(motion, motion.displacement, times)[1:].reshape(PARTS, PHASES, -1)
+    return np.asarray(np.std(parts, axis=1))
+
+
+def _errors(
+    compared: Sequence[tuple[Array, Array]], dimension: int, factor: float, relative_to: int
+) -> MotionErrors:
+    """Largest relative distances of pairs of displacements (k, P, d), without a peak force.
+
+    Args:
+        compared: the pairs; with none the errors are zero.
+        dimension: d.
+        factor: of the distances.
+        relative_to: the one of a pair, 0 or 1, whose size counts.
+    """
+    together = 0.0
+    apart: Array = np.zeros(dimension)
+    for pair in compared:
+        difference = factor * np.linalg.norm(pair[0] - pair[1], axis=(0, 1))
+        sizes = np.linalg.norm(pair[relative_to], axis=(0, 1))
+        whole = float(np.linalg.norm(sizes))
+        together = max(together, _relative(float(np.linalg.norm(difference)), whole))
+        least = np.maximum(sizes, SMALL_DIRECTION * whole)
+        ratios = [_relative(float(d), float(s)) for d, s in zip(difference, least, strict=True)]
+        apart = np.maximum(apart, ratios)
+    return MotionErrors(together, 0.0, tuple(float(value) for value in apart))
+
+
+def _relative(difference: float, size: float) -> float:
+    """A difference relative to a size; infinite where only the size is zero."""
+    return difference / size if size > 0.0 else (np.inf if difference > 0.0 else 0.0)

@@ -1,0 +1,79 @@
+"""Whether the St Venant-Kirchhoff law has a meaning at a deformation (`online.stress.deformation`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.stress import StressLaw
+from fenicsrom.online.stress.stress_peaks import Stresses
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid.solid import Solid
+
+EQUILIBRIUM = "in equilibrium"
+
+LARGE_STRAIN = 0.1
+"""Compression from which the user is warned. At a stretch of 0.9, the slope of the law under
+uniaxial stress is ½ (3 · 0.9² − 1) = 72 % of Young's modulus."""
+
+
+def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
+    """Say where the material is turned inside out, or is compressed so much that it softens.
+
+    Args:
+        states: where a state is, such as "at the load factor 2", and its deformation.
+
+    Returns:
+        A sentence on the first state that turns the material inside out; else a sentence on the
+        first state with a large compression, if there is one.
+    """
+    for where, state in states:
+        if state.is_inverted:
+            place = ", ".join(f"{x + 0.0:.4g}" for x in state.position)
+            return [
+                f"the material is turned inside out {where}: the volume ratio det F is "
+                f"{state.volume_ratio:.2g} at ({place}) m, where the St Venant-Kirchhoff law has "
+                "no meaning"
+            ]
+    for where, state in states:
+        if state.smallest_stretch < 1.0 - LARGE_STRAIN:
+            largest = 1.0 - min(other.smallest_stretch for _, other in states)
+            return [
+                f"the compressive strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
+                f"{100.0 * largest:.3g} %: the St Venant-Kirchhoff law softens in compression and "
+                "loses its stiffness at 42 %"
+            ]
+    return []
+
+
+def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
+    """The deformation in the equilibrium of a solid; None of an undeformed one. Collective."""
+    from fenicsrom.fem.body.deformation import DeformationGauge
+
+    if not solid.loaded or not StressLaw.of(scene).deformed:
+        return None
+    return DeformationGauge(solid, scene).measure(solid.equilibrium)
+
+
+def equilibrium_warnings(found: Deformation | None) -> list[str]:
+    """The sentences of `strain_warnings` on an equilibrium; none on an undeformed body."""
+    return [] if found is None else strain_warnings([(EQUILIBRIUM, found)])
+
+
+def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:
+    """The sentences of `strain_warnings` on the states whose stresses were found.
+
+    Args:
+        stresses: the stresses with these states.
+        motion_only: leave out the equilibrium, which `equilibrium_warnings` judged.
+    """
+    return strain_warnings(
+        [
+            (EQUILIBRIUM if peak.time is None else f"at t = {peak.time:.6g} s", deformed)
+            for peak, deformed in zip(stresses.peaks, stresses.deformations, strict=True)
+            if peak.time is not None or not motion_only
+        ]
+    )

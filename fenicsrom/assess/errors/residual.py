@@ -1,0 +1,103 @@
+"""The residual indicator: the error of a basis without a run of the full model.
+
+At some steps of the steady state the balance of the full model's own time step is evaluated at the
+reduced motion, with its contact forces. The residual r is zero where the basis contains the full
+motion. Its size is measured by the work that it does on the linear structure, relative to the work
+of the load amplitude p,
+
+    indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
+
+which is the energy norm of the displacement that the residual would cause in the linear structure.
+The indicator has no unit. It does not depend on the mesh, or on the ratio of stiff axial to soft
+transverse forces. The plain norm |r|/|p| depends on both; it is computed only to compare how well
+the two norms rank the bases.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.full.full import full_model
+from fenicsrom.online.model.loads import largest
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import no_state
+from fenicsrom.online.step.step import step_coefficients, write_residual
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
+
+INSTANTS = 16  # steps of the last period at which the residual is taken
+
+
+def residuals(body: Structure, vectors: Array, motion: Motion, scene: Scene) -> Array:
+    """Residuals of the full model's time step along the last period of a reduced motion.
+
+    Args:
+        body: the solid or the beam.
+        vectors: (local, n) the basis R.
+        motion: the reduced motion, with the coordinates of its last period.
+        scene: the scene of the motion.
+
+    Returns:
+        (local, k) residuals at `INSTANTS` steps, N.
+    """
+    model = full_model(body)
+    plan = scheme(scene.time.scheme, model, scene.time.spectral_radius or 0.0)
+    assert motion.coordinates is not None and motion.coordinate_time is not None
+    assert motion.velocity is not None and motion.acceleration is not None
+    time, count = motion.coordinate_time, motion.coordinate_time.size
+    first = motion.time.size - count
+    state = no_state(vectors.shape[0], 0, 1)
+    trial, found = state.trial, []
+    for k in np.unique(np.linspace(0, count - 2, INSTANTS).round().astype(int)):
+        state.q[:] = vectors @ motion.coordinates[k]
+        state.v[:] = vectors @ motion.velocity[k]
+        state.a[:] = vectors @ motion.acceleration[k]
+        trial.dq[:] = vectors @ (motion.coordinates[k + 1] - motion.coordinates[k])
+        coefficients = step_coefficients(plan, time[k + 1] - time[k])
+        trial.inertia_offset[:] = (
+            coefficients.inertia_v * state.v + coefficients.inertia_a * state.a
+        )
+        trial.external_force[:] = (1.0 - plan.alpha_f) * model.load(time[k + 1])
+        trial.external_force[:] += plan.alpha_f * model.load(time[k])
+        if plan.start_weight:
+            state.elastic_force[:] = model.elastic_at(state.q)[0]
+        elastic, _ = model.elastic_over_step(
+            state.elastic_force, state.q, trial.dq, plan.start_weight, plan.points, plan.weights
+        )
+        write_residual(model, plan, state, coefficients, elastic)
+        force = motion.mean_force[first + k + 1].reshape(-1)
+        found.append(trial.residual + body.contact_rows.T @ force)
+    return np.array(found).T
+
+
+def indicators(
+    body: Structure, vectors: Array, motion: Motion, scene: Scene
+) -> tuple[float | None, float | None]:
+    """Root mean squares of the residual, relative to the amplitude of the loads.
+
+    Returns:
+        The value in the energy norm, and the value in the plain norm; None without loads that vary.
+    """
+    found = residuals(body, vectors, motion, scene)
+    varying = [not load.static for load in scene.loads]
+    loads = (
+        np.abs(body.load_vectors) @ np.where(varying, largest(body.load_histories), 0.0)[:, None]
+    )
+
+    def sizes(block: Array) -> tuple[Array, Array]:
+        total = body.comm.allreduce
+        return total(np.sum(block * body.factor.solve(block), axis=0)), total(
+            np.sum(block**2, axis=0)
+        )
+
+    energy, plain = (
+        float(np.sqrt(np.mean(size) / load[0])) if load[0] > 0.0 else None
+        for size, load in zip(sizes(found), sizes(loads), strict=True)
+    )
+    return energy, plain

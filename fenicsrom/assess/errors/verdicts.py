@@ -1,0 +1,166 @@
+"""The rule by which the estimates of a finished motion decide, as AccuracyErrors.
+
+A run ends with exit code 0 only if every estimate of the error of its displacements, of all
+directions together and of each, by the time step and by the basis, is known and at most its limit:
+
+    cause        a motion that settles, or has no period    a motion with a period that does not
+                                                            settle (root mean squares)
+    time step    `TIME_ERROR`                               `UNSETTLED_ERROR`
+    basis        `BASIS_ERROR`                              `UNSETTLED_ERROR`
+
+Otherwise it ends with exit code 1; its files are written, and say why. The estimates of the largest
+normal force are printed and do not decide.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.errors.estimates import MotionErrors, basis_errors, step_errors
+from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.energy import check_energy
+from fenicsrom.online.motion.measures import is_unsteady
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.scene import Scene
+from fenicsrom.scene.step_size import refined, step_key
+
+# largest accepted relative error of the amplitudes due to the time step
+TIME_ERROR = 0.1
+# largest accepted relative error of the root mean squares of a motion that does not settle; two
+# right runs of a chaotic motion differ by some ten percent within a hundred periods
+UNSETTLED_ERROR = 0.5
+# largest accepted relative difference of the amplitudes from those of an enriched basis
+BASIS_ERROR = 0.05
+
+
+def estimate_errors(
+    model: Any,
+    candidates: ReducedModel | None,
+    scene: Scene,
+    motion: Motion,
+    errors: dict[str, MotionErrors],
+) -> None:
+    """Estimate the errors of a motion and apply the rule of this module.
+
+    Args:
+        model: the model that was integrated.
+        candidates: the larger model that judges its basis; None if the model has none.
+        scene: the scene.
+        motion: the motion.
+        errors: receives the estimates by their causes, "time step" and "basis".
+
+    Raises:
+        AccuracyError: an estimate is above its limit.
+    """
+    unsteady = is_unsteady(motion)
+    errors["time step"] = step_errors(model, scene, motion)
+    if candidates is not None:
+        errors["basis"] = basis_errors(candidates, model.mass.shape[0], scene, motion)
+    check_time_error(scene, errors["time step"].largest, unsteady)
+    if candidates is not None:
+        check_basis_error(scene, errors["basis"].largest, unsteady)
+
+
+def check_time_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
+    """Refuse a motion whose estimated error due to the time step is too large.
+
+    Args:
+        scene: the scene of the motion.
+        estimate: the relative error, infinite if there is no estimate.
+        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_ERROR` instead of
+        `TIME_ERROR`.
+
+    Raises:
+        AccuracyError: the estimate is above the limit.
+    """
+    allowed = UNSETTLED_ERROR if unsteady else TIME_ERROR
+    if estimate <= allowed:
+        return
+    name = step_key(scene)
+    given, better = (getattr(s.time, name) for s in (scene, recommended_step(scene, estimate)))
+    if np.isfinite(estimate):
+        coarse = "eight times the tolerance" if name == "tolerance" else "twice the step"
+        run = "another step" if unsteady else coarse
+        found, other = f"{run} gives an error of about {in_percent(estimate)}", ""
+    else:
+        differs = "settles" if unsteady else "does not settle"
+        found = f"another step gives a motion that {differs}, or no motion"
+        other = f"{other_scheme(scene)}; or add modes that the loads may excite, basis.modes"
+    raise AccuracyError(
+        f"time.{name} = {given:g}: the steps are too long: a run with {found} "
+        f"(at most {100.0 * allowed:g} % is accepted"
+        f"{' for a motion that does not settle' if unsteady else ''}): "
+        f"try {name} = {better:g}{other}",
+        kind=ErrorKind.TIME_STEP,
+        key=f"time.{name}",
+    )
+
+
+def in_percent(error: float) -> str:
+    """A relative error in percent, with two digits or as a whole number."""
+    return f"{100.0 * error:.2g} %" if error < 0.995 else f"{100.0 * error:.0f} %"
+
+
+def other_scheme(scene: Scene) -> str:
+    """The end of a sentence: the scheme to try where a motion does not settle, or ""."""
+    if scene.time.scheme != "discrete-gradient":
+        return ""
+    return (
+        '; or try time.scheme = "generalised-alpha", which damps the waves that the steps do not '
+        "resolve"
+    )
+
+
+def check_basis_error(scene: Scene, estimate: float, unsteady: bool = False) -> None:
+    """Refuse a motion whose estimated error due to the basis is too large.
+
+    Args:
+        scene: the scene of the motion.
+        estimate: the relative error, infinite if there is no estimate.
+        unsteady: whether the motion does not settle; the limit is then `UNSETTLED_ERROR` instead of
+            `BASIS_ERROR`.
+
+    Raises:
+        AccuracyError: the estimate is above the limit.
+    """
+    allowed = UNSETTLED_ERROR if unsteady else BASIS_ERROR
+    if estimate <= allowed:
+        return
+    found = (
+        f"displacements that differ by {in_percent(estimate)}"
+        if np.isfinite(estimate)
+        else "a motion that does not settle, or no motion"
+    )
+    modes = scene.basis.modes
+    more = 'to more modes than "auto" takes' if modes == "auto" else f"above {modes}"
+    raise AccuracyError(
+        f"the basis is too small: a basis with the modes or derivatives that the motion lacks "
+        f"gives {found} (at most {100.0 * allowed:g} % is accepted"
+        f"{' for a motion that does not settle' if unsteady else ''}): lower basis.threshold, set "
+        f'basis.derivatives = "all", or set basis.modes {more}',
+        kind=ErrorKind.BASIS,
+        key="basis",
+    )
+
+
+def rejection_reason(model: Any, scene: Scene, motion: Motion) -> AccuracyError | None:
+    """The error of a motion that fails the checks of its energy and of its time step, or None."""
+    try:
+        check_energy(motion)
+        check_time_error(scene, step_errors(model, scene, motion).largest, is_unsteady(motion))
+    except AccuracyError as error:
+        return error
+    return None
+
+
+def recommended_step(scene: Scene, estimate: float) -> Scene:
+    """The scene with a step that likely brings the error below half of `TIME_ERROR`.
+
+    The number of halvings assumes a scheme of first order, because contacts that switch may reduce
+    the order to one. If the estimate is infinite, the step is halved twice.
+    """
+    halvings = np.log2(estimate / (0.5 * TIME_ERROR)) if np.isfinite(estimate) else 2.0
+    return refined(scene, 2 ** max(1, int(np.ceil(halvings))))

@@ -1,0 +1,287 @@
+"""Periodic motions of the full model, found from those of a reduced model.
+
+A periodic motion is a root of r(z) = P(z) - z with the period map P of the full model
+(`fenicsrom.fem.full.full_period`). A full period is by far the most expensive operation, so the
+iteration takes as few as it can. With a basis D of some directions, orthonormal in the mass norm,
+
+    dz = D y + (1 - D D^T)(r + P' D y),    (I - D^T P' D) y = D^T r,    (1)
+
+is Newton's step in the span of D, and a full period elsewhere (Lust, Roose, Spence and Champneys
+1998, the Newton-Picard method).
+
+At first D spans the reduced basis, and the monodromy matrix of the reduced model takes the place of
+D^T P' D. This is enough if all that the basis does not span decays within a period. The stiff
+vibrations of a solid do not: a scheme that conserves energy keeps them for thousands of periods.
+Where the residual does not fall by `GOOD_RATE`, D is enlarged, by normal modes and then by the
+residual itself, and the next full period carries P' D along exactly.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.fem.full.full_period import FullPeriodEnd, FullPeriodMap
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
+from fenicsrom.online.step.state import Record
+from fenicsrom.reduction.basis import DEPENDENCE
+from fenicsrom.scene.rules import counted
+
+FULL_TOLERANCE = 1e-6
+"""Of the residual relative to the variables, and of the last step relative to the coordinates.
+
+Both are in the mass norm. Undamped stiff vibrations count by their velocities; their displacements
+are smaller than the residual by the ratio of their frequency to that of the loads.
+"""
+
+MOST_PERIODS = 40
+GOOD_RATE = 0.1  # a step that reduces the residual less asks for derivatives of the full model
+RELAXATION = 0.5
+"""Part of the residual outside of D that a step with derivatives takes.
+
+A vibration that keeps its size and turns by the angle phi in a period is reduced by cos(phi/2).
+"""
+
+NORMAL_MODES = 60  # of the solid, for the first enlargement of the directions
+RANK = 1e-8  # singular values below this part of the largest count as zero
+UNKNOWNS_PER_MODE = 4  # the eigensolver is not accurate enough for the highest modes of a mesh
+
+
+@dataclass(frozen=True, eq=False)
+class FullPeriodicMotion:
+    """A periodic motion of the full model.
+
+    Attributes:
+        z: (N,) variables at the start of the period: see `FullPeriodMap`.
+        residuals: relative residual after each full period.
+        derived: number of full periods that carried derivatives.
+        record: rows of the period.
+        seconds: run time.
+    """
+
+    z: Array
+    residuals: tuple[float, ...]
+    derived: int
+    record: Record
+    seconds: float
+
+    @property
+    def periods(self) -> int:
+        """Number of full periods that were marched."""
+        return len(self.residuals)
+
+    @property
+    def amplitude(self) -> Array:
+        """(P, d) half of peak-to-peak of the displacement, or (1, d) of the probe, m."""
+        found = self.record.displacement
+        found = found if found.shape[1] else self.record.probe[:, None, :]
+        return np.asarray(np.ptp(found, axis=0) / 2.0)
+
+
+def full_periodic_motion(
+    solid: Solid,
+    basis: Array,
+    shooting: Shooting,
+    reduced: PeriodicMotion,
+    *,
+    tolerance: float = FULL_TOLERANCE,
+    most_periods: int = MOST_PERIODS,
+    say: Callable[[str], None] = lambda line: None,
+) -> FullPeriodicMotion:
+    """Find the periodic motion of the full model near one of a reduced model.
+
+    Args:
+        solid: the solid.
+        basis: (local, n) R, the vectors of the reduced basis.
+        shooting: the equation of the reduced motion: it gives contacts, load histories, damping,
+            period, scheme and steps.
+        reduced: the reduced motion.
+        tolerance: of the residual relative to the variables, in the mass norm.
+        most_periods: largest number of full periods.
+        say: called with a line of progress after each full period.
+
+    Returns:
+        The motion; it repeats within the tolerance.
+
+    Raises:
+        ConvergenceError: no motion was found; `partial` holds the residuals.
+    """
+    begin = clock.perf_counter()
+    problem = _Problem(solid, basis, shooting)
+    residuals: list[float] = []
+    derived = 0
+
+    def march(z: Array, block: Array | None = None) -> FullPeriodEnd:
+        nonlocal derived
+        if len(residuals) >= most_periods or not np.all(np.isfinite(residuals)):
+            raise _lost(residuals, f"relative residual {residuals[-1]:.3g}")
+        try:
+            end = problem.map(z, block)
+        except ConvergenceError as error:
+            raise _lost(residuals, str(error)) from error
+        derived += block is not None
+        residuals.append(problem.norm(end.z - z) / max(problem.norm(z), 1e-300))
+        say(f"full period {len(residuals)}: relative residual {residuals[-1]:.1e}")
+        return end
+
+    z = problem.expanded(shooting.scaled(reduced.z))
+    matrix = shooting.scaled_matrix(reduced.end.matrix)
+    jacobian = _Jacobian(problem, matrix, problem.expanded(matrix))
+    end, is_exact = march(z), False
+    step, rest = jacobian.step(end.z - z)
+    while not problem.has_converged(end.z - z, step, z, tolerance):
+        if not is_exact:
+            before, residual = z, end.z - z
+            z = z + step
+            end = march(z)
+            if residuals[-1] > GOOD_RATE * residuals[-2]:
+                is_exact = True
+                problem.enlarge(residual, end.z - z)
+                z = z if residuals[-1] < residuals[-2] else before
+                end = march(z, problem.directions())
+        else:
+            z = z + step - (1.0 - RELAXATION) * rest
+            problem.enlarge(rest)
+            end = march(z, problem.directions())
+        if is_exact:
+            jacobian = _Jacobian(problem, problem.coordinates(end.columns), end.columns)
+        step, rest = jacobian.step(end.z - z)
+    seconds = clock.perf_counter() - begin
+    return FullPeriodicMotion(z, tuple(residuals), derived, end.record, seconds)
+
+
+def _lost(residuals: list[float], reason: str) -> ConvergenceError:
+    """The error of a motion that was not found."""
+    return ConvergenceError(
+        "no periodic motion of the full model was found in "
+        f"{counted(len(residuals), 'full period')}: {reason}",
+        list(residuals),
+    )
+
+
+class _Problem:
+    """The map of the full model, and the directions D.
+
+    With Q (local, p), orthonormal in the mass norm, the columns of D are those of Q in coordinates,
+    velocities and accelerations, and the sliders, scaled as by `Shooting`.
+    """
+
+    def __init__(self, solid: Solid, basis: Array, shooting: Shooting):
+        """Begin with the span of the basis."""
+        self.solid = solid
+        model = FullModel(solid, shooting.contacts)
+        model.load_histories = shooting.model.load_histories
+        model.damping = float(shooting.model.damping)
+        plan = shooting.map.plan._replace(damping=model.damping)
+        fractions = shooting.map.fractions
+        self.map = FullPeriodMap(model, shooting.contacts, plan, shooting.period, fractions)
+        root = np.linalg.cholesky(shooting.model.mass)
+        self.q = np.linalg.solve(root, basis.T).T
+        shortest = shooting.period * float(np.min(np.diff(fractions)))
+        self._rates = 1.0, 2.0 * np.pi / shooting.period, shortest**-2
+        self._slider = np.diag(shooting.scaled(np.eye(shooting.map.size)))
+        self._slider = self._slider[shooting.map.blocks * shooting.map.n :]
+        self._has_modes = False
+
+    def _blocks(self, z: Array) -> list[Array]:
+        """The scaled blocks of variables z (N,) or (N, k): q, v, a and sliders."""
+        n, count = self.map.local, self.map.blocks
+        parts = [np.asarray(z[k * n : (k + 1) * n] / self._rates[k], float) for k in range(count)]
+        return [*parts, (z[count * n :].T * self._slider).T]
+
+    def coordinates(self, z: Array) -> Array:
+        """D^T M z of variables z (N,) or (N, k)."""
+        *parts, sliders = self._blocks(z)
+        columns = [part.reshape(part.shape[0], -1) for part in parts]
+        inner = [self.solid.mass_inner(self.q, part).reshape(-1, *z.shape[1:]) for part in columns]
+        return np.concatenate([*inner, sliders])
+
+    def expanded(self, y: Array) -> Array:
+        """D y of coordinates y (k,) or a block of them."""
+        p, count = self.q.shape[1], self.map.blocks
+        parts = [self.q @ y[k * p : (k + 1) * p] * self._rates[k] for k in range(count)]
+        return np.concatenate([*parts, (y[count * p :].T / self._slider).T])
+
+    def directions(self) -> Array:
+        """D (N, k)."""
+        return self.expanded(np.eye(self.map.blocks * self.q.shape[1] + self.map.memory.size))
+
+    def norm(self, z: Array) -> float:
+        """Size of variables z (N,)."""
+        *parts, sliders = self._blocks(z)
+        model = self.map.model
+        squares = sum(model.dot(part, model.mass_times(part)) for part in parts)
+        return float(np.sqrt(squares + sliders @ sliders))
+
+    def has_converged(self, residual: Array, step: Array, z: Array, tolerance: float) -> bool:
+        """Whether a residual is small, and so is the change of the coordinates by Newton's step.
+
+        A residual of a motion that decays slowly may be small far away from the root.
+        """
+        q, change = self._blocks(z)[0], self._blocks(step)[0]
+        model = self.map.model
+        moved = np.sqrt(model.dot(change, model.mass_times(change)))
+        size = np.sqrt(model.dot(q, model.mass_times(q)))
+        return bool(self.norm(residual) <= tolerance * self.norm(z) and moved <= tolerance * size)
+
+    def enlarge(self, *residuals: Array) -> None:
+        """Add the parts of residuals (N,), and at the first time normal modes, to Q."""
+        new = np.stack([part for z in residuals for part in self._blocks(z)[:-1]], axis=1)
+        if not self._has_modes:
+            new = np.concatenate([self._normal_modes(), new], axis=1)
+            self._has_modes = True
+        sizes = np.sqrt(np.diag(self.solid.mass_inner(new, new)))
+        new = new[:, sizes > 0.0] / sizes[sizes > 0.0]
+        for _ in range(2):  # the second pass removes the rounding of the first
+            new = new - self.q @ self.solid.mass_inner(self.q, new)
+            squares, vectors = np.linalg.eigh(self.solid.mass_inner(new, new))
+            keep = squares > DEPENDENCE**2
+            new = new @ (vectors[:, keep] / np.sqrt(squares[keep]))
+        self.q = np.concatenate([self.q, new], axis=1)
+
+    def _normal_modes(self) -> Array:
+        """Normal modes (N, k) of the solid: half as many while the highest ones are inaccurate."""
+        count = min(NORMAL_MODES, self.solid.free // UNKNOWNS_PER_MODE)
+        while True:
+            try:
+                modes: Array = self.solid.eigenmodes(self.solid.factor, count)[1]
+                return modes
+            except AccuracyError:
+                count //= 2
+                if count == 0:
+                    raise
+
+
+class _Jacobian:
+    """Newton's step (1) with P' D, exact or of the reduced model."""
+
+    def __init__(self, problem: _Problem, matrix: Array, columns: Array):
+        """Keep D^T P' D (k, k) and P' D (N, k)."""
+        self._problem, self._matrix, self._columns = problem, matrix, columns
+
+    def step(self, residual: Array) -> tuple[Array, Array]:
+        """The step dz (N,) and its part outside of the span of D."""
+        problem = self._problem
+        equation = np.eye(self._matrix.shape[0]) - self._matrix
+        y = _least_squares(equation, problem.coordinates(residual))
+        rest = residual + self._columns @ y
+        rest -= problem.expanded(problem.coordinates(rest))
+        return problem.expanded(y) + rest, rest
+
+
+def _least_squares(matrix: Array, right: Array) -> Array:
+    """The shortest solution of a square system, in which sliders that stick are free.
+
+    Long rows are scaled to unit length. They belong to stiff coordinates, and would otherwise
+    decide which singular values count as zero.
+    """
+    size = np.maximum(np.linalg.norm(matrix, axis=1), 1.0)
+    found: Array = np.linalg.lstsq(matrix / size[:, None], right / size, rcond=RANK)[0]
+    return found

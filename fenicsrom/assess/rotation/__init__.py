@@ -1,0 +1,1 @@
+"""Modes and critical speeds of rotating bodies."""

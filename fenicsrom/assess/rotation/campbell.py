@@ -1,0 +1,362 @@
+"""Campbell diagram: natural frequencies of a rotating body against speed, with engine orders.
+
+At every speed the body moves to its equilibrium without contact, and the modes are those of the
+tangent stiffness (`fenicsrom.assess.rotation.rotating_modes`). They are tracked from speed to speed by their
+modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
+
+Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
+of its frequency; with widely spaced speeds it keeps its shape. `fenicsrom.assess.rotation.critical_speeds`
+finds the speeds at which engine orders meet the modes, and `fenicsrom.assess.rotation.mode_names` names the
+modes by their shapes at the first speed.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.large_strains import strain_warnings
+from fenicsrom.assess.rotation.critical_speeds import (
+    LEAST_MAC,
+    Critical,
+    FrequencyCurve,
+    critical_speeds,
+)
+from fenicsrom.assess.rotation.mode_names import mode_names
+from fenicsrom.assess.rotation.rotating_modes import Shapes, follow, modes_at_speed
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.progress import time_left
+from fenicsrom.scene import Scene
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.body.deformation import DeformationGauge
+    from fenicsrom.fem.solid.solid import Solid
+
+DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped with another one
+EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
+
+
+@dataclass(eq=False)
+class Campbell:
+    """The frequencies of a body at several speeds.
+
+    Attributes:
+        scene: the scene.
+        speeds_rpm: (s,) the speeds that were reached.
+        squares: (s, m) omega^2 of each mode, rad^2/s^2; negative where the mode is unstable.
+        mac: (s, m) MAC of each mode with itself at the previous speed; 1 at the first.
+        largest: (s,) largest displacement in the equilibrium, m.
+        names: names of the modes, such as 1F; empty if the body does not point away from its axis.
+        critical: the critical speeds, in ascending order.
+        operating_squares: (m,) omega^2 at the speed of [rotation], rad^2/s^2; None if this speed
+            is not within the diagram, or its modes were not found.
+        change: largest relative change of a frequency in the last round of the complex modes; None
+            without Coriolis force.
+        unknowns: free unknowns of the mesh.
+        seconds: run time.
+        warnings: sentences for the user.
+        unfinished: the error that stopped the computation; None if all speeds were reached.
+        body: the solid.
+    """
+
+    scene: Scene
+    speeds_rpm: Array
+    squares: Array
+    mac: Array
+    largest: Array
+    names: list[str]
+    critical: list[Critical]
+    operating_squares: Array | None
+    change: float | None
+    unknowns: int
+    seconds: float
+    warnings: list[str] = field(default_factory=list)
+    unfinished: Exception | None = None
+    body: Solid | None = None
+
+    @property
+    def frequencies_hz(self) -> Array:
+        """(s, m) natural frequencies, zero where unstable, Hz."""
+        return hertz(self.squares)
+
+    @property
+    def labels(self) -> list[str]:
+        """One label per mode: its number, and its name if it has one."""
+        count = self.squares.shape[1]
+        names = [f" ({name})" for name in self.names] or [""] * count
+        return [f"{k + 1}{name}" for k, name in zip(range(count), names, strict=True)]
+
+    @property
+    def margins(self) -> Array | None:
+        """(m, orders) f / (k Omega / 60) - 1 of each mode and engine order at operating speed."""
+        if self.operating_squares is None or self.scene.rotation is None:
+            return None
+        orders = np.array(self.scene.campbell.engine_orders)
+        lines = orders * self.scene.rotation.speed_rpm / 60.0
+        return hertz(self.operating_squares)[:, None] / lines - 1.0
+
+    def curves(self) -> list[FrequencyCurve]:
+        """The curve of each mode; none for a single speed."""
+        if self.speeds_rpm.size < 2:
+            return []
+        coriolis = self.scene.rotation is not None and self.scene.rotation.coriolis
+        squares = self.squares / (2.0 * np.pi) ** 2
+        return [FrequencyCurve(self.speeds_rpm, column, coriolis) for column in squares.T]
+
+
+def hertz(squares: Array) -> Array:
+    """Frequencies of omega^2, zero where unstable, Hz."""
+    return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+
+
+def campbell(scene: Scene, comm: Any, say: Callable[[str], None]) -> Campbell:
+    """Compute the frequencies of a scene's body at the speeds of its [campbell] table.
+
+    Args:
+        scene: a scene with [rotation]; `rotation.speed_rpm` is used only if [campbell] has no
+            speeds.
+        comm: MPI communicator.
+        say: called with one line of progress at a time.
+
+    Returns:
+        The frequencies; `unfinished` holds an error that stopped the computation before the last
+        speed.
+
+    Raises:
+        SceneError: no rotation, no speed, or more modes than unknowns.
+        ConvergenceError, AccuracyError: the first speed failed.
+    """
+    from fenicsrom.fem.body.deformation import DeformationGauge
+
+    begin = clock.perf_counter()
+    speeds, count = speeds_rpm(scene), scene.campbell.modes
+    solid = _solid_at(float(speeds[0]), scene, comm, say)
+    gauge = DeformationGauge(solid, _at_speed(scene, float(speeds.max())))
+    tracked = _Tracked(min(count + EXTRA_MODES, solid.free), gauge)
+    unfinished: Exception | None = None
+    for k, speed in enumerate(speeds):
+        try:
+            if k:
+                solid.spin(np.pi / 30.0 * float(speed))
+            tracked.add(solid)
+        except (ConvergenceError, AccuracyError) as error:
+            if not k:
+                raise
+            unfinished = type(error)(f"campbell: at {speed:g} rpm: {error}", kind=error.kind)
+            break
+        squares = tracked.squares[-1][:count]
+        shown = ", ".join(f"{value:.4g}" for value in hertz(squares))
+        left = time_left(clock.perf_counter() - begin, (k + 1) / speeds.size)
+        say(f"{speed:g} rpm: {shown} Hz; speed {k + 1} of {speeds.size}, {left}")
+    reached = speeds[: len(tracked.squares)]
+    kept = np.array(tracked.squares)[:, :count]
+    found = Campbell(
+        scene,
+        reached,
+        kept,
+        np.array(tracked.mac)[:, :count],
+        np.array(tracked.largest),
+        tracked.names(solid, scene)[:count],
+        [],
+        None,
+        max(tracked.changes) if scene.rotation and scene.rotation.coriolis else None,
+        solid.free,
+        0.0,
+        list(solid.warnings),
+        unfinished,
+        solid,
+    )
+    found.warnings += _warnings(found)
+    found.warnings += strain_warnings(
+        [
+            (f"at {speed:g} rpm", deformed)
+            for speed, deformed in zip(reached, tracked.deformations, strict=True)
+        ]
+    )
+    _find_critical_speeds(found, _Between(solid, reached, tracked), say)
+    found.seconds = clock.perf_counter() - begin
+    return found
+
+
+def _find_critical_speeds(found: Campbell, between: _Between, say: Callable[[str], None]) -> None:
+    """Find the critical speeds, and the frequencies at the speed of operation."""
+    rotation = found.scene.rotation
+    assert rotation is not None
+    say("critical speeds ..")
+
+    def solve(mode: int, speed: float) -> tuple[float, float]:
+        squares, mac = between(speed)
+        return float(squares[mode]) / (2.0 * np.pi) ** 2, float(mac[mode])
+
+    orders = found.scene.campbell.engine_orders
+    found.critical, notes = critical_speeds(found.curves(), orders, solve)
+    found.warnings += notes
+    speed = rotation.speed_rpm
+    if 0.0 < speed and found.speeds_rpm[0] <= speed <= found.speeds_rpm[-1]:
+        try:
+            squares, _ = between(speed)
+            found.operating_squares = squares[: found.squares.shape[1]]
+        except (ConvergenceError, AccuracyError) as error:
+            found.warnings.append(f"no margins at {speed:g} rpm: {error}")
+
+
+def _at_speed(scene: Scene, speed_rpm: float) -> Scene:
+    """The scene at another speed."""
+    assert scene.rotation is not None
+    return replace(scene, rotation=replace(scene.rotation, speed_rpm=speed_rpm))
+
+
+def _solid_at(speed_rpm: float, scene: Scene, comm: Any, say: Callable[[str], None]) -> Any:
+    """Make the mesh and the solid about its equilibrium at this speed.
+
+    Raises:
+        SceneError: the scene cannot be used, or asks for more modes than the mesh has unknowns.
+        ConvergenceError: there is no equilibrium.
+    """
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import solid_of
+
+    say("mesh ..")
+    mesh = build_mesh(scene.geometry, comm)
+    say("solid ..")
+    solid = solid_of(_at_speed(scene, speed_rpm), mesh)
+    if scene.campbell.modes > solid.free:
+        raise SceneError(
+            f"{scene.source}: campbell.modes = {scene.campbell.modes}: must be at most "
+            f"{solid.free}, the number of free unknowns",
+            kind=ErrorKind.RANGE,
+            key="campbell.modes",
+            source=scene.source,
+        )
+    return solid
+
+
+class _Tracked:
+    """The modes of a body at successive speeds, in the order of the modes at the first speed."""
+
+    def __init__(self, count: int, gauge: DeformationGauge):
+        self.count, self.gauge = count, gauge
+        self.squares: list[Array] = []
+        self.mac: list[Array] = []
+        self.largest: list[float] = []
+        self.deformations: list[Deformation] = []
+        self.changes: list[float] = []
+        self.shapes: list[Shapes] = []
+
+    def add(self, solid: Solid) -> None:
+        """Add the modes of the body at its present speed.
+
+        Raises:
+            ConvergenceError, AccuracyError: as in `modes_at_speed`.
+        """
+        values, vectors, change = modes_at_speed(solid, self.count)
+        common: Array = np.ones(self.count)
+        if self.shapes:
+            values, vectors, common = follow(
+                solid, self.squares[-1], self.shapes[-1], values, vectors
+            )
+        self.shapes.append(vectors)
+        self.squares.append(values)
+        self.mac.append(common)
+        self.largest.append(float(solid.largest(solid.equilibrium[:, None])[0]))
+        self.deformations.append(self.gauge.measure(solid.equilibrium))
+        self.changes.append(change)
+
+    def names(self, solid: Solid, scene: Scene) -> list[str]:
+        """The names of the modes by their shapes at the first speed. Collective."""
+        rotation = scene.rotation
+        assert rotation is not None and rotation.point is not None
+        d = solid.dimension
+        axis = np.array(rotation.axis if rotation.axis is not None else (0.0, 0.0, 1.0))
+        point = np.pad(np.array(rotation.point), (0, 3 - d))
+        nodes = solid.space.tabulate_dof_coordinates()[: solid.local // d, :d]
+        shapes = self.shapes[0].reshape(len(nodes), d, self.count)
+        return mode_names(nodes, shapes, axis, point, solid.comm)
+
+
+class _Between:
+    """The modes at any speed, in the order of those at the nearest speed of the diagram."""
+
+    def __init__(self, solid: Solid, speeds: Array, tracked: _Tracked):
+        self.solid, self.speeds, self.tracked = solid, speeds, tracked
+        self._found: dict[float, tuple[Array, Array]] = {}
+
+    def __call__(self, speed: float) -> tuple[Array, Array]:
+        """omega^2 (m,) at a speed (rev/min), and the MAC with the modes at the nearest speed.
+
+        Raises:
+            ConvergenceError, AccuracyError: as in `modes_at_speed`.
+        """
+        tracked, k = self.tracked, int(np.argmin(np.abs(self.speeds - speed)))
+        if self.speeds[k] == speed:
+            return tracked.squares[k], np.ones(tracked.count)
+        if speed not in self._found:
+            self.solid.spin(np.pi / 30.0 * speed)
+            values, vectors, _ = modes_at_speed(self.solid, tracked.count)
+            values, _, mac = follow(
+                self.solid, tracked.squares[k], tracked.shapes[k], values, vectors
+            )
+            self._found[speed] = values, mac
+        return self._found[speed]
+
+
+def speeds_rpm(scene: Scene) -> Array:
+    """The speeds of a scene's Campbell diagram.
+
+    Raises:
+        SceneError: there is no rotation, or no speed.
+    """
+    if scene.rotation is None:
+        raise SceneError(
+            f"{scene.source}: rotation is missing: a Campbell diagram needs a [rotation] table",
+            kind=ErrorKind.MISSING,
+            key="rotation",
+            source=scene.source,
+        )
+    if scene.campbell.speeds_rpm is not None:
+        return np.array(scene.campbell.speeds_rpm, dtype=np.float64)
+    if not scene.rotation.speed_rpm > 0.0:
+        raise SceneError(
+            f"{scene.source}: campbell.speeds_rpm is missing: rotation.speed_rpm is not above 0, "
+            "so the speeds must be given",
+            kind=ErrorKind.MISSING,
+            key="campbell.speeds_rpm",
+            source=scene.source,
+        )
+    return np.linspace(0.0, scene.rotation.speed_rpm, 13, dtype=np.float64)
+
+
+def _warnings(found: Campbell) -> list[str]:
+    """One sentence for each mode that was lost or may be another one, or that is unstable."""
+    warnings = []
+    for mode in range(found.squares.shape[1]):
+        lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)
+        if lost.size:
+            k = int(lost[0])
+            warnings.append(
+                f"mode {mode + 1} was lost between {found.speeds_rpm[k - 1]:g} and "
+                f"{found.speeds_rpm[k]:g} rpm (MAC {found.mac[k, mode]:.2f}): "
+                "use speeds that are closer together"
+            )
+        doubtful = np.flatnonzero(
+            (found.mac[:, mode] >= LEAST_MAC) & (found.mac[:, mode] < DOUBTFUL_MAC)
+        )
+        for k in map(int, doubtful):
+            warnings.append(
+                f"mode {mode + 1} may have been swapped with another mode between "
+                f"{found.speeds_rpm[k - 1]:g} and {found.speeds_rpm[k]:g} rpm (MAC "
+                f"{found.mac[k, mode]:.2f}): use speeds that are closer together to find out"
+            )
+        unstable = np.flatnonzero(found.squares[:, mode] <= 0.0)
+        if unstable.size:
+            warnings.append(
+                f"mode {mode + 1} has omega^2 <= 0 at {found.speeds_rpm[unstable[0]]:g} rpm: "
+                "the equilibrium is unstable"
+            )
+    return warnings

@@ -1,0 +1,370 @@
+"""The axes along which `fenicsrom stability` drives a scene to its extremes.
+
+The values of an axis have no unit: they multiply a value of the scene, or a scale of its reduced
+model (`fenicsrom.assess.studies.scales`). A scene that is written in other units therefore has the same
+axes. An axis is left out, with the reason, if the scene lacks the feature that it varies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from fenicsrom.assess.studies.scales import Scales
+from fenicsrom.scene import Scene, scene_table
+from fenicsrom.scene.checks import LEAST_MODES
+
+Overrides = tuple[str, ...]
+Values = dict[str, Overrides]
+
+SCHEMES = ("discrete-gradient", "average-acceleration", "generalised-alpha")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of the stability matrix.
+
+    Attributes:
+        axis: name of the axis that is varied.
+        value: the value on this axis, in a few words.
+        overrides: the overrides of the scene.
+        model: "reduced", "full" or "beam".
+        richer: overrides of a richer basis to compare with; empty for no comparison.
+        scale: length in m of the unit of the scene. If it is not 1, the run must agree with the run
+            in metres.
+        full: compare with the full model at the same time steps.
+    """
+
+    axis: str
+    value: str
+    overrides: Overrides
+    model: str = "reduced"
+    richer: Overrides = ()
+    scale: float = 1.0
+    full: bool = False
+
+
+class LeftOut(Exception):
+    """The scene lacks the feature that an axis varies; the message names it."""
+
+
+def cases_of(
+    scene: Scene, scales: Scales, axes: Iterable[str] = ()
+) -> tuple[list[Case], list[str]]:
+    """All runs of a scene, and a sentence for each axis that is left out.
+
+    Args:
+        scene: the scene.
+        scales: its scales.
+        axes: names of the axes to run; by default all.
+    """
+    chosen = set(axes) or set(AXES)
+    cases, left_out = [], []
+    rich = (f"basis.modes={_mode_count(scene) + 2}", "basis.derivatives='all'")
+    for axis, values in AXES.items():
+        if axis not in chosen:
+            continue
+        try:
+            made = values(scene, scales)
+        except LeftOut as reason:
+            left_out.append(f"axis {axis}: left out: {reason}")
+            continue
+        richer = rich if axis in RICHER and scene.geometrically_nonlinear else ()
+        cases += [Case(axis, value, changes, richer=richer) for value, changes in made.items()]
+        if axis == "scene":
+            wanted = {"full": scene.reference.full, "beam": scene.reference.beam is not None}
+            cases += [Case(axis, "as it is", (), model) for model, runs in wanted.items() if runs]
+    return cases, left_out
+
+
+# ---------------------------------------------------------------------- overrides
+
+
+def each(items: Sequence[Any], prefix: str, key: str, value: Callable[[int], Any]) -> Overrides:
+    """Set a key in every entry of a list of the scene."""
+    return tuple(f"{prefix}.{k}.{key}={value(k)!r}" for k in range(len(items)))
+
+
+def contacts_with(scene: Scene, **values: Callable[[int], Any]) -> Overrides:
+    """Set some keys of every contact.
+
+    Raises:
+        LeftOut: the scene has no contact.
+    """
+    if not scene.contacts:
+        raise LeftOut("the scene has no contact")
+    made: Overrides = ()
+    for key, value in values.items():
+        made += each(scene.contacts, "contacts", key, value)
+    return made
+
+
+def _constant(value: float) -> Callable[[int], float]:
+    """The same value for every contact."""
+    return lambda k: value
+
+
+def loads_times(scene: Scene, factor: float, static: bool = False) -> Overrides:
+    """Multiply all loads that vary in time, or all static loads.
+
+    Raises:
+        LeftOut: there is no such load.
+    """
+    chosen = [(k, load) for k, load in enumerate(scene.loads) if load.static == static]
+    if not chosen:
+        raise LeftOut("the scene has no static load" if static else "no load varies in time")
+    return tuple(f"loads.{k}.{load.kind}={factor * load.size!r}" for k, load in chosen)
+
+
+def contact_stiffness(scene: Scene, scales: Scales, normal: float, tangential: float) -> Overrides:
+    """Contact stiffnesses as multiples of the stiffness of the body at the contact."""
+    return contacts_with(
+        scene,
+        normal_stiffness=lambda k: normal * scales.normal_stiffness[k],
+        tangential_stiffness=lambda k: tangential * scales.tangential_stiffness[k],
+    )
+
+
+def preload(scene: Scene, scales: Scales, factor: float) -> Overrides:
+    """Multiples of the buckling preload; without one, multiples of the preload of the scene."""
+    if scales.preload is not None:
+        return contacts_with(scene, preload=lambda k: factor * scales.preload[k])  # type: ignore
+    if scene.contacts and not any(contact.preload for contact in scene.contacts):
+        raise LeftOut("the contacts have no preload")
+    return contacts_with(scene, preload=lambda k: factor * scene.contacts[k].preload)
+
+
+# ---------------------------------------------------------------------- the axes
+
+
+def _scene(scene: Scene, scales: Scales) -> Values:
+    return {"as it is": ()}
+
+
+def _contact_stiffness(scene: Scene, scales: Scales) -> Values:
+    return {
+        f"{factor:g} times the body's": contact_stiffness(scene, scales, factor, factor)
+        for factor in (1e-4, 1e-2, 1.0, 1e2, 1e4)
+    }
+
+
+def _stiffness_apart(scene: Scene, scales: Scales) -> Values:
+    return {
+        f"normal {n:g}, tangential {t:g} times the body's": contact_stiffness(scene, scales, n, t)
+        for n, t in ((1e-3, 1e3), (1e3, 1e-3), (1e4, 1.0), (1.0, 1e6))
+    }
+
+
+def _friction(scene: Scene, scales: Scales) -> Values:
+    values = (0.0, 0.01, 1.0, 3.0, 10.0)
+    return {f"{mu:g}": contacts_with(scene, friction=_constant(mu)) for mu in values}
+
+
+def _preload(scene: Scene, scales: Scales) -> Values:
+    if scales.preload is not None:
+        unit = "the buckling load"
+        factors: tuple[float, ...] = (0.0, 0.1, 0.5, 0.9, 0.99, 1.01, 1.1, 2.0)
+    else:
+        unit, factors = "the preload", (0.0, 0.1, 3.0, 10.0, 30.0)
+    return {f"{x:g} times {unit}": preload(scene, scales, x) for x in factors}
+
+
+def _gap(scene: Scene, scales: Scales) -> Values:
+    if scene.contacts and not any(contact.gap for contact in scene.contacts):
+        raise LeftOut("no contact has a gap")
+
+    def scaled(factor: float) -> Overrides:
+        return contacts_with(scene, gap=lambda k: factor * scene.contacts[k].gap)
+
+    return {f"{x:g} times": scaled(x) for x in (0.5, 0.9, 1.1, 2.0)}
+
+
+def _approach(scene: Scene, scales: Scales) -> Values:
+    moving = [(k, contact) for k, contact in enumerate(scene.contacts) if contact.approach]
+    if not moving:
+        raise LeftOut("no contact has an approach")
+    return {
+        f"{x:g} times": tuple(
+            f"contacts.{k}.approach={[[time, x * distance] for time, distance in contact.approach]}"
+            for k, contact in moving
+        )
+        for x in (0.0, 0.5, 2.0, 5.0)
+    }
+
+
+def _load(scene: Scene, scales: Scales) -> Values:
+    factors = (1e-6, 1e-3, 0.1, 2.0, 5.0, 10.0, 30.0)
+    return {f"{x:g} times": loads_times(scene, x) for x in factors}
+
+
+def _static_load(scene: Scene, scales: Scales) -> Values:
+    return {f"{x:g} times": loads_times(scene, x, static=True) for x in (-1.0, 0.1, 2.0, 5.0)}
+
+
+def _frequency(scene: Scene, scales: Scales) -> Values:
+    tables = scene_table(scene)["loads"]
+    given = {
+        k: float(table["frequency"])
+        for k, table in enumerate(tables)
+        if "frequency" in table and "engine_order" not in table
+    }
+    if not given or any("sweep" in table for table in tables):
+        raise LeftOut("no load has a constant frequency of its own")
+    first = scales.omega / (2.0 * math.pi)
+    lowest = min(given.values())
+    return {
+        f"{x:g} times the first natural frequency": tuple(
+            f"loads.{k}.frequency={x * first * value / lowest!r}" for k, value in given.items()
+        )
+        for x in (0.1, 0.5, 0.9, 1.0, 1.1, 2.0)
+    }
+
+
+def _damping(scene: Scene, scales: Scales) -> Values:
+    """Damping ratios of the first mode: alpha = 2 ratio omega_1."""
+    return {
+        f"ratio {ratio:g}": (f"material.mass_damping={2.0 * ratio * scales.omega!r}",)
+        for ratio in (0.0, 1e-3, 1e-2, 0.1, 1.0, 100.0)
+    }
+
+
+def _steps(scene: Scene, scales: Scales) -> Values:
+    if scene.period is not None:
+        return {
+            f"{n} a period": (f"time.steps_per_period={n}",) for n in (10, 20, 50, 100, 500, 2000)
+        }
+    if scene.time.step is None:
+        raise LeftOut("the step of the scene follows from its tolerance")
+    return {
+        f"{x:g} times as long": (f"time.step={x * scene.time.step!r}",)
+        for x in (10.0, 4.0, 2.0, 0.5, 0.1)
+    }
+
+
+def _tolerance(scene: Scene, scales: Scales) -> Values:
+    return {f"{t:g}": (f"time.tolerance={t!r}",) for t in (1e-1, 1e-2, 1e-3, 1e-5)}
+
+
+def _scheme(scene: Scene, scales: Scales) -> Values:
+    return {name: (f"time.scheme='{name}'",) for name in SCHEMES if name != scene.time.scheme}
+
+
+def _poisson(scene: Scene, scales: Scales) -> Values:
+    if not scene.material.is_isotropic:
+        raise LeftOut("the material is not isotropic")
+    planes = [f"geometry.plane='{name}'" for name in ("stress", "strain")]
+    chosen = planes if scene.geometry.dimension == 2 else [""]
+    return {
+        f"{nu:g}" + (f", plane {plane.split(chr(39))[1]}" if plane else ""): (
+            f"material.poisson={nu!r}",
+            *filter(None, [plane]),
+        )
+        for nu in (0.0, 0.45, 0.499)
+        for plane in chosen
+    }
+
+
+def _mode_count(scene: Scene) -> int:
+    """The number of normal modes of a scene; its least number if the structure decides on it."""
+    return LEAST_MODES if isinstance(scene.basis.modes, str) else scene.basis.modes
+
+
+def _modes(scene: Scene, scales: Scales) -> Values:
+    return {f"{count}": (f"basis.modes={count}",) for count in (1, 2, 5, 10, 20)}
+
+
+def _derivatives(scene: Scene, scales: Scales) -> Values:
+    if not scene.geometrically_nonlinear:
+        raise LeftOut("the scene is geometrically linear")
+    other = "craig-bampton" if scene.basis.method == "rubin" else "rubin"
+    return {
+        "none": ("basis.derivatives='none'",),
+        "all": ("basis.derivatives='all'",),
+        "all of one mode more": (
+            "basis.derivatives='all'",
+            f"basis.modes={_mode_count(scene) + 1}",
+        ),
+        f"all, {other}": (f"basis.method='{other}'", "basis.derivatives='all'"),
+    }
+
+
+def _speed(scene: Scene, scales: Scales) -> Values:
+    if scene.rotation is None or not scene.rotation.speed_rpm:
+        raise LeftOut("the body does not rotate")
+    speed, other = scene.rotation.speed_rpm, not scene.rotation.coriolis
+    found: Values = {
+        f"{x:g} times": (f"rotation.speed_rpm={x * speed!r}",) for x in (0.01, 0.1, 0.5, 0.9, 1.1)
+    }
+    word = "with" if other else "without"
+    return found | {f"{word} Coriolis force": (f"rotation.coriolis={str(other).lower()}",)}
+
+
+def _long_run(scene: Scene, scales: Scales) -> Values:
+    if scene.period is None:
+        raise LeftOut("the loads have no period")
+    assert scene.time.periods is not None
+    count = 10 * scene.time.periods
+    return {f"{count} periods": (f"time.periods={count}", "time.steady_tolerance=0")}
+
+
+def _pairs(scene: Scene, scales: Scales) -> Values:
+    """The worst values of two axes together; a pair is left out if the scene lacks an axis."""
+
+    def coarse() -> Overrides:
+        return _steps(scene, scales)["10 a period" if scene.period else "10 times as long"]
+
+    def stiff() -> Overrides:
+        return contact_stiffness(scene, scales, 1e3, 1e3)
+
+    undamped = ("material.mass_damping=0",)
+    wanted: dict[str, Callable[[], Overrides]] = {
+        "long steps, stiff contact": lambda: coarse() + stiff(),
+        "long steps, 3 times the load": lambda: coarse() + loads_times(scene, 3.0),
+        "friction 10, stiff contact": lambda: (
+            contacts_with(scene, friction=lambda k: 10.0) + stiff()
+        ),
+        "10 times the load, stiff contact": lambda: loads_times(scene, 10.0) + stiff(),
+        "undamped, stiff contact": lambda: undamped + stiff(),
+        "undamped, 10 times the load": lambda: undamped + loads_times(scene, 10.0),
+        "largest preload, 10 times the load": lambda: (
+            preload(scene, scales, 2.0 if scales.preload else 10.0) + loads_times(scene, 10.0)
+        ),
+        "20 modes, stiff contact": lambda: ("basis.modes=20", *stiff()),
+    }
+    found: Values = {}
+    for name, make in wanted.items():
+        try:
+            found[name] = make()
+        except LeftOut:
+            continue
+    if not found:
+        raise LeftOut("the scene has no contact and no varying load")
+    return found
+
+
+AXES: dict[str, Callable[[Scene, Scales], Values]] = {
+    "scene": _scene,
+    "contact stiffness": _contact_stiffness,
+    "normal and tangential stiffness": _stiffness_apart,
+    "friction": _friction,
+    "preload": _preload,
+    "gap": _gap,
+    "approach": _approach,
+    "load": _load,
+    "static load": _static_load,
+    "frequency": _frequency,
+    "damping": _damping,
+    "steps": _steps,
+    "tolerance": _tolerance,
+    "scheme": _scheme,
+    "Poisson's ratio": _poisson,
+    "modes": _modes,
+    "derivatives": _derivatives,
+    "speed": _speed,
+    "long run": _long_run,
+    "worst pairs": _pairs,
+}
+# axes on which the basis may become too small for the motion
+RICHER = ("load", "preload", "modes", "derivatives")

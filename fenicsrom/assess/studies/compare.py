@@ -1,0 +1,398 @@
+"""Error against run time: every basis of a scene's [compare] table against the full model.
+
+The full model runs once; its motion is kept in the user's cache folder
+(`fenicsrom.assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
+modes and the snapshots. The modes are computed once, for the largest requested number, and each
+combination uses the first of them. The offline seconds of a combination are the sum of the stages
+that it needs, as if it were the only combination. The indicator (`fenicsrom.assess.errors.residual`) needs
+no full run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time as clock
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.assess.errors.agreement import break_even, motion_errors, rank_correlation
+from fenicsrom.assess.errors.large_strains import equilibrium_deformation, equilibrium_warnings
+from fenicsrom.assess.errors.residual import indicators
+from fenicsrom.assess.full.full_cache import full_motion
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, solve_modes
+from fenicsrom.reduction.snapshots import Snapshots
+from fenicsrom.reduction.stages import Reduction
+from fenicsrom.scene import Scene, parse_scene, scene_table
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.step_size import with_time
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.protocols import Structure
+
+# a run of more seconds is timed over two periods only; the time is scaled by the number of steps
+SLOW = 1.0
+SHORT_PERIODS = 2
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One choice from each list of [compare]."""
+
+    method: str
+    modes: int
+    derivatives: str | tuple[str, ...]
+    elastic_force: str
+    scheme: str
+
+    @property
+    def chosen(self) -> str:
+        """How the derivatives are selected, in one word, or their labels."""
+        return self.derivatives if isinstance(self.derivatives, str) else " ".join(self.derivatives)
+
+    @property
+    def name(self) -> str:
+        """All choices in one line."""
+        return f"{self.method}, {self.modes}V, {self.chosen}, {self.elastic_force}, {self.scheme}"
+
+
+@dataclass(eq=False)
+class Outcome:
+    """The result of a combination.
+
+    Attributes:
+        combination: the combination.
+        labels: labels of its coordinates.
+        offline: seconds by stage, as if made alone.
+        online: seconds of each timed run.
+        timed_periods: periods of a timed run that is scaled to the whole run by its steps; None if
+            the whole run was timed.
+        motion: the motion, without coordinates.
+        errors: errors against the full model, in percent; empty without a full model.
+        indicator: residual in the energy norm, relative to the loads.
+        residual: plain norm of the residual, relative to the loads.
+        failure: the reason why there is no motion; empty if there is a motion.
+    """
+
+    combination: Combination
+    labels: tuple[str, ...] = ()
+    offline: dict[str, float] = field(default_factory=dict)
+    online: tuple[float, ...] = ()
+    timed_periods: int | None = None
+    motion: Motion | None = None
+    errors: dict[str, float | None] = field(default_factory=dict)
+    indicator: float | None = None
+    residual: float | None = None
+    failure: str = ""
+
+    @property
+    def offline_seconds(self) -> float:
+        """Seconds of all offline stages."""
+        return sum(self.offline.values())
+
+    @property
+    def online_seconds(self) -> float:
+        """Median run time of the timed runs, s."""
+        return float(np.median(self.online)) if self.online else float("nan")
+
+
+@dataclass(eq=False)
+class Comparison:
+    """All combinations of a scene, with the full model they are measured against.
+
+    Attributes:
+        scene: the scene.
+        outcomes: one for each combination.
+        full: motion of the full model; None if it was not asked for.
+        full_run: when and where the full model ran, and whether its motion came from the cache.
+        unknowns: free unknowns of the full model.
+        points: the contact points.
+        compilation: seconds of compilation and warming up; no other number contains them.
+        warnings: sentences for the user.
+    """
+
+    scene: Scene
+    outcomes: list[Outcome]
+    full: Motion | None
+    full_run: dict[str, Any]
+    unknowns: int
+    points: ContactPoints
+    compilation: float
+    warnings: list[str]
+
+    def rank_correlation(self, name: str = "indicator") -> float | None:
+        """Spearman's correlation of the indicator with the error of the tangential amplitude.
+
+        Args:
+            name: "indicator" or "residual".
+        """
+        pairs = [
+            (getattr(outcome, name), error)
+            for outcome in self.outcomes
+            if (error := outcome.errors.get("amplitude_tangential")) is not None
+            and getattr(outcome, name) is not None
+        ]
+        return rank_correlation(*zip(*pairs, strict=True)) if len(pairs) > 2 else None
+
+    def speed_up(self, outcome: Outcome) -> float | None:
+        """Ratio of the run times of the full model and of a combination online."""
+        return self.full.seconds / outcome.online_seconds if self.full and outcome.online else None
+
+    def break_even(self, outcome: Outcome) -> int | None:
+        """`break_even` of a combination; None without a full run."""
+        if not (self.full and outcome.online):
+            return None
+        return break_even(outcome.offline_seconds, outcome.online_seconds, self.full.seconds)
+
+
+# ---------------------------------------------------------------------- the combinations
+
+
+def combinations(scene: Scene) -> list[Combination]:
+    """All combinations of a [compare] table; a linear scene has no derivatives to choose."""
+    table = scene.compare
+    schemes = table.schemes or (scene.time.scheme,)
+    derivatives, forces = table.derivatives, table.elastic_force
+    if not scene.geometrically_nonlinear:
+        derivatives, forces = ("none",), ("polynomial",)
+    choices = itertools.product(table.methods, table.modes, derivatives, forces, schemes)
+    return [Combination(*choice) for choice in choices]
+
+
+def with_combination(scene: Scene, combination: Combination) -> Scene:
+    """The scene with the basis and scheme of a combination.
+
+    Raises:
+        SceneError: the combination is impossible, such as derivatives of missing modes.
+    """
+    c, table = combination, scene_table(scene)
+    table["basis"] |= {"method": c.method, "modes": c.modes, "elastic_force": c.elastic_force}
+    table["basis"]["derivatives"] = (
+        c.derivatives if isinstance(c.derivatives, str) else list(c.derivatives)
+    )
+    return with_time(parse_scene(table, scene.source, None), scheme=c.scheme)
+
+
+class Workshop:
+    """Makes the reduced models of a body; shared stages run once, and their seconds are kept."""
+
+    def __init__(self, body: Structure, scene: Scene, seconds: dict[str, float], largest: int):
+        """Start from a body.
+
+        Args:
+            body: the structure.
+            scene: its scene.
+            seconds: run times of its stages.
+            largest: the largest number of normal modes that will be requested.
+        """
+        self.body, self._seconds, self._largest = body, dict(seconds), largest
+        self._scene = scene
+        self._solved: dict[str, tuple[SolvedModes, float]] = {}
+        self._modes: dict[tuple[str, int], tuple[ComponentModes, Snapshots]] = {}
+        self._taking: dict[tuple[str, int, str], float] = {}
+
+    def reduction(self, scene: Scene) -> tuple[Reduction, dict[str, float]]:
+        """The stages of a scene's reduced model, and their seconds as if it were made alone."""
+        method, count = scene.basis.method, scene.basis.modes
+        assert isinstance(count, int)  # of [compare]
+        modes, snapshots, taken = self._component_modes(method, count)
+        kinds = {"mmi": ["linear"], "mmi-nls": ["linear", "static"]}.get(
+            str(scene.basis.derivatives), []
+        )
+        shared = sum(
+            self._taken(snapshots, (method, count, kind))
+            for kind in kinds
+            if scene.geometrically_nonlinear
+        )
+        seconds = {**self._seconds, "modes": taken, "selection": shared}
+        return Reduction(self.body, scene, partial(timed, seconds), modes, snapshots), seconds
+
+    def _component_modes(self, method: str, count: int) -> tuple[ComponentModes, Snapshots, float]:
+        if method not in self._solved:
+            spent: dict[str, float] = {}
+            with timed(spent, "solve"):
+                options = replace(self._scene.basis, method=method, modes=self._largest)
+                solved = solve_modes(self.body, options)
+            self._solved[method] = solved, spent["solve"]
+        solved, seconds = self._solved[method]
+        if (method, count) not in self._modes:
+            modes = first_modes(self.body, solved, count)
+            self._modes[method, count] = modes, Snapshots(self.body, self._scene, modes)
+        return *self._modes[method, count], seconds
+
+    def _taken(self, snapshots: Snapshots, key: tuple[str, int, str]) -> float:
+        """Seconds that these snapshots took; the first call computes the snapshots.
+
+        The snapshots always use the scheme of the scene itself.
+        """
+        if key not in self._taking:
+            spent: dict[str, float] = {}
+            with timed(spent, "snapshots"):
+                getattr(snapshots, key[2])
+            self._taking[key] = spent["snapshots"]
+        return self._taking[key]
+
+
+@contextmanager
+def timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    """Add the run time of a `with` block to a stage."""
+    begin = clock.perf_counter()
+    yield
+    seconds[stage] = seconds.get(stage, 0.0) + clock.perf_counter() - begin
+
+
+def try_out(
+    workshop: Workshop,
+    scene: Scene,
+    combination: Combination,
+    full: Motion | None,
+    timing: bool = True,
+) -> Outcome:
+    """Make the model of a combination, run it and compare it with the full model.
+
+    Args:
+        workshop: makes the model.
+        scene: the scene.
+        combination: the combination.
+        full: motion of the full model, or None.
+        timing: whether to repeat the run to time it.
+    """
+    outcome = Outcome(combination)
+    scene = with_combination(scene, combination)
+    try:
+        reduction, outcome.offline = workshop.reduction(scene)
+        outcome.labels = reduction.basis.labels
+        model = reduction.model
+        motion = simulate(model, scene, keep_coordinates=True)
+        outcome.indicator, outcome.residual = indicators(
+            workshop.body, reduction.basis.vectors, motion, scene
+        )
+        outcome.motion = replace(
+            motion, coordinates=None, velocity=None, acceleration=None, coordinate_time=None
+        )
+        if timing:
+            outcome.online, outcome.timed_periods = time_runs(
+                model, scene, motion, workshop.body.comm
+            )
+    except (ConvergenceError, AccuracyError) as error:
+        outcome.failure = str(error)
+        return outcome
+    if full is not None:
+        outcome.errors = motion_errors(motion, full)
+    return outcome
+
+
+def time_runs(
+    model: Any, scene: Scene, motion: Motion, comm: Any
+) -> tuple[tuple[float, ...], int | None]:
+    """Time `compare.repeats` runs.
+
+    Returns:
+        Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
+        timed: the seconds are then scaled to the whole run, and the number of periods is given.
+    """
+    repeats = scene.compare.repeats
+    if (
+        comm.bcast(motion.seconds) <= SLOW
+        or motion.period is None
+        or motion.search is not None
+        or motion.periods <= SHORT_PERIODS
+    ):
+        return tuple(simulate(model, scene).seconds for _ in range(repeats)), None
+    short = replace(scene, time=scene.time.changed(periods=SHORT_PERIODS, steady_tolerance=0.0))
+    runs = (simulate(model, short) for _ in range(repeats))
+    return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
+
+
+def compare(scene: Scene, comm: Any, say: Callable[[str], None]) -> Comparison:
+    """Compare every combination of a scene's [compare] table with the full model.
+
+    Args:
+        scene: the scene.
+        comm: MPI communicator of the offline stage and the full model.
+        say: called with one line of progress at a time.
+
+    Raises:
+        SceneError: the scene or a combination is impossible.
+        ConvergenceError, AccuracyError: the full model or the solid failed. The failure of a
+            combination is part of its outcome.
+    """
+    from fenicsrom.fem.mesh.mesh import build_mesh
+    from fenicsrom.fem.solid.solid import solid_of
+
+    if scene.static_only:
+        raise SceneError(
+            f"{scene.source}: all loads are static; compare needs a load that varies, or a "
+            "time.duration",
+            kind=ErrorKind.MISSING,
+            key="loads",
+            source=scene.source,
+        )
+    scenes = [with_combination(scene, combination) for combination in combinations(scene)]
+    largest = max(scene.compare.modes)
+    seconds: dict[str, float] = {}
+    with timed(seconds, "mesh"):
+        mesh = build_mesh(scene.geometry, comm)
+    say("compiling and warming up ..")
+    cold: dict[str, float] = {}
+    trial = solid_of(scene, mesh)
+    with timed(cold, "compilation"):
+        warm_up(Workshop(trial, scene, {}, largest), scenes[0])
+    trial.destroy()
+    with timed(seconds, "solid"):
+        solid = solid_of(scene, mesh)
+    solid.warnings += equilibrium_warnings(equilibrium_deformation(solid, scene))
+    full, full_run = full_motion(solid, scene, say) if scene.compare.full else (None, {})
+    outcomes = compare_bases(Workshop(solid, scene, seconds, largest), scene, full, say)
+    return Comparison(
+        scene,
+        outcomes,
+        full,
+        full_run,
+        solid.free,
+        solid.points,
+        cold["compilation"],
+        solid.warnings,
+    )
+
+
+def warm_up(workshop: Workshop, scene: Scene) -> None:
+    """Run every stage once for a few steps, so that later times contain no compilation."""
+    reduction, _ = workshop.reduction(scene)
+    short = scene.time.changed(periods=1, steady_tolerance=0.0) if scene.period else scene.time
+    simulate(reduction.model, replace(scene, time=short))
+
+
+def compare_bases(
+    workshop: Workshop,
+    scene: Scene,
+    full: Motion | None,
+    say: Callable[[str], None],
+    timing: bool = True,
+) -> list[Outcome]:
+    """Run every combination; after each, report its result and the remaining time."""
+    wanted = combinations(scene)
+    spent: dict[str, list[float]] = {}
+    outcomes = []
+    for k, combination in enumerate(wanted):
+        begin = clock.perf_counter()
+        outcome = try_out(workshop, scene, combination, full, timing)
+        outcomes.append(outcome)
+        spent.setdefault(combination.elastic_force, []).append(clock.perf_counter() - begin)
+        mean = {kind: float(np.mean(times)) for kind, times in spent.items()}
+        known = max(mean.values())
+        left = sum(mean.get(other.elastic_force, known) for other in wanted[k + 1 :])
+        error = outcome.errors.get("amplitude_tangential")
+        result = outcome.failure or counted(len(outcome.labels), "coordinate")
+        result += f", {1e3 * outcome.online_seconds:.3g} ms" if outcome.online else ""
+        result += f", error {error:.2g} %" if error is not None else ""
+        say(f"{k + 1}/{len(wanted)} {combination.name}: {result}; about {left:.0f} s left")
+    return outcomes

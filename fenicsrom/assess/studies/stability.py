@@ -1,0 +1,404 @@
+"""How far the program can be pushed: extreme variants of a scene, and a verdict on each run.
+
+Each axis (`fenicsrom.assess.studies.axes`) goes from ordinary to extreme values, first alone and then in
+the worst pairs. A run is made as a user would make it, and again with half the step (an eighth of
+the tolerance) and, where the basis is in question, with a richer basis. Its verdict is one of
+
+    converged       the motion settles, and its error is at most its own estimate
+    not steady      a bounded motion does not repeat, the run says so, and its energy balances
+    refused         no result: a SceneError, ConvergenceError or AccuracyError says why
+    silently wrong  the error exceeds its own estimate, the motion creates energy or is unbounded,
+                    or any other exception is raised
+
+The estimates of a run are `fenicsrom.assess.errors.estimates.step_errors` and `basis_errors`, which
+`fenicsrom run` checks and prints too. Random variants (`fenicsrom.assess.studies.random_cases`) are also
+compared with the full model at the same time steps.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time as clock
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.assess.curves.unsteady import why_unsteady
+from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.assess.errors.verdicts import BASIS_ERROR, estimate_errors
+from fenicsrom.assess.full.true_errors import candidates_of, estimates_found, full_distances, missed
+from fenicsrom.assess.studies.axes import AXES, Case, cases_of
+from fenicsrom.assess.studies.random_cases import random_cases
+from fenicsrom.assess.studies.scales import scales_of
+from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
+from fenicsrom.online.motion.energy import check_energy, friction_gains_energy
+from fenicsrom.online.motion.measures import amplitude, difference, has_settled, peak_normal_force
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.progress import time_left
+from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.step_size import refined
+
+if TYPE_CHECKING:
+    from fenicsrom.reduction.stages import Reduction
+
+
+class Verdict(StrEnum):
+    """The verdicts on a run, from the best to the worst."""
+
+    CONVERGED = "converged"
+    UNSTEADY = "not steady"
+    REFUSED = "refused"
+    WRONG = "silently wrong"
+
+
+NEGLIGIBLE = 1e-3  # a smaller relative difference always counts as zero
+UNITS_ERROR = 1e-6  # largest relative difference between runs in different units
+# largest relative difference of the root mean squares of motions that do not settle
+UNSTEADY_ERROR = 0.5
+WORKERS = 2
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of a case.
+
+    Attributes:
+        case: the case.
+        verdict: the verdict.
+        why: the reason for the verdict; the error message if the run was refused.
+        amplitude: amplitude of the contact point or probe, m.
+        estimate: the run's own estimate of its relative error due to the time step.
+        basis_estimate: the run's own estimate of its relative error due to the basis.
+        error: relative difference from the refined run.
+        basis_error: relative difference from the richer basis.
+        force_error: relative difference between the peak normal forces of the run and the refined
+            run.
+        imbalance: relative imbalance of the energy.
+        steady: whether the motion repeats to the tolerance of the scene.
+        periods: number of periods run.
+        seconds: run time of all runs of the case.
+        force_estimate: the run's own estimate of the force error, infinite where the step does not
+            resolve the contact.
+        buckled: number of directions in which the straight equilibrium is unstable.
+    """
+
+    case: Case
+    verdict: Verdict
+    why: str = ""
+    amplitude: float | None = None
+    estimate: float | None = None
+    basis_estimate: float | None = None
+    error: float | None = None
+    basis_error: float | None = None
+    force_error: float | None = None
+    imbalance: float | None = None
+    steady: bool | None = None
+    periods: int | None = None
+    seconds: float = 0.0
+    force_estimate: float | None = None
+    buckled: int = 0
+
+
+@dataclass(eq=False)
+class Matrix:
+    """All findings of a scene.
+
+    Attributes:
+        scene: the scene.
+        findings: one for each case.
+        seconds: run time of all runs.
+        left_out: a sentence for each axis that the scene does not have.
+    """
+
+    scene: Scene
+    findings: list[Finding]
+    seconds: float
+    left_out: list[str] = field(default_factory=list)
+
+    def count(self, verdict: Verdict) -> int:
+        """Number of runs with a verdict."""
+        return sum(finding.verdict == verdict for finding in self.findings)
+
+
+# ---------------------------------------------------------------------- scenes and models
+
+
+def load(path: Path, changes: Sequence[str] = ()) -> tuple[dict[str, Any], Scene]:
+    """The table of a scene file under overrides, and the scene.
+
+    Raises:
+        SceneError: the scene is wrong.
+    """
+    scene = read_scene(path, changes)
+    table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    return override_table(table, changes, str(path)), scene
+
+
+def scene_of(table: Mapping[str, Any], source: str, folder: Path, changes: Iterable[str]) -> Scene:
+    """The scene of a table under overrides; a new way to set the step replaces the old one.
+
+    Raises:
+        SceneError: an override is not allowed.
+    """
+    changes = list(changes)
+    plain = dict(table)
+    plain["reference"] = {**plain.get("reference", {}), "full": False}
+    return parse_scene(override_table(plain, changes, source), source, folder)
+
+
+def build(scene: Scene, model: str) -> tuple[Any, Reduction | None, Any]:
+    """The model of a scene.
+
+    Args:
+        scene: the scene.
+        model: "reduced", "full" or "beam".
+
+    Returns:
+        The model; the stages of the reduced model and the solid, or None.
+
+    Raises:
+        SceneError, ConvergenceError, AccuracyError: an offline stage failed.
+    """
+    from mpi4py import MPI
+
+    from fenicsrom.fem.full.full import full_model
+    from fenicsrom.fem.solid.solid import build_solid
+    from fenicsrom.reduction.beam import beam_model
+    from fenicsrom.reduction.stages import Reduction
+
+    if model == "beam":
+        return beam_model(scene), None, None
+    solid = build_solid(scene, MPI.COMM_SELF)
+    if model == "full":
+        return full_model(solid), None, None
+    found = Reduction(solid, scene, lambda stage: nullcontext())
+    return found.model, found, solid
+
+
+# ---------------------------------------------------------------------- a run and its verdict
+
+
+def examine(case: Case, table: Mapping[str, Any], source: str, folder: Path) -> Finding:
+    """Run a case and its refined runs, and judge it."""
+    begin = clock.perf_counter()
+    numbers: dict[str, Any] = {}
+    try:
+        verdict, why = _examine(case, table, source, folder, numbers)
+    except (SceneError, ConvergenceError, AccuracyError) as error:
+        verdict, why = Verdict.REFUSED, f"{type(error).__name__}: {error}"
+    except Exception as error:
+        verdict, why = Verdict.WRONG, f"{type(error).__name__}: {error}".splitlines()[0]
+    return Finding(case, verdict, why, **numbers, seconds=clock.perf_counter() - begin)
+
+
+def _examine(
+    case: Case, table: Mapping[str, Any], source: str, folder: Path, numbers: dict[str, Any]
+) -> tuple[Verdict, str]:
+    """The verdict on a case and its reason; the measured values are written into `numbers`."""
+    scene = scene_of(table, source, folder, case.overrides)
+    model, reduction, solid = build(scene, case.model)
+    motion = simulate(model, scene)
+    numbers |= {
+        "amplitude": float(np.linalg.norm(amplitude(motion))) * case.scale,
+        "imbalance": motion.relative_imbalance,
+        "steady": motion.steady,
+        "periods": motion.periods,
+        "buckled": motion.buckled,
+    }
+    check_energy(motion)
+    if wrong := unphysical(motion, scene.time.scheme):
+        return Verdict.WRONG, wrong
+    candidates = candidates_of(reduction, solid, scene)
+    own: dict[str, MotionErrors] = {}
+    try:
+        estimate_errors(model, candidates, scene, motion, own)
+    finally:
+        numbers |= estimates_found(own)
+    # the estimate of a motion that does not settle knows half the step already
+    fine = simulate(model, refined(scene, 2 if has_settled(motion) else 4))
+    numbers["error"] = difference(motion, fine)
+    peak = peak_normal_force(fine)
+    numbers["force_error"] = abs(peak_normal_force(motion) / peak - 1.0) if peak else None
+    if case.scale != 1.0:
+        plain = scene_of(table, source, folder, ())
+        other = float(np.linalg.norm(amplitude(simulate(build(plain, case.model)[0], plain))))
+        apart = abs(numbers["amplitude"] / other - 1.0)
+        if apart > UNITS_ERROR:
+            return Verdict.WRONG, f"in SI units the amplitude differs by {apart:.1e}"
+    if case.full:
+        assert reduction is not None
+        error = full_distances(reduction, solid, scene, motion)
+        numbers["basis_error"] = error.amplitude
+        if reason := missed(error.amplitude, own["basis"].amplitude):
+            return Verdict.WRONG, reason
+    if case.richer:
+        rich = scene_of(table, source, folder, (*case.overrides, *case.richer))
+        numbers["basis_error"] = difference(motion, simulate(build(rich, case.model)[0], rich))
+    verdict, why = verdict_of(motion, fine, numbers)
+    if verdict is Verdict.UNSTEADY and not has_settled(motion):
+        why = why_unsteady(model, scene, motion, fine)
+    return verdict, why
+
+
+def unphysical(motion: Motion, scheme: str) -> str:
+    """The reason why a motion is not physical, such as a value that is not finite, or ""."""
+    arrays = (motion.displacement, motion.kinetic, motion.elastic, motion.force)
+    if not all(np.all(np.isfinite(array)) for array in arrays):
+        return "a result is not a finite number"
+    if scheme == "discrete-gradient" and friction_gains_energy(motion):
+        return "friction gives energy to the motion in a step"
+    return ""
+
+
+def verdict_of(motion: Motion, fine: Motion, numbers: Mapping[str, Any]) -> tuple[Verdict, str]:
+    """The verdict on a motion that passed its own checks, and the reason.
+
+    Args:
+        motion: the motion.
+        fine: the motion with half the step, or with a quarter if the motion does not settle.
+        numbers: `error`, `estimate` and `force_estimate` of the motion, and `basis_error` if it was
+            compared with a richer basis.
+    """
+    error, estimate = numbers["error"], numbers["estimate"]
+    if not has_settled(motion):
+        if error > max(UNSTEADY_ERROR, estimate):
+            return Verdict.WRONG, f"with a quarter of the step the motion differs by {error:.0%}"
+        return (
+            Verdict.UNSTEADY,
+            f"the motion does not repeat after {counted(motion.periods, 'period')}",
+        )
+    if motion.steady and not has_settled(fine):
+        return Verdict.WRONG, "the motion is steady, but it does not settle with half the step"
+    if error > max(NEGLIGIBLE, estimate):
+        return (
+            Verdict.WRONG,
+            f"the error against half the step is {error:.1e}, but the estimate is {estimate:.1e}",
+        )
+    if not has_settled(fine):
+        return (
+            Verdict.UNSTEADY,
+            "the amplitudes settle but the motion does not; with half the step neither settles",
+        )
+    if (apart := numbers.get("basis_error", 0.0)) > BASIS_ERROR:
+        return Verdict.WRONG, f"the amplitude differs by {apart:.1e} from that of a richer basis"
+    remarks = {
+        "the preload has buckled the body at the start": motion.buckled > 0,
+        "small waves persist: the amplitudes settle, the motion does not": not motion.steady,
+        "the step does not resolve the contact: its peak force is unknown": not np.isfinite(
+            numbers["force_estimate"]
+        ),
+    }
+    return Verdict.CONVERGED, "; ".join(remark for remark, holds in remarks.items() if holds)
+
+
+# ---------------------------------------------------------------------- all runs
+
+
+def stability(
+    path: Path,
+    changes: Sequence[str],
+    say: Callable[[str], None],
+    axes: Sequence[str] = (),
+    workers: int = WORKERS,
+    variants: int = 0,
+    seed: int = 0,
+) -> Matrix:
+    """Drive a scene to its extremes, and judge every run.
+
+    Args:
+        path: the scene file.
+        changes: overrides for every run.
+        say: called with one line of progress at a time.
+        axes: names of the axes to run (`fenicsrom.assess.studies.axes.AXES`); by default all axes.
+        workers: number of processes that share the runs.
+        variants: number of random variants to run instead of the axes; 0 runs the axes.
+        seed: seed of the random variants.
+
+    Raises:
+        SceneError: the scene itself is wrong, nothing moves in it, or there is no such axis.
+        ConvergenceError, AccuracyError: the reduced model of the scene itself cannot be made.
+    """
+    begin = clock.perf_counter()
+    for axis in axes:
+        if axis not in AXES:
+            known = ", ".join(AXES)
+            raise SceneError(
+                f"axis {axis!r} does not exist; the axes are {known}",
+                kind=ErrorKind.UNKNOWN_KEY,
+                key=axis,
+            )
+    from fenicsrom.reduction.modes import with_mode_count
+
+    table, scene = load(path, changes)
+    if scene.static_only:
+        raise SceneError(
+            f"{scene.source}: all loads are static; stability needs a load that varies, or a "
+            "time.duration",
+            kind=ErrorKind.MISSING,
+            key="loads",
+            source=scene.source,
+        )
+    polynomial = scene_of(table, scene.source, path.parent, ["basis.elastic_force='polynomial'"])
+    model, built, _ = build(polynomial, "reduced")
+    assert built is not None
+    scales = scales_of(model, polynomial)
+    scene = with_mode_count(scene, built.modes)
+    wanted, left_out = cases_of(scene, scales, axes)
+    if variants:
+        wanted, left_out = random_cases(scene, scales, variants, seed), []
+    for sentence in left_out:
+        say(sentence)
+    findings = run_all(wanted, table, scene.source, path.parent, say, workers)
+    return Matrix(scene, findings, clock.perf_counter() - begin, left_out)
+
+
+def run_all(
+    wanted: Sequence[Case],
+    table: Mapping[str, Any],
+    source: str,
+    folder: Path,
+    say: Callable[[str], None],
+    workers: int = WORKERS,
+) -> list[Finding]:
+    """Examine cases in several processes; the findings are in the order of the cases.
+
+    Args:
+        wanted: the cases.
+        table: table of the scene that the cases change.
+        source: name of the scene file, for messages.
+        folder: folder of the scene file, to which the path of its mesh is relative.
+        say: called with one line for each case.
+        workers: number of processes.
+    """
+    begin = clock.perf_counter()
+    jobs = [(k, case, table, source, folder) for k, case in enumerate(wanted)]
+    found: dict[int, Finding] = {}
+    for k, finding in in_processes(_job, jobs, workers):
+        found[k] = finding
+        case, why = finding.case, f": {finding.why}" if finding.why else ""
+        place = f"{len(found)}/{len(wanted)}"
+        left = time_left(clock.perf_counter() - begin, len(found) / len(wanted))
+        say(f"{place} {case.axis}, {case.value} ({case.model}): {finding.verdict}{why}; {left}")
+    return [found[k] for k in range(len(wanted))]
+
+
+def _job(job: tuple[int, Case, Mapping[str, Any], str, Path]) -> tuple[int, Finding]:
+    k, case, table, source, folder = job
+    return k, examine(case, table, source, folder)
+
+
+def in_processes(work: Callable[[Any], Any], jobs: Sequence[Any], workers: int) -> Iterator[Any]:
+    """The results of jobs, done in several processes, in the order in which they end."""
+    if workers == 1 or len(jobs) == 1:
+        yield from map(work, jobs)
+        return
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap_unordered(work, jobs, chunksize=1)

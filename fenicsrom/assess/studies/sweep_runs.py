@@ -1,0 +1,233 @@
+"""One run of a sweep, as a job of a process: a stored model under other values of its scene."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.assess.errors.verdicts import estimate_errors
+from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
+from fenicsrom.files import atomic_write
+from fenicsrom.online.motion.energy import check_energy
+from fenicsrom.online.motion.measures import (
+    amplitude,
+    friction_dissipation_per_period,
+    has_contact,
+    has_settled,
+    peak_normal_force,
+    search_verdict,
+)
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import simulate
+from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
+from fenicsrom.scene import Scene
+from fenicsrom.scene.variations import Axis
+
+DONE, DOUBTFUL, FAILED = "done", "doubtful", "failed"
+"""Outcomes: all checks passed, a check did not pass, or there is no motion."""
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One run of a sweep.
+
+    Attributes:
+        number: from 0, in the order of the sweep.
+        values: key -> value.
+        scene: the scene with these values.
+        model: file of the reduced model.
+        file: file of the result.
+        digest: of all that determines the result, to recognise it when a sweep is resumed.
+    """
+
+    number: int
+    values: dict[str, Any]
+    scene: Scene
+    model: Path
+    file: Path
+    digest: str
+
+
+@dataclass(eq=False)
+class Sweep:
+    """The runs of a sweep and their results.
+
+    Attributes:
+        scene: the scene that the runs change.
+        axes: the keys and their values.
+        rows: one for each run, in the order of the sweep; a run without a result has no "outcome".
+        models: number of reduced models that were needed.
+        reused: number of results of an earlier sweep.
+        seconds: run time.
+        interrupted: whether the sweep was interrupted.
+        files: the written files.
+    """
+
+    scene: Scene
+    axes: tuple[Axis, ...]
+    rows: list[dict[str, Any]]
+    models: int = 0
+    reused: int = 0
+    seconds: float = 0.0
+    interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
+
+    def with_outcome(self, *outcomes: str) -> list[dict[str, Any]]:
+        """The rows with one of these outcomes."""
+        return [row for row in self.rows if row.get("outcome") in outcomes]
+
+
+def digest_of(scene: Scene, origin: str) -> str:
+    """A digest of a scene, of the origin of its reduced model and of the format of models.
+
+    What another version of the program has kept is thus not used, if its models cannot be read.
+
+    Args:
+        scene: the scene of a run.
+        origin: what determines the model: the digest of its file, or of what it is made from.
+    """
+    return hashlib.sha256(f"{FORMAT}\n{scene!r}\n{origin}".encode()).hexdigest()
+
+
+def file_digest(path: Path) -> str:
+    """The digest of the content of a file.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, Any]:
+    """Integrate one run, check it and keep its row in its file.
+
+    Args:
+        run: the run.
+        report: see `fenicsrom.assess.processes.Job`.
+
+    Returns:
+        The row of the run.
+
+    Raises:
+        KeyboardInterrupt: the sweep was interrupted; nothing is kept of this run.
+        OSError: the file cannot be written.
+    """
+    begin = clock.perf_counter()
+    try:
+        stored = _model(run.model, file_digest(run.model)).with_scene(run.scene)
+        found = _measured(stored, report)
+    except (SceneError, ConvergenceError, AccuracyError) as error:
+        found = failure(error)
+    found["run_time_s"] = clock.perf_counter() - begin
+    keep(run, found)
+    report(1.0, f"run {run.number + 1}: {found['outcome']}")
+    return row_of(run, found)
+
+
+def row_of(run: SweepRun, found: Mapping[str, Any]) -> dict[str, Any]:
+    """The row of a run, from what was found of it."""
+    return {"run": run.number + 1, **run.values, **found}
+
+
+def failure(error: Exception) -> dict[str, Any]:
+    """The part of a row that tells of a run without a motion."""
+    return {"outcome": FAILED, "sentence": str(error)}
+
+
+def keep(run: SweepRun, found: Mapping[str, Any]) -> None:
+    """Write what was found of a run to its file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_write(run.file) as temporary:
+        content = {"digest": run.digest, "values": run.values, "found": found}
+        text = json.dumps(content, ensure_ascii=False, allow_nan=False)
+        temporary.write_text(text, encoding="utf-8")
+
+
+def kept(run: SweepRun) -> dict[str, Any] | None:
+    """The row of a run from its file; None if there is none, or it belongs to another run."""
+    try:
+        content = json.loads(run.file.read_text(encoding="utf-8"))
+        if content["digest"] == run.digest and content["found"]["outcome"]:
+            return row_of(run, content["found"])
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    return None
+
+
+@functools.lru_cache(maxsize=4)
+def _model(path: Path, digest: str) -> StoredModel:
+    """The stored model of a file, read once for each content in each process."""
+    return load_model(path)
+
+
+def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict[str, Any]:
+    """Integrate a model and measure its motion; a failed check makes the run doubtful.
+
+    The sentence holds the reason of the doubt and the warnings: of large strains in the
+    equilibrium, of buckling, and of points that stick all the time.
+    """
+
+    def asked(fraction: float, change: float) -> None:
+        report(0.0, "")
+
+    scene = stored.scene
+    motion = simulate(stored.model, scene, progress=asked)
+    found: dict[str, Any] = {"outcome": DONE, **_numbers(motion)}
+    warnings = equilibrium_warnings(stored.deformation)
+    warnings += multiplicity_warnings("reduced", motion)
+    errors: dict[str, MotionErrors] = {}
+    try:
+        check_energy(motion)
+        estimate_errors(stored.model, stored.candidates, scene, motion, errors)
+    except AccuracyError as error:
+        found["outcome"] = DOUBTFUL
+        warnings.insert(0, str(error))
+    if warnings:
+        found["sentence"] = "; ".join(warnings)
+    for column, cause in (("step_error", "time step"), ("basis_error", "basis")):
+        if cause in errors:
+            estimate = errors[cause].amplitude
+            found[column] = float(estimate) if np.isfinite(estimate) else None
+    return found
+
+
+def _numbers(motion: Motion) -> dict[str, Any]:
+    """The numbers of a motion: amplitudes of the first contact point, or of the probe.
+
+    The tangential amplitude is that of both directions together.
+    """
+    first = amplitude(motion)[: motion.displacement.shape[2]]
+    if has_contact(motion):
+        found = {
+            "amplitude_tangential_m": float(np.linalg.norm(first[1:])),
+            "amplitude_normal_m": float(first[0]),
+            "peak_normal_force_N": peak_normal_force(motion),
+            "friction_dissipation_per_period_J": friction_dissipation_per_period(motion),
+        }
+    else:
+        axes = zip("xyz", first, strict=False)
+        found = {f"amplitude_{axis}_m": float(value) for axis, value in axes}
+    search = motion.search
+    known = search is not None and search.multipliers.size > 0
+    return {
+        **found,
+        "steady": bool(motion.steady),
+        "settled": has_settled(motion),
+        "periodic_motion": search_verdict(search) if search is not None else None,
+        "largest_multiplier": float(abs(search.multipliers[0])) if search and known else None,
+        "periods": int(motion.periods),
+    }

@@ -1,0 +1,20 @@
+"""What the server process of `fenicsrom.assess.processes` imports; nothing else imports it.
+
+The processes that the server forks have these modules at once, and their collectors of garbage
+leave them out. The server ignores SIGTERM, which
+batch systems send to all processes: the processes end on their own, and the server ends with the
+process that started it.
+"""
+
+import gc
+import signal
+
+gc.disable()
+
+import fenicsrom.assess.studies.sweep_runs  # noqa: E402, F401
+from fenicsrom.online.kernels.stored_code import load_code_only  # noqa: E402
+
+load_code_only()
+gc.freeze()
+gc.enable()
+signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -1,0 +1,313 @@
+"""CalculiX decks (.inp), written: mesh, supports, materials, static loads, rotation and modes.
+
+A deck has up to two steps: the equilibrium under the static loads and the rotation, and the natural
+frequencies about it. With NLGEOM, CalculiX uses the same material as this program: the second
+Piola-Kirchhoff stress is linear in the Green-Lagrange strain. Its step of frequencies then contains
+the stress stiffening and the spin softening of the equilibrium.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.files import atomic_write
+from fenicsrom.formats.abaqus_elements import order_of
+from fenicsrom.formats.mesh_file import Ints, MeshFile
+
+ELEMENTS = {
+    (4, None): "C3D4",
+    (11, None): "C3D10",
+    (5, None): "C3D8",
+    (17, None): "C3D20",
+    (2, "stress"): "CPS3",
+    (9, "stress"): "CPS6",
+    (3, "stress"): "CPS4",
+    (16, "stress"): "CPS8",
+    (2, "strain"): "CPE3",
+    (9, "strain"): "CPE6",
+    (3, "strain"): "CPE4",
+    (16, "strain"): "CPE8",
+}
+"""Types of elements by the kind of the cells and the plane state."""
+
+ENTRIES = 10
+"""Numbers in a line of a set or an element; CalculiX reads at most 16."""
+
+FIELD = 20
+"""Characters of a number that CalculiX reads; it ignores the others, the exponent included."""
+
+TOLERANCE = 1e-7
+"""Residual and correction of CalculiX's Newton iteration, relative to mean force and displacement.
+
+Its default of 0.005 and 0.01 leaves errors of 1e-3 in displacements.
+"""
+
+LONGEST_NAME = 70
+"""Number of characters of the name of a set; CalculiX reads at most 80."""
+
+
+Equation = tuple[int, tuple[tuple[int, float], ...]]
+"""A node, and components with factors whose sum of products with the displacement vanishes.
+
+CalculiX removes the first component.
+"""
+
+
+class Pressed(NamedTuple):
+    """A pressure that follows the deformation.
+
+    Attributes:
+        cells: the cells (k,) on which it acts.
+        faces: (k,) their faces, as `shapes` counts them.
+        size: Pa.
+    """
+
+    cells: Ints
+    faces: Ints
+    size: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Section:
+    """The cells of one material.
+
+    Attributes:
+        cells: their numbers (k,).
+        young: (E₁, E₂, E₃) of an orthotropic material, else E alone, Pa.
+        poisson: (ν₁₂, ν₁₃, ν₂₃), or ν alone.
+        shear: (G₁₂, G₁₃, G₂₃), Pa; empty for an isotropic material.
+        axes: (3, 3) the material axes as columns.
+        density: kg/m³.
+        thickness: m, in 2D.
+    """
+
+    cells: Ints
+    young: tuple[float, ...]
+    poisson: tuple[float, ...]
+    shear: tuple[float, ...]
+    axes: Array
+    density: float
+    thickness: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Deck:
+    """The content of a deck, in SI units.
+
+    Attributes:
+        title: first line of the deck.
+        notes: what the deck leaves out, one sentence each.
+        mesh: nodes, one block of cells, its groups and the groups of nodes.
+        plane: "stress" or "strain" in 2D.
+        sections: the materials.
+        clamped: (n, d) whether a component of a node is clamped.
+        equations: the nodes that are held along directions which are not axes.
+        masses: (n,) concentrated masses, kg.
+        springs: (n, d) stiffness of springs to the ground, N/m.
+        forces: (n, d) dead forces, N.
+        pressures: pressures that follow the deformation.
+        omega_squared: Ω², rad²/s².
+        axis: (2, 3) a point of the axis of rotation, and its unit vector.
+        nonlinear: whether the equilibrium is geometrically nonlinear.
+        modes: number of natural frequencies.
+        printed: numbers (k,) of the nodes whose displacements are printed.
+    """
+
+    title: str
+    notes: tuple[str, ...]
+    mesh: MeshFile
+    plane: str | None
+    sections: tuple[Section, ...]
+    clamped: Array
+    equations: tuple[Equation, ...]
+    masses: Array
+    springs: Array
+    forces: Array
+    pressures: tuple[Pressed, ...]
+    omega_squared: float
+    axis: Array
+    nonlinear: bool
+    modes: int
+    printed: Ints
+
+    @property
+    def element(self) -> str:
+        """The type of the elements."""
+        return ELEMENTS[self.mesh.blocks[0].kind, self.plane]
+
+    @property
+    def loaded(self) -> bool:
+        """Whether forces or the rotation deform the body."""
+        return bool(np.any(self.forces)) or bool(self.pressures) or self.omega_squared > 0.0
+
+
+def write_deck(path: Path, deck: Deck) -> None:
+    """Write a deck.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    with atomic_write(path) as temporary:
+        temporary.write_text("\n".join([*_lines(deck), ""]), encoding="utf-8")
+
+
+def _lines(deck: Deck) -> Iterator[str]:
+    """The lines of a deck."""
+    yield "*HEADING"
+    yield _plain(deck.title) or "a scene of fenicsrom"
+    yield "** SI units; *CLOAD holds the work-equivalent forces of the static loads"
+    yield from (f"** {_plain(note)}" for note in deck.notes)
+    names = _Names()
+    every, cells = names.new("ALL_NODES"), names.new("ALL_CELLS")
+    printed = names.new("PROBE")
+    yield from _mesh(deck, every, cells, names)
+    yield from _attachments(deck, names)
+    yield from _sections(deck, names)
+    if len(deck.printed):
+        yield from _set("NSET", printed, deck.printed)
+    yield "*BOUNDARY"
+    for axis, component in enumerate(deck.clamped.T, 1):
+        yield from (f"{1 + node}, {axis}, {axis}" for node in np.flatnonzero(component))
+    for node, terms in deck.equations:
+        entries = [f"{1 + node}, {1 + axis}, {_number(factor)}" for axis, factor in terms]
+        yield from ["*EQUATION", str(len(entries)), ", ".join(entries)]
+    output = ["*NODE FILE", "U"]
+    if len(deck.printed):
+        output = [f"*NODE PRINT, NSET={printed}", "U", *output]
+    if deck.loaded:
+        yield f"*STEP{', NLGEOM, INC=1000' if deck.nonlinear else ''}"
+        if deck.nonlinear:
+            yield from ["*CONTROLS, PARAMETERS=FIELD", f"{TOLERANCE}, {TOLERANCE}"]
+        yield "*STATIC"
+        yield from _loads(deck, cells)
+        yield from [*output, "*EL FILE", "S", "*END STEP"]
+    about = deck.loaded and deck.nonlinear
+    yield f"*STEP{', PERTURBATION' if about else ''}"
+    yield "*FREQUENCY"
+    yield str(deck.modes)
+    yield from ["*NODE FILE", "U", "*END STEP"]
+
+
+def _mesh(deck: Deck, every: str, cells: str, names: _Names) -> Iterator[str]:
+    """Nodes, elements and the sets of both."""
+    yield f"*NODE, NSET={every}"
+    for number, point in enumerate(deck.mesh.points, 1):
+        yield ", ".join([str(number), *map(_number, point)])
+    (block,) = deck.mesh.blocks
+    yield f"*ELEMENT, TYPE={deck.element}, ELSET={cells}"
+    order = order_of(block.kind)
+    nodes = block.nodes if order is None else block.nodes[:, np.argsort(order)]
+    for number, row in enumerate(nodes, 1):
+        yield from _rows([number, *(1 + row)])
+    for name, marks in block.groups.items():
+        yield from _set("ELSET", names.new(name), np.flatnonzero(marks))
+    for name, group in deck.mesh.node_groups.items():
+        yield from _set("NSET", names.new(name), group)
+
+
+def _attachments(deck: Deck, names: _Names) -> Iterator[str]:
+    """Concentrated masses, and springs to the ground."""
+    number = len(deck.mesh.blocks[0].nodes)
+    for mass in np.unique(deck.masses[deck.masses > 0.0]):
+        name = names.new("MASS")
+        yield f"*ELEMENT, TYPE=MASS, ELSET={name}"
+        for node in np.flatnonzero(deck.masses == mass):
+            number += 1
+            yield f"{number}, {1 + node}"
+        yield from [f"*MASS, ELSET={name}", _number(mass)]
+    for axis, component in enumerate(deck.springs.T, 1):
+        for stiffness in np.unique(component[component > 0.0]):
+            name = names.new("SPRING")
+            yield f"*ELEMENT, TYPE=SPRING1, ELSET={name}"
+            for node in np.flatnonzero(component == stiffness):
+                number += 1
+                yield f"{number}, {1 + node}"
+            yield from [f"*SPRING, ELSET={name}", str(axis), _number(stiffness)]
+
+
+def _sections(deck: Deck, names: _Names) -> Iterator[str]:
+    """Materials, their axes and the cells that have them."""
+    for number, section in enumerate(deck.sections, 1):
+        name, cells = f"MATERIAL_{number}", names.new(f"CELLS_{number}")
+        yield from _set("ELSET", cells, section.cells)
+        yield f"*MATERIAL, NAME={name}"
+        if section.shear:
+            values = [*map(_number, (*section.young, *section.poisson, *section.shear))]
+            yield from ["*ELASTIC, TYPE=ENGINEERING CONSTANTS", ", ".join(values[:8]), values[8]]
+        else:
+            constants = (*section.young, *section.poisson)
+            yield from ["*ELASTIC", ", ".join(map(_number, constants))]
+        yield from ["*DENSITY", _number(section.density)]
+        oriented = ""
+        if section.shear:
+            yield f"*ORIENTATION, NAME=AXES_{number}, SYSTEM=RECTANGULAR"
+            yield ", ".join(map(_number, section.axes[:, :2].T.reshape(-1)))
+            oriented = f", ORIENTATION=AXES_{number}"
+        yield f"*SOLID SECTION, ELSET={cells}, MATERIAL={name}{oriented}"
+        if deck.plane is not None:
+            yield _number(section.thickness)
+
+
+def _loads(deck: Deck, cells: str) -> Iterator[str]:
+    """Dead forces, pressures and the centrifugal force."""
+    if np.any(deck.forces):
+        yield "*CLOAD"
+        for node, axis in np.argwhere(deck.forces != 0.0):
+            yield f"{1 + node}, {1 + axis}, {_number(deck.forces[node, axis])}"
+    for pressed in deck.pressures:
+        yield "*DLOAD"
+        for cell, face in zip(pressed.cells, pressed.faces, strict=True):
+            yield f"{1 + cell}, P{1 + face}, {_number(pressed.size)}"
+    if deck.omega_squared > 0.0:
+        numbers = (deck.omega_squared, *deck.axis.reshape(-1))
+        yield from ["*DLOAD", f"{cells}, CENTRIF, {', '.join(map(_number, numbers))}"]
+
+
+class _Names:
+    """Names of sets, which CalculiX compares without regard to case."""
+
+    def __init__(self) -> None:
+        """Start without names."""
+        self._taken: set[str] = set()
+
+    def new(self, name: str) -> str:
+        """A name of letters, digits and underscores that no other set has."""
+        plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:LONGEST_NAME]
+        found, number = plain, 1
+        while found.upper() in self._taken:
+            number += 1
+            found = f"{plain}_{number}"
+        self._taken.add(found.upper())
+        return found
+
+
+def _set(kind: str, name: str, members: Ints) -> Iterator[str]:
+    """A set of nodes or elements, counted from 0 here and from 1 in the deck."""
+    yield f"*{kind}, {kind}={name}"
+    for start in range(0, len(members), ENTRIES):
+        yield ", ".join(str(1 + entry) for entry in members[start : start + ENTRIES])
+
+
+def _rows(numbers: Sequence[int]) -> Iterable[str]:
+    """One entry of many numbers, continued by commas at the ends of its lines."""
+    parts = [numbers[k : k + ENTRIES] for k in range(0, len(numbers), ENTRIES)]
+    lines = [", ".join(map(str, part)) for part in parts]
+    return [*(f"{line}," for line in lines[:-1]), lines[-1]]
+
+
+def _number(value: float) -> str:
+    """A number in the characters that CalculiX reads, with 14 digits at least."""
+    text = repr(float(value))
+    return text if len(text) <= FIELD else f"{value:.13e}"
+
+
+def _plain(text: str) -> str:
+    """Text in one line of printable ASCII characters, which is not read as a keyword."""
+    return "".join(c if c.isascii() and c.isprintable() else " " for c in text).strip(" *")[:200]

@@ -1,0 +1,315 @@
+"""The CalculiX deck of a scene: the same mesh, supports, materials, loads and rotation.
+
+Quadratic hexahedra and quadrilaterals of CalculiX lack the nodes inside faces and cells. Their
+displacements are those of this program with the values there that the serendipity functions give,
+
+    u = T u_s,    p_s = Tᵀ p,    (1)
+
+where u_s are the displacements of the remaining nodes, and p and p_s work-equivalent forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import basix
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.exchange.calculix import Deck, Equation, Pressed, Section
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.formats.mesh_file import Block, Ints, MeshFile
+from fenicsrom.formats.shapes import SERENDIPITY, SHAPES
+from fenicsrom.online.stress.elasticity_tensor import axes
+from fenicsrom.scene import Region, Scene, scene_heading
+
+CORNERS = {
+    basix.CellType.triangle: (2, (0, 1, 2), (0, 2, 1), (1, 2)),
+    basix.CellType.quadrilateral: (3, (0, 1, 3, 2), (0, 2, 3, 1), (1, 3)),
+    basix.CellType.tetrahedron: (4, (0, 1, 2, 3), (0, 2, 1, 3), (1, 2, 3)),
+    basix.CellType.hexahedron: (5, (0, 1, 3, 2, 4, 5, 7, 6), (4, 5, 7, 6, 0, 1, 3, 2), (1, 3, 4)),
+}
+"""Straight kind of a cell, its corners in gmsh's order, those of a mirrored cell, and the places of
+the corners beside the first one."""
+
+MODES = 10
+"""Number of natural frequencies if `basis.modes` does not give it."""
+
+ZERO = 1e-12
+"""Smaller coefficients of an equation, whose first one is 1, are rounding errors."""
+
+
+def scene_deck(scene: Scene) -> Deck:
+    """Make the deck of a scene.
+
+    Raises:
+        SceneError: the mesh or a place cannot be used, or the deck cannot hold the scene.
+    """
+    mesh = build_mesh(scene.geometry, MPI.COMM_SELF)
+    solid = Solid(
+        mesh,
+        geometry=scene.geometry,
+        material=scene.material,
+        supports=scene.supports,
+        source=scene.source,
+        materials=scene.materials,
+        attachments=scene.attachments,
+    )
+    d, nodes = solid.dimension, _Nodes(solid)
+    force = np.zeros(solid.local)
+    for k, load in enumerate(scene.loads):
+        if load.static and not load.follower:
+            force += load.size * solid.load_vector(load, f"loads[{k}]")
+    clamped = nodes.clamped()
+    rotation = scene.rotation
+    axis = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    if rotation is not None:
+        axis[0, :d] = rotation.point or 0.0
+        axis[1] = rotation.axis or axis[1]
+    modes = scene.basis.modes
+    return Deck(
+        title=scene_heading(scene),
+        notes=tuple(_left_out(scene, nodes)),
+        mesh=nodes.mesh_file(),
+        plane=scene.geometry.plane,
+        sections=tuple(_sections(solid)),
+        clamped=clamped,
+        equations=tuple(nodes.equations()),
+        masses=nodes.attached(solid.point_masses).max(axis=1),
+        springs=nodes.attached(solid.springs),
+        forces=np.where(clamped, 0.0, nodes.project(force)),
+        pressures=tuple(
+            nodes.pressed(load.place, load.size)
+            for load in scene.loads
+            if load.static and load.follower
+        ),
+        omega_squared=0.0 if rotation is None else rotation.omega**2,
+        axis=axis,
+        nonlinear=scene.geometrically_nonlinear or rotation is not None,
+        modes=modes if isinstance(modes, int) and modes else MODES,
+        printed=_observed(scene, solid, nodes),
+    )
+
+
+def _left_out(scene: Scene, nodes: _Nodes) -> list[str]:
+    """Sentences on what the deck leaves out."""
+    found = []
+    if scene.contacts:
+        found.append("the contacts with friction are left out")
+    if any(not load.static for load in scene.loads):
+        found.append("the loads that vary in time are left out")
+    if any(scene.loads[k].static for k in scene.followers):
+        found.append(
+            "CalculiX has another stiffness of follower pressures in its natural frequencies"
+        )
+    if scene.material.mass_damping or scene.viscous:
+        found.append("the damping is left out")
+    if scene.rotation is not None and scene.rotation.coriolis:
+        found.append("the Coriolis force is left out")
+    if nodes.drops:
+        found.append(
+            "the elements lack the nodes inside faces and cells, so they are stiffer than the "
+            "cells of this program; triangles and tetrahedra are the same"
+        )
+    return found
+
+
+def _sections(solid: Solid) -> list[Section]:
+    """The cells of each material."""
+    found = []
+    for k, cells in solid.materials.cells():
+        material = solid.materials.every[k]
+        young, poisson, shear = material.orthotropic_constants
+        if material.is_isotropic:
+            young, poisson, shear = young[:1], poisson[:1], ()
+        if cells.size:
+            found.append(
+                Section(
+                    cells=cells,
+                    young=young,
+                    poisson=poisson,
+                    shear=shear,
+                    axes=axes(material),
+                    density=material.density,
+                    thickness=float(solid.materials.thickness[k]),
+                )
+            )
+    return found
+
+
+def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:
+    """The nodes of the probe or, without it, of the first contact or load that has a place."""
+    places = [*([scene.probe] if scene.probe else []), *(c.place for c in scene.contacts)]
+    places += [load.place for load in scene.loads if not load.everywhere]
+    if not places:
+        return np.zeros(0, dtype=np.int64)
+    rows = solid.place(places[0], "probe")[0]
+    weights = sum(np.abs(nodes.project(row)).sum(axis=1) for row in rows)
+    return np.flatnonzero(weights)
+
+
+class _Nodes:
+    """The nodes of the deck among those of the displacement.
+
+    Attributes:
+        drops: whether nodes are left out.
+    """
+
+    def __init__(self, solid: Solid):
+        """Order the nodes of the cells, and find the ones to leave out."""
+        self._solid = solid
+        cell, layout = solid.mesh.domain.basix_cell(), solid.space.dofmap.dof_layout
+        self._topology = basix.topology(cell)
+        straight, plain, mirrored, beside = CORNERS[cell]
+        quadratic = solid.geometry.degree == 2
+        self._kind = SERENDIPITY[straight] if quadratic else straight
+        self._corner = [layout.entity_dofs(0, v)[0] for v in range(len(self._topology[0]))]
+        self._middle: dict[frozenset[int], int] = {}
+        if quadratic:
+            for number, ends in enumerate(self._topology[1]):
+                self._middle[frozenset(ends)] = layout.entity_dofs(1, number)[0]
+        self._rows = np.asarray(solid.space.dofmap.list, dtype=np.int64)
+        self._x = solid.space.tabulate_dof_coordinates()
+        corners = self._x[self._rows[:, self._order(plain)]]
+        sides = (corners[:, beside] - corners[:, :1])[:, :, : solid.dimension]
+        self._mirrored = np.linalg.det(sides) < 0.0
+        self._orders = plain, mirrored
+        cells = np.where(
+            self._mirrored[:, None],
+            self._rows[:, self._order(mirrored)],
+            self._rows[:, self._order(plain)],
+        )
+        self._kept, inverse = np.unique(cells, return_inverse=True)
+        self._cells = inverse.reshape(cells.shape)
+        self._number = np.full(len(self._x), -1)
+        self._number[self._kept] = np.arange(len(self._kept))
+        self._transfer = self._interpolation(layout)
+        self.drops = len(self._kept) < len(self._x)
+
+    def _order(self, corners: Sequence[int]) -> list[int]:
+        """The nodes of a cell in gmsh's order, from the order of its corners."""
+        edges = SHAPES[self._kind].edges if self._middle else ()
+        between = [self._middle[frozenset((corners[a], corners[b]))] for a, b in edges]
+        return [*(self._corner[v] for v in corners), *between]
+
+    def _interpolation(self, layout: Any) -> csr_array:
+        """T of (1), (nodes, kept nodes)."""
+        rows, columns, values = [self._kept], [self._number[self._kept]], [np.ones(len(self._kept))]
+        done = self._number >= 0
+        for dimension, weight in ((2, 0.5), (3, 0.25)):
+            entities = self._topology[dimension] if dimension < len(self._topology) else []
+            for number, vertices in enumerate(entities):
+                sides = [k for ends, k in self._middle.items() if ends <= set(vertices)]
+                for inner in layout.entity_dofs(dimension, number):
+                    nodes, first = np.unique(self._rows[:, inner], return_index=True)
+                    new = ~done[nodes]
+                    nodes, first = nodes[new], first[new]
+                    done[nodes] = True
+                    around = [(self._corner[v], -0.25) for v in vertices]
+                    for other, share in [*around, *((k, weight) for k in sides)]:
+                        rows.append(nodes)
+                        columns.append(self._number[self._rows[first, other]])
+                        values.append(np.full(len(nodes), share))
+        places = np.concatenate(rows), np.concatenate(columns)
+        return csr_array((np.concatenate(values), places), shape=(len(self._x), len(self._kept)))
+
+    def project(self, force: Array) -> Array:
+        """p_s (kept nodes, d) of (1) from p (local,)."""
+        return np.asarray(self._transfer.T @ force.reshape(len(self._x), -1))
+
+    def clamped(self) -> NDArray[np.bool_]:
+        """Whether the components of the kept nodes are clamped (kept nodes, d).
+
+        Raises:
+            SceneError: a node is clamped that is left out, and the nodes around it are not.
+        """
+        held = np.zeros(self._solid.local)
+        held[self._solid.clamped] = 1.0
+        every = held.reshape(len(self._x), -1)
+        if (slanted := self._solid.slanted) is not None:
+            every[slanted.nodes] += np.diagonal(slanted.held, axis1=1, axis2=2)
+        weights = abs(self._transfer)
+        around = weights @ every[self._kept] / weights.sum(axis=1)[:, None]
+        if np.any(every > around + 0.5 / SHAPES[self._kind].nodes):
+            raise self._lost("supports")
+        return (held.reshape(len(self._x), -1) == 1.0)[self._kept]
+
+    def equations(self) -> list[Equation]:
+        """The equations of the kept nodes that are held along slanted directions.
+
+        Those of one node are in reduced echelon form: the first component of each is in no other.
+        """
+        found = []
+        slanted = self._solid.slanted
+        for node, held in zip(slanted.nodes, slanted.held, strict=True) if slanted else ():
+            rows, firsts = held.copy(), []
+            for k in range(round(float(np.trace(held)))):
+                row, axis = np.unravel_index(np.argmax(np.abs(rows[k:])), rows[k:].shape)
+                rows[[k, k + row]] = rows[[k + row, k]]
+                rows[k] /= rows[k, axis]
+                others = np.arange(len(rows)) != k
+                rows[others] -= np.outer(rows[others, axis], rows[k])
+                firsts.append(int(axis))
+            for first, row in zip(firsts, rows, strict=False):
+                rest = [k for k in np.flatnonzero(np.abs(row) > ZERO) if k != first]
+                terms = tuple((int(k), float(row[k])) for k in (first, *rest))
+                if self._number[node] >= 0:
+                    found.append((int(self._number[node]), terms))
+        return found
+
+    def pressed(self, region: Region, size: float) -> Pressed:
+        """The faces of cells in a region, with a pressure on them, Pa."""
+        topology, d = self._solid.mesh.domain.topology, self._solid.dimension
+        facets = self._solid.mesh.facets(region)
+        to_cells, to_facets = topology.connectivity(d - 1, d), topology.connectivity(d, d - 1)
+        cells = np.array([to_cells.links(facet)[0] for facet in facets], dtype=np.int64)
+        faces = []
+        for cell, facet in zip(cells, facets, strict=True):
+            inner = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
+            order = self._orders[int(self._mirrored[cell])]
+            corners = {order.index(vertex) for vertex in self._topology[d - 1][inner]}
+            shapes = SHAPES[self._kind].facets
+            faces.append(next(k for k, shape in enumerate(shapes) if set(shape) == corners))
+        return Pressed(cells, np.array(faces, dtype=np.int64), size)
+
+    def attached(self, values: Array) -> Array:
+        """The attached masses or stiffnesses (kept nodes, d) from values (local,).
+
+        Raises:
+            SceneError: a node that is left out has one.
+        """
+        every = values.reshape(len(self._x), -1)
+        dropped = np.ones(len(every), dtype=bool)
+        dropped[self._kept] = False
+        if np.any(every[dropped]):
+            raise self._lost("attachments")
+        return np.asarray(every[self._kept])
+
+    def _lost(self, key: str) -> SceneError:
+        """The error that a node is left out which the scene needs."""
+        source = self._solid.source
+        return SceneError(
+            f"{source}: {key}: they use a node inside a face or cell, which the elements of "
+            "CalculiX lack; use triangles or tetrahedra",
+            kind=ErrorKind.CONFLICT,
+            key=key,
+            source=source,
+        )
+
+    def mesh_file(self) -> MeshFile:
+        """The mesh with its groups; groups of facets and of nodes are groups of nodes."""
+        mesh, space = self._solid.mesh, self._solid.space
+        groups = {}
+        for name in mesh.cell_groups:
+            groups[name] = np.zeros(len(self._cells), dtype=bool)
+            groups[name][mesh.cells(name)] = True
+        names = dict.fromkeys((*mesh.facet_groups, *mesh.node_groups))
+        numbers = {name: self._number[mesh.nodes(name, space)] for name in names}
+        nodes = {name: found[found >= 0] for name, found in numbers.items()}
+        return MeshFile(self._x[self._kept], (Block(self._kind, self._cells, groups),), nodes)

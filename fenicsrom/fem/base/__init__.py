@@ -1,0 +1,1 @@
+"""What depends on dolfinx alone: compiled forms, factorisations, eigenmodes and quadrature."""

@@ -1,0 +1,1 @@
+"""The body: materials, inertia, supports, loads, contact places and its forms."""

@@ -1,0 +1,405 @@
+"""A clamped body of St Venant-Kirchhoff material on dolfinx: forms and their assembly.
+
+With the displacement gradient ∇u, the deformation gradient F = I + ∇u, the Green-Lagrange strain
+and the second Piola-Kirchhoff stress
+
+    E = sym ∇u + ½ ∇uᵀ ∇u,    S = λ tr(E) I + 2 μ E  or  S = C E,    (1)
+
+the internal force f, its tangent K and the derivative of the tangent along x are
+
+    v · f(u)      = ∫ (F S) : ∇v,    (2)
+    v · K w       = ∫ (∇w S + F S_w) : ∇v,                    S_w = S(sym Fᵀ ∇w),    (3)
+    v · K′[x] y   = ∫ (∇x S_y + ∇y S_x + F S_xy) : ∇v,        S_xy = S(sym ∇xᵀ ∇y),    (4)
+
+where S(E) is the stress of the strain E. The mixed tangent at u after a change c of u has
+
+    S(E − ½ ∇cᵀ ∇c)    (5)
+
+in place of S in (3): the stress of the strain that was predicted before the change. Newton's method
+for independent stresses at the integration points has this tangent. It converges from states far
+away, because the stretching by too large a rotation does not enter. Source: Magisano, Leonetti and
+Garcea, Int. J. Numer. Methods Eng., 2017.
+
+Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which is exact for this material.
+
+Vectors are numpy arrays of the unknowns that this rank owns, zero on the clamped ones. The clamped
+rows of K are those of the identity; the clamped rows of M are zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import basix.ufl
+import dolfinx.fem.petsc
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.base.forms import compiled_expression, compiled_form
+from fenicsrom.fem.base.linalg import add_to_diagonal
+from fenicsrom.fem.base.quadrature import quadrature_degree
+from fenicsrom.fem.body.inertia import Inertia
+from fenicsrom.fem.body.materials import Materials
+from fenicsrom.fem.body.rotation import RotatingFrame
+from fenicsrom.fem.body.slanted import Slanted
+from fenicsrom.fem.body.supports import conditions, held_displacements
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.body.pressure import FollowerPressures
+
+CHUNK_BYTES = 50e6
+"""Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
+
+
+class ElasticBody:
+    """A clamped body, its forms and their assembly.
+
+    Attributes:
+        mesh: the mesh.
+        geometry: dimension, degree, thickness and plane state.
+        material: the material of the cells without a material of their group.
+        source: name of the scene file, for messages.
+        comm: the communicator.
+        space: the displacement space.
+        size: global number of unknowns, clamped ones included.
+        local: number of unknowns that this rank owns, clamped ones included.
+        free: global number of unknowns that no support clamps.
+        clamped: (c,) local numbers of the clamped unknowns that this rank owns.
+        conditions: the boundary conditions of the clamped unknowns.
+        slanted: the projection of nodes that are held along slanted directions; None without any.
+        thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
+        quadrature_degree: degree of the quadrature rule.
+        dx: the volume measure.
+        materials: the materials of the cells.
+        density: mass per volume, or per area in 2D, as a coefficient of the forms.
+        inertia: the matrices of inertia forces.
+        rotation: the rotating frame, or None without rotation.
+        springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
+        point_masses: (local,) concentrated mass at each unknown, kg.
+        pressures: the follower pressures, or None without any.
+        dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
+        warnings: sentences for the user.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        geometry: Geometry,
+        material: Material,
+        supports: Sequence[Support],
+        rotation: Rotation | None,
+        source: str,
+        materials: Sequence[GroupMaterial] = (),
+    ):
+        """Clamp the supports and compile the forms.
+
+        Raises:
+            SceneError: a support or a group of cells is missing, or the supports do not hold the
+                body.
+        """
+        self.mesh, self.geometry, self.material, self.source = mesh, geometry, material, source
+        self.comm = mesh.domain.comm
+        self.warnings = list(mesh.warnings)
+        if geometry.degree == 1:
+            self.warnings.append(
+                "linear elements lock in bending: frequencies may be several times too high (use "
+                "geometry.degree = 2)"
+            )
+        element = basix.ufl.element(
+            "Lagrange", mesh.domain.basix_cell(), geometry.degree, shape=(geometry.dimension,)
+        )
+        self.space = fem.functionspace(mesh.domain, element)
+        dofmap = self.space.dofmap
+        bs = dofmap.index_map_bs
+        self.local = dofmap.index_map.size_local * bs
+        self.size = dofmap.index_map.size_global * bs
+        held = held_displacements(mesh, self.space, supports, source)
+        self._zero = fem.Function(self.space)
+        self.conditions = conditions(self.space, self._zero, held.unknowns)
+        self.clamped = held.unknowns[held.unknowns < self.local]
+        self.free = self.size - int(self.comm.allreduce(self.clamped.size))
+        self.slanted: Slanted | None = None
+        if self.comm.allreduce(held.nodes.size):
+            self.slanted = Slanted(self.space, held)
+            self.free -= self.slanted.rank
+        self.materials = Materials(mesh, geometry, material, materials, source)
+        self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
+        self.pressures: FollowerPressures | None = None
+        self._compile_forms()
+        self.inertia = Inertia(
+            self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted
+        )
+        self.rotation = self._rotating_frame(rotation)
+
+    @property
+    def dimension(self) -> int:
+        """Dimension d of space, 2 or 3."""
+        return self.geometry.dimension
+
+    def constant(self, value: Any) -> fem.Constant:
+        """A number or vector of the forms; a form is compiled once for all values."""
+        return fem.Constant(self.mesh.domain, np.asarray(value, dtype=np.float64))
+
+    def _compile_forms(self) -> None:
+        """Compile the forms (2) to (4), the energy and the mass."""
+        domain, d = self.mesh.domain, self.dimension
+        self.quadrature_degree = quadrature_degree(domain)
+        self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": self.quadrature_degree})
+        self._u = fem.Function(self.space)
+        self._x, self._y = fem.Function(self.space), fem.Function(self.space)
+        self._change = fem.Function(self.space)
+        self._out = fem.Function(self.space)
+        trial, test = ufl.TrialFunction(self.space), ufl.TestFunction(self.space)
+        stress, self.density = self.materials.stress(), self.materials.density_field()
+        self.thickness = self.materials.thickness_field()
+        gradient, identity = ufl.grad(self._u), ufl.Identity(d)
+        f = identity + gradient
+        strain = ufl.sym(gradient) + 0.5 * gradient.T * gradient
+        s = stress(strain)
+        dg, dv = ufl.grad(trial), ufl.grad(test)
+        gx, gy = ufl.grad(self._x), ufl.grad(self._y)
+        sx, sy = stress(ufl.sym(f.T * gx)), stress(ufl.sym(f.T * gy))
+        sxy = stress(ufl.sym(gx.T * gy))
+        gc = ufl.grad(self._change)
+        predicted = stress(strain - 0.5 * gc.T * gc)
+        self._force_form = compiled_form(ufl.inner(f * s, dv) * self.dx)
+        self._weight = self.constant(1.0)
+        self._tangent_form = compiled_form(
+            self._weight * ufl.inner(dg * predicted + f * stress(ufl.sym(f.T * dg)), dv) * self.dx
+        )
+        self._energy_form = compiled_form(0.5 * ufl.inner(s, strain) * self.dx)
+        self._derivative_form = compiled_form(ufl.inner(gx * sy + gy * sx + f * sxy, dv) * self.dx)
+
+    def _rotating_frame(self, rotation: Rotation | None) -> RotatingFrame | None:
+        """The rotating frame of the body, or None without rotation."""
+        if rotation is None:
+            return None
+        return RotatingFrame(
+            rotation,
+            self.space,
+            lambda form: self.density * form * self.dx,
+            self.inertia.matrix,
+            lambda form: self._vector(compiled_form(form)),
+        )
+
+    def matrix(self, form: fem.Form, diagonal: float) -> PETSc.Mat:
+        """Assemble a bilinear form, with `diagonal` on the diagonal of the clamped rows."""
+        matrix = fem.petsc.create_matrix(form)
+        self._assemble(matrix, form, diagonal)
+        return matrix
+
+    def _assemble(self, matrix: PETSc.Mat, form: fem.Form, diagonal: float) -> None:
+        """Assemble a bilinear form into a zero matrix."""
+        fem.petsc.assemble_matrix(matrix, form, self.conditions, diagonal)
+        matrix.assemble()
+        if self.slanted is not None:
+            self.slanted.project_matrix(matrix, diagonal)
+
+    def set_field(self, function: fem.Function, values: Array) -> None:
+        """Set the values (local,) of a function, and its ghost values."""
+        function.x.array[: self.local] = values
+        function.x.scatter_forward()
+
+    def _vector(self, form: fem.Form) -> Array:
+        """Assemble a linear form (local,), without the part that the supports hold."""
+        return self.without_held(self.assembled(form))
+
+    def without_held(self, block: Array) -> Array:
+        """Remove from a block (local,) or (local, k) the part that the supports hold, in place."""
+        block[self.clamped] = 0.0
+        if self.slanted is not None:
+            self.slanted.project(block)
+        return block
+
+    def assembled(self, form: fem.Form) -> Array:
+        """Assemble a linear form (local,), the clamped unknowns included."""
+        self._out.x.array[:] = 0.0
+        fem.assemble_vector(self._out.x.array, form)
+        self._out.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        return self._out.x.array[: self.local].copy()
+
+    def field(self, values: Array) -> fem.Function:
+        """A displacement field with the values (local,), its ghost values up to date."""
+        function = fem.Function(self.space)
+        self.set_field(function, values)
+        return function
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors (local,) over all ranks."""
+        return float(self.comm.allreduce(float(np.dot(a, b))))
+
+    def inner(self, a: Array, b: Array) -> Array:
+        """Inner products aᵀ b (k, l) over all ranks of two blocks (local, k) and (local, l)."""
+        return np.asarray(self.comm.allreduce(a.T @ b))
+
+    def largest(self, block: Array) -> Array:
+        """Largest displacement component (k,) of each column of a block, over all ranks."""
+        mine = np.max(np.abs(block), axis=0, initial=0.0)
+        return np.max(self.comm.allgather(mine), axis=0)
+
+    def translations(self) -> Array:
+        """(local, d) unit translations along the axes."""
+        return np.tile(np.eye(self.dimension), (self.local // self.dimension, 1))
+
+    def mass_matrix(self, diagonal: float) -> PETSc.Mat:
+        """M, with `diagonal` on the diagonal of the clamped rows, kg."""
+        return self.inertia.matrix(np.eye(self.dimension), self.point_masses, diagonal)
+
+    def internal_force(self, u: Array) -> Array:
+        """Internal force (2) minus the centrifugal force at a displacement u: (local,), N."""
+        self.set_field(self._u, u)
+        force = self._vector(self._force_form)
+        if self.springs.any():
+            force += self.springs * u
+        return force if self.rotation is None else force - self.rotation.centrifugal_force(u)
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether no static follower pressure acts, whose tangent may not be symmetric."""
+        return self.pressures is None or not self.pressures.acts
+
+    def residual(self, u: Array, load: Array) -> Array:
+        """Internal force at u (local,) minus a load (local,) and the static follower pressures."""
+        residual = self.internal_force(u) - load
+        return residual if self.pressures is None else residual - self.pressure_force(u)
+
+    def pressure_force(self, u: Array) -> Array:
+        """Force (local,) of the static follower pressures at a displacement u (local,), N."""
+        return np.zeros(self.local) if self.pressures is None else self.pressures.static_force(u)
+
+    def tangent(
+        self,
+        u: Array,
+        matrix: PETSc.Mat | None = None,
+        change: Array | None = None,
+        *,
+        symmetric: bool = True,
+    ) -> PETSc.Mat:
+        """Tangent stiffness (3) at a displacement u (local,), N/m, that of `residual`.
+
+        Args:
+            u: (local,).
+            matrix: a matrix that is overwritten; a new one by default.
+            change: (local,) the last change of u gives the mixed tangent (5).
+            symmetric: take the symmetric part of the tangent of the static follower pressures.
+        """
+        self.set_field(self._u, u)
+        if change is not None:
+            self.set_field(self._change, change)
+        if matrix is None:
+            matrix = self.matrix(self._tangent_form, 1.0)
+        else:
+            matrix.zeroEntries()
+            self._assemble(matrix, self._tangent_form, 1.0)
+        self._change.x.array[:] = 0.0
+        add_to_diagonal(matrix, self.springs)
+        if self.rotation is not None:
+            self.rotation.add_spin_softening(matrix, 1.0)
+        if self.pressures is not None:
+            factors = self.pressures.part * self.pressures.static
+            self.pressures.add_tangent(matrix, u, factors, symmetric=symmetric)
+        return matrix
+
+    def add_form(self, matrix: PETSc.Mat, form: fem.Form) -> None:
+        """Add a bilinear form to an assembled matrix, which has all entries of the form."""
+        if self.slanted is None:
+            fem.petsc.assemble_matrix(matrix, form, self.conditions, 1.0)
+            # finish the assembly: PETSc would drop values that are added after the diagonal was
+            # inserted
+            matrix.assemble()
+        else:
+            added = matrix.duplicate()
+            self._assemble(added, form, 1.0)
+            matrix.axpy(1.0, added, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+            added.destroy()
+
+    def add_tangent(self, matrix: PETSc.Mat, u: Array, weight: float) -> None:
+        """Add `weight` times the tangent stiffness at a displacement u (local,) to a matrix."""
+        self.set_field(self._u, u)
+        self._weight.value = weight
+        self.add_form(matrix, self._tangent_form)
+        self._weight.value = 1.0
+        add_to_diagonal(matrix, weight * self.springs)
+        if self.rotation is not None:
+            self.rotation.add_spin_softening(matrix, weight)
+
+    def energy(self, u: Array) -> float:
+        """Elastic energy at a displacement u (local,) plus the centrifugal potential, J.
+
+        The centrifugal potential of the undeformed body is zero.
+        """
+        self.set_field(self._u, u)
+        own = float(fem.assemble_scalar(self._energy_form)) + 0.5 * float(u @ (self.springs * u))
+        energy = float(self.comm.allreduce(own))
+        return energy if self.rotation is None else energy + self.rotation.energy(u)
+
+    def derivative_at(self, u: Array, x: Array, y: Array) -> Array:
+        """K′[x] y of (4) at a displacement u (local,), for x and y (local,): (local,)."""
+        self.set_field(self._u, u)
+        self.set_field(self._x, x)
+        self.set_field(self._y, y)
+        return self._vector(self._derivative_form)
+
+    def owned_cells(self) -> npt.NDArray[np.int32]:
+        """Local numbers of the cells that this rank owns."""
+        topology = self.mesh.domain.topology
+        return np.arange(topology.index_map(topology.dim).size_local, dtype=np.int32)
+
+    def quadrature_points(self, degree: int) -> Array:
+        """Places (k, d) of the quadrature points of the owned cells, as `tabulate` orders them."""
+        domain = self.mesh.domain
+        points, _ = basix.make_quadrature(domain.basix_cell(), degree)
+        place = compiled_expression(ufl.SpatialCoordinate(domain), points)
+        cells = self.owned_cells()
+        if not cells.size:
+            return np.zeros((0, self.dimension))
+        return np.asarray(place.eval(domain, cells)).reshape(-1, self.dimension)
+
+    def tabulate(
+        self,
+        fields: Array,
+        about: Array,
+        degree: int | None = None,
+        cells: npt.NDArray[np.int32] | None = None,
+    ) -> Iterator[tuple[Array, Array]]:
+        """Tabulate displacement gradients at the quadrature points, in chunks of cells. Collective.
+
+        All ranks must take all chunks; a rank may have fewer of them than another, or none.
+
+        Args:
+            fields: (local, n) displacement fields.
+            about: (local,) one more displacement, which comes first.
+            degree: degree of the quadrature rule; by default that of the forms.
+            cells: local numbers of the cells; by default all that this rank owns.
+
+        Yields:
+            Quadrature weights (k,), thickness included, in m³, and gradients (k, 1 + n, d, d).
+        """
+        domain, d = self.mesh.domain, self.dimension
+        degree = self.quadrature_degree if degree is None else degree
+        points, weights = basix.make_quadrature(domain.basix_cell(), degree)
+        gradient = compiled_expression(ufl.grad(self._x), points)
+        volume = compiled_expression(abs(ufl.JacobianDeterminant(domain)), points)
+        cells = self.owned_cells() if cells is None else cells
+        n = fields.shape[1]
+        chunk = max(1, int(CHUNK_BYTES / (8 * (1 + n) * d * d * weights.size)))
+        # every rank sets the fields equally often, because their ghost values are exchanged
+        parts = self.comm.allreduce(-(-cells.size // chunk), op=MPI.MAX)
+        for start in range(0, parts * chunk, chunk):
+            part = cells[start : start + chunk]
+            gradients = np.empty((part.size * weights.size, 1 + n, d, d))
+            for k in range(1 + n):
+                self.set_field(self._x, about if k == 0 else fields[:, k - 1])
+                if part.size:
+                    gradients[:, k] = np.asarray(gradient.eval(domain, part)).reshape(-1, d, d)
+            if part.size:
+                detj = np.asarray(volume.eval(domain, part)).reshape(part.size, weights.size)
+                yield (self.materials.thickness_of(part) * detj * weights).reshape(-1), gradients

@@ -1,0 +1,193 @@
+"""The materials of a mesh: which cell has which, and the coefficients of the forms.
+
+A scene with one isotropic material has constants in its forms. Otherwise the coefficients are
+constant in each cell: λ and μ if all materials are isotropic, else the elasticity tensor in
+Mandel's notation (`fenicsrom.online.stress.elasticity_tensor`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.online.stress.elasticity_tensor import mandel_basis, stiffness
+from fenicsrom.scene import Elasticity, Geometry, GroupMaterial, Material
+
+Expression = ufl.core.expr.Expr
+
+
+class Materials:
+    """The materials of a body.
+
+    Attributes:
+        every: the materials, that of [material] first.
+        number: (cells,) number of the material of each local cell, ghosts included.
+        thickness: (materials,) thickness of each, m; 1 in 3D.
+        single: whether one isotropic material fills the body.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        geometry: Geometry,
+        material: Material,
+        groups: Sequence[GroupMaterial],
+        source: str,
+    ):
+        """Assign the materials to the cells.
+
+        Raises:
+            SceneError: the mesh has no such group, or a cell is in two groups with materials.
+        """
+        topology = mesh.domain.topology
+        index_map = topology.index_map(topology.dim)
+        self.every: tuple[Elasticity, ...] = (material, *groups)
+        self.number = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int64)
+        for k, group in enumerate(groups):
+            cells = mesh.cells(group.group)
+            taken = np.max(self.number[cells], initial=0)
+            other = max(mesh.domain.comm.allgather(int(taken)))
+            if other:
+                raise SceneError(
+                    f"{source}: materials[{k}].group = {group.group!r}: has cells in common with "
+                    f"group {groups[other - 1].group!r}; each cell must have one material",
+                    kind=ErrorKind.CONFLICT,
+                    key=f"materials[{k}].group",
+                    source=source,
+                )
+            self.number[cells] = 1 + k
+        whole = geometry.thickness or 1.0
+        self.thickness = np.array([whole, *(group.thickness or whole for group in groups)])
+        self.single = not groups and material.is_isotropic
+        self._mesh, self._geometry = mesh, geometry
+
+    @property
+    def isotropic(self) -> bool:
+        """Whether every material is isotropic."""
+        return all(material.is_isotropic for material in self.every)
+
+    def lame(self, k: int = 0) -> tuple[float, float]:
+        """The Lamé parameters λ (λ* in plane stress) and μ of an isotropic material, Pa."""
+        return lame_parameters(self.every[k], self._geometry.plane)
+
+    def tensor(self, k: int) -> Array:
+        """The elasticity tensor (m, m) of a material, Pa."""
+        return stiffness(self.every[k], self._geometry.dimension, self._geometry.plane)
+
+    def cells(self) -> Iterator[tuple[int, npt.NDArray[np.int32]]]:
+        """Yield each material and the cells of this rank that have it, ghosts left out."""
+        topology = self._mesh.domain.topology
+        owned = self.number[: topology.index_map(topology.dim).size_local]
+        for k in range(len(self.every)):
+            yield k, np.flatnonzero(owned == k).astype(np.int32)
+
+    def of_points(
+        self, points: int, cells: npt.NDArray[np.int32] | None = None
+    ) -> npt.NDArray[np.int64]:
+        """Number of the material of each of some points of each cell, by default the owned ones."""
+        topology = self._mesh.domain.topology
+        own = self.number[: topology.index_map(topology.dim).size_local]
+        return np.repeat(own if cells is None else self.number[cells], points)
+
+    def thickness_of(self, cells: npt.NDArray[np.int32]) -> Any:
+        """The thickness in m: a number, or (cells, 1) if it differs between the materials."""
+        if self.has_one_thickness:
+            return float(self.thickness[0])
+        return self.thickness[self.number[cells], None]
+
+    @property
+    def has_one_thickness(self) -> bool:
+        """Whether all materials have the same thickness."""
+        return bool(np.all(self.thickness == self.thickness[0]))
+
+    def field(self, values: Sequence[Any]) -> Expression:
+        """A coefficient of the forms from its value in each material: numbers or matrices."""
+        domain = self._mesh.domain
+        if len(self.every) == 1 and np.ndim(values[0]) == 0:
+            return fem.Constant(domain, np.float64(values[0]))
+        each = np.array(values, dtype=np.float64)
+        element = basix.ufl.element(
+            "Discontinuous Lagrange", domain.basix_cell(), 0, shape=each.shape[1:] or None
+        )
+        space = fem.functionspace(domain, element)
+        function = fem.Function(space)
+        in_cells = function.x.array.reshape(-1, each[0].size)
+        in_cells[space.dofmap.list[:, 0]] = each[self.number].reshape(len(self.number), -1)
+        return function
+
+    def thickness_field(self) -> Expression:
+        """The thickness as a coefficient of the forms, m."""
+        if self.has_one_thickness:
+            return fem.Constant(self._mesh.domain, np.float64(self.thickness[0]))
+        return self.field(list(self.thickness))
+
+    def density_field(self) -> Expression:
+        """Mass per volume, or per area in 2D, as a coefficient of the forms."""
+        pairs = zip(self.every, self.thickness, strict=True)
+        return self.field([material.density * float(size) for material, size in pairs])
+
+    def stress(self) -> Callable[[Expression], Expression]:
+        """The law S(E) of the forms, multiplied by the thickness."""
+        d, count = self._geometry.dimension, len(self.every)
+        thickness = [float(size) for size in self.thickness]
+        if self.isotropic:
+            pairs = [self.lame(k) for k in range(count)]
+            lame = self.field([pair[0] * t for pair, t in zip(pairs, thickness, strict=True)])
+            mu = self.field([pair[1] * t for pair, t in zip(pairs, thickness, strict=True)])
+
+            def isotropic(strain: Expression) -> Expression:
+                return lame * ufl.tr(strain) * ufl.Identity(d) + 2.0 * mu * strain
+
+            return isotropic
+        tensor = self.field([self.tensor(k) * thickness[k] for k in range(count)])
+        basis = mandel_basis(d)
+
+        def anisotropic(strain: Expression) -> Expression:
+            vector = [_combined(strain, basis[k]) for k in range(len(basis))]
+            found = ufl.dot(tensor, ufl.as_vector(vector))
+            return ufl.as_matrix(
+                [
+                    [
+                        _sum(float(basis[k, i, j]) * found[k] for k in _nonzero(basis[:, i, j]))
+                        for j in range(d)
+                    ]
+                    for i in range(d)
+                ]
+            )
+
+        return anisotropic
+
+
+def _combined(strain: Expression, tensor: Array) -> Expression:
+    """The product x : b of a strain and a basis tensor."""
+    return _sum(float(tensor[i, j]) * strain[i, j] for i, j in np.argwhere(tensor).tolist())
+
+
+def _sum(terms: Iterator[Expression]) -> Expression:
+    first, *rest = terms
+    for term in rest:
+        first = first + term
+    return first
+
+
+def _nonzero(values: Array) -> list[int]:
+    return [int(k) for k in np.flatnonzero(values)]
+
+
+def lame_parameters(material: Elasticity, plane: str | None) -> tuple[float, float]:
+    """The Lamé parameters λ (λ* in plane stress) and μ of an isotropic material, Pa."""
+    young, poisson = material.isotropic_constants
+    mu = young / (2.0 * (1.0 + poisson))
+    lame = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
+    if plane == "stress":
+        lame = 2.0 * lame * mu / (lame + 2.0 * mu)
+    return lame, mu

@@ -1,0 +1,245 @@
+"""Places of a scene on the mesh: nodes, means over regions, and contact points.
+
+A place is represented by rows (d, local) that give its displacement from the unknowns.
+"""
+
+from __future__ import annotations
+
+import dolfinx.mesh
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from scipy.sparse import csr_array
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.base.forms import compiled_form
+from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.fem.mesh.mesh_data import NEAR
+from fenicsrom.scene import Place, Region
+
+NO_SHARE = 1e-9
+"""Smaller weights of a node, relative to the largest weight, count as zero."""
+
+
+class Places:
+    """Finds the places of a scene on a body. Every method is collective."""
+
+    def __init__(self, body: ElasticBody):
+        """Start without places."""
+        self._body = body
+        self._found: dict[Place, tuple[Array, Array]] = {}
+
+    def find(self, place: Place, key: str) -> tuple[Array, Array]:
+        """Give the displacement and the position of a place; the result is cached.
+
+        Args:
+            place: a node, the node nearest to a point or to the centroid of a region, or the mean
+                over the region: weighted by area on facets, by length on the edges of a node group,
+                or with equal weights on nodes alone.
+            key: key of the scene, for messages.
+
+        Returns:
+            (d, local) rows, without the part that supports hold, and the position (3,) in m.
+
+        Raises:
+            SceneError: the region is missing or empty, the node or the whole region is clamped, or
+                no node is near the coordinates.
+        """
+        if place not in self._found:
+            mean = place.nearest is None and place.node is None and place.at == "mean"
+            self._found[place] = self._mean(place, key) if mean else self._node(place, key)
+        return self._found[place]
+
+    def shares(self, place: Place, key: str) -> tuple[Array, float]:
+        """Give the share (local / d,) of each node in a place, with the sum 1, and its area in m².
+
+        The area of a node is 1. Arguments and errors as `find`.
+        """
+        d = self._body.dimension
+        if place.node is None and place.nearest is None and place.at == "mean":
+            weights, _, measure = self._weights(place, key)
+            return weights, measure
+        rows = self._node(place, key)[0]
+        return rows.any(axis=0).reshape(-1, d).any(axis=1).astype(float), 1.0
+
+    def contact_points(self, place: Place, key: str) -> tuple[csr_array, Array, Array]:
+        """Give the contact points of a place.
+
+        The points are sorted by the coordinate in which they extend farthest, then by the next one.
+        Neighbours on an edge then follow one another, on any number of ranks.
+
+        Args:
+            place: the place; with at = "nodes" every node of the region is a point.
+            key: key of the scene, for messages.
+
+        Returns:
+            Sparse rows (P d, local) of the displacements of P points, their positions (P, 3) in m,
+            and their tributary areas (P,) in m² (1 of a single point).
+
+        Raises:
+            SceneError: as `find`; every node of the region is clamped, or a component of the
+                displacement of a single point.
+        """
+        if place.at != "nodes":
+            rows, position = self.find(place, key)
+            products = self._body.inner(rows.T, rows.T)
+            if np.linalg.matrix_rank(products, hermitian=True) < len(products):
+                reason = "a support holds this point in a direction; choose a free node"
+                raise self._error(key, reason)
+            return csr_array(rows), position[None, :], np.ones(1)
+        body, d = self._body, self._body.dimension
+        weights, _, measure = self._weights(place, key)
+        x = body.space.tabulate_dof_coordinates()[: body.local // d]
+        weights[body.clamped // d] = 0.0  # also of a node that moves in a plane only
+        if body.slanted is not None:
+            weights[body.slanted.nodes] = 0.0
+        largest = body.comm.allreduce(float(np.max(weights, initial=0.0)), op=MPI.MAX)
+        mine = [  # the corners of quadratic triangles have no weight
+            (*x[node].round(12), float(weights[node]), body.comm.rank, int(node))
+            for node in np.flatnonzero(weights > NO_SHARE * largest)
+        ]
+        chosen = [point for points in body.comm.allgather(mine) for point in points]
+        if not chosen:
+            raise self.clamped(key)
+        extent = np.ptp(np.array(chosen)[:, :3], axis=0).round(9)
+        along = np.argsort(-extent, kind="stable")
+        chosen.sort(key=lambda point: (*(point[k] for k in along), point))
+        *position, weight, rank, node = np.array(chosen).T
+        own = np.flatnonzero(rank == body.comm.rank)
+        rows, columns = (
+            (d * points[:, None] + np.arange(d)).ravel() for points in (own, node[own].astype(int))
+        )
+        shape = d * len(chosen), body.local
+        at = csr_array((np.ones(rows.size), (rows, columns)), shape=shape)
+        return at, np.stack(position, axis=1), weight * measure
+
+    def clamped(self, key: str) -> SceneError:
+        """The error of a region that cannot move."""
+        return self._error(key, "every node of the region is clamped; choose free nodes")
+
+    def _error(self, key: str, reason: str) -> SceneError:
+        source = self._body.source
+        return SceneError(
+            f"{source}: {key}: {reason}", kind=ErrorKind.PLACE, key=key, source=source
+        )
+
+    def _mean(self, place: Place, key: str) -> tuple[Array, Array]:
+        """Rows (d, local) of the mean displacement of a region, and its centroid (3,)."""
+        body, d = self._body, self._body.dimension
+        rows = np.zeros((d, body.local))
+        weights, position, _ = self._weights(place, key)
+        for k in range(d):
+            rows[k, k::d] = weights
+        body.without_held(rows.T)
+        if not body.comm.allreduce(bool(rows.any()), op=MPI.LOR):
+            raise self.clamped(key)
+        return rows, position
+
+    def _node(self, place: Place, key: str) -> tuple[Array, Array]:
+        """Rows (d, local) of the displacement of a node, and its position (3,)."""
+        body, d = self._body, self._body.dimension
+        near = np.inf
+        name, wanted = ("nearest", place.nearest)
+        if wanted is None:
+            name, wanted = ("node", place.node)
+        if wanted is None:
+            position = self._weights(place, key)[1]
+        else:
+            position = np.zeros(3)
+            position[:d] = wanted
+            near = NEAR * body.mesh.extent()
+        rows = np.zeros((d, body.local))
+        x = body.space.tabulate_dof_coordinates()[: body.local // d]
+        distance = np.linalg.norm(x - position, axis=1)
+        best = int(np.argmin(distance)) if distance.size else -1
+        mine = (np.inf, 0, 0, 0, -1)
+        if best >= 0:
+            mine = (round(float(distance[best]), 12), *x[best].round(12), body.comm.rank)
+        chosen = min(body.comm.allgather(tuple(float(v) for v in mine)))
+        if chosen[0] > near:
+            nearest = [round(v, 6) for v in chosen[1 : 1 + d]]
+            away = f"the nearest node is {nearest}, {chosen[0]:.3g} m away"
+            if name == "node":
+                reason = f"no node has the coordinates {list(wanted or ())}; {away}"
+                raise self._error(f"{key}.node", reason)
+            self._body.warnings.append(
+                f"{body.source}: {key}.{name} = {list(wanted or ())}: {away}"
+            )
+        clamped = False
+        if int(chosen[-1]) == body.comm.rank:
+            for k in range(d):
+                rows[k, best * d + k] = 1.0
+            body.without_held(rows.T)
+            clamped = not rows.any()
+        if body.comm.allreduce(clamped, op=MPI.LOR):
+            at = list(chosen[1 : 1 + d])
+            raise self._error(key, f"the node at {at} is clamped; choose a free node")
+        return rows, np.array(chosen[1:4])
+
+    def _weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
+        """Weights of the mean over a region.
+
+        Returns:
+            Weights (local / d,) of the nodes, with the sum 1 over all ranks; the centroid (3,) in
+            m; and the measure of the region: area in m², length in m or number of nodes.
+        """
+        if self._body.mesh.has_facets(region):
+            return self._facet_weights(region, key)
+        return self._edge_or_node_weights(region)
+
+    def _facet_weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
+        """Weights by area, on facets; as `_weights`."""
+        body = self._body
+        domain = body.mesh.domain
+        ds = body.mesh.surface(region)
+        scalar = fem.functionspace(domain, ("Lagrange", body.geometry.degree))
+        weights = fem.Function(scalar)
+        per, whole = fem.Constant(domain, 1.0), float(body.materials.thickness[0])
+        if (
+            not body.materials.has_one_thickness
+        ):  # by volume: the thickness changes along the region
+            per, whole = body.thickness, 1.0
+        fem.assemble_vector(weights.x.array, compiled_form(per * ufl.TestFunction(scalar) * ds))
+        weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        x = ufl.SpatialCoordinate(domain)
+        area = body.comm.allreduce(fem.assemble_scalar(compiled_form(per * ds)))
+        if not area > 0.0:
+            name = region.group
+            raise self._error(f"{key}.group", f"group {name!r} has no area; name a group of facets")
+        position = np.zeros(3)
+        for k in range(body.dimension):
+            moment = fem.assemble_scalar(compiled_form(per * x[k] * ds))
+            position[k] = body.comm.allreduce(moment) / area
+        local = scalar.dofmap.index_map.size_local
+        return weights.x.array[:local] / area, position, float(area * whole)
+
+    def _edge_or_node_weights(self, region: Region) -> tuple[Array, Array, float]:
+        """Weights by edge length for a node group with edges, else equal ones; as `_weights`."""
+        body = self._body
+        domain, degree = body.mesh.domain, body.geometry.degree
+        scalar = fem.functionspace(domain, ("Lagrange", degree))
+        weights = fem.Function(scalar)
+        local = scalar.dofmap.index_map.size_local
+        x = scalar.tabulate_dof_coordinates()
+        topology = domain.topology
+        edges = body.mesh.entities(region).get(1, np.empty(0, dtype=np.int32))
+        if body.comm.allreduce(edges.size):
+            topology.create_connectivity(1, topology.dim)
+            topology.create_connectivity(topology.dim, 1)
+            shares = np.array([0.5, 0.5] if degree == 1 else [1.0 / 6.0, 1.0 / 6.0, 2.0 / 3.0])
+            for edge in edges[edges < topology.index_map(1).size_local]:
+                cell = topology.connectivity(1, topology.dim).links(edge)[0]
+                sides = topology.connectivity(topology.dim, 1).links(cell)
+                side = int(np.flatnonzero(sides == edge)[0])
+                nodes = scalar.dofmap.cell_dofs(cell)[
+                    scalar.dofmap.dof_layout.entity_closure_dofs(1, side)
+                ]
+                weights.x.array[nodes] += shares * np.linalg.norm(x[nodes[1]] - x[nodes[0]])
+            weights.x.scatter_reverse(dolfinx.la.InsertMode.add)
+        else:
+            weights.x.array[body.mesh.nodes(region, scalar)] = 1.0
+        mine = weights.x.array[:local]
+        total = body.comm.allreduce(float(mine.sum()))
+        return mine / total, np.asarray(body.comm.allreduce(mine @ x[:local])) / total, float(total)

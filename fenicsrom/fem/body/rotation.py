@@ -1,0 +1,129 @@
+"""Centrifugal and Coriolis force of a body in a steadily rotating frame.
+
+The frame has the angular velocity Ω e and passes through the point a. With P = I − e eᵀ, the body
+at X + u has the centrifugal potential
+
+    V(u) = −½ Ω² ∫ ρ |P (X + u − a)|² = V(0) − Ω² (c · u + ½ u · Q u),    (1)
+    c · v = ∫ ρ P (X − a) · v,    v · Q u = ∫ ρ P u · v.    (2)
+
+The centrifugal force Ω² (c + Q u) is a load with spin softening by Q. The Coriolis force is −G u̇
+with
+
+    v · G w = 2 Ω ∫ ρ v · (e × w),    (3)
+
+which is skew, so the force does no work. For a beam: Wright et al., J. Appl. Mech. 49, 1982.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.base.linalg import multiply
+from fenicsrom.scene import Rotation
+
+
+class RotatingFrame:
+    """Centrifugal and Coriolis terms of a body, at any angular velocity.
+
+    Attributes:
+        omega: angular velocity Ω, rad/s.
+        omega_squared: Ω² of the centrifugal force, rad²/s²; load steps vary it between two speeds.
+        mass: Q of (2), the mass matrix of the motion normal to the axis, kg.
+        unit_centrifugal_force: (local,) c of (2), kg m.
+        arm: X − a of (2), a UFL expression.
+    """
+
+    def __init__(
+        self,
+        rotation: Rotation,
+        space: fem.FunctionSpace,
+        density: Any,
+        inertia_matrix: Callable[[Array], PETSc.Mat],
+        assemble_vector: Callable[[Any], Array],
+    ):
+        """Assemble c, Q and, if the scene includes the Coriolis force, G / Ω.
+
+        Args:
+            rotation: the axis and the speed.
+            space: displacement space.
+            density: multiplies a UFL integrand by the density (and the thickness in 2D), and
+                integrates it.
+            inertia_matrix: `fenicsrom.fem.body.inertia.Inertia.matrix`.
+            assemble_vector: assembles a UFL form to (local,), zero on the clamped unknowns.
+        """
+        d = space.mesh.geometry.dim
+        test = ufl.TestFunction(space)
+        point = fem.Constant(space.mesh, np.array(rotation.point or (0.0,) * d, dtype=np.float64))
+        self._axis = None
+        if rotation.axis is not None:
+            self._axis = fem.Constant(space.mesh, np.array(rotation.axis, dtype=np.float64))
+        self.arm = ufl.SpatialCoordinate(space.mesh) - point
+        self.unit_centrifugal_force = assemble_vector(density(self.out_of_axis(self.arm, test)))
+        across, turning = np.eye(d), np.array([[0.0, -1.0], [1.0, 0.0]])
+        if rotation.axis is not None:
+            axis = np.array(rotation.axis)
+            across, turning = across - np.outer(axis, axis), np.cross(axis, np.eye(d)).T
+        self.mass = inertia_matrix(across)
+        self._unit = inertia_matrix(2.0 * turning) if rotation.coriolis else None
+        self._comm = space.mesh.comm
+        self.set_speed(rotation.omega)
+
+    @property
+    def matrices(self) -> list[PETSc.Mat]:
+        """The matrices of the frame."""
+        return [self.mass] if self._unit is None else [self.mass, self._unit]
+
+    def out_of_axis(self, a: Any, b: Any) -> Any:
+        """P a · b of two UFL vectors."""
+        if self._axis is None:
+            return ufl.dot(a, b)
+        return ufl.dot(a - ufl.dot(self._axis, a) * self._axis, b)
+
+    def coriolis(self, w: Any, v: Any) -> Any:
+        """The integrand 2 v · (e × w) of (3) for two UFL vectors, without ρ and Ω."""
+        turned = ufl.as_vector([-w[1], w[0]]) if self._axis is None else ufl.cross(self._axis, w)
+        return 2.0 * ufl.dot(turned, v)
+
+    def set_speed(self, omega: float) -> None:
+        """Set the angular velocity, rad/s."""
+        self.omega, self.omega_squared = omega, omega**2
+
+    def centrifugal_force(self, u: Array) -> Array:
+        """Centrifugal force (local,) at a displacement u (local,), N."""
+        return self.omega_squared * (self.unit_centrifugal_force + multiply(self.mass, u))
+
+    def mass_times(self, block: Array) -> Array:
+        """Q times a block (local, k)."""
+        return multiply(self.mass, block)
+
+    def energy(self, u: Array) -> float:
+        """Centrifugal potential V(u) − V(0) of (1) at a displacement u (local,), J."""
+        return float(
+            self._comm.allreduce(
+                -self.omega_squared
+                * float(np.dot(u, self.unit_centrifugal_force + 0.5 * multiply(self.mass, u)))
+            )
+        )
+
+    def add_spin_softening(self, matrix: PETSc.Mat, weight: float) -> None:
+        """Add `weight` times −Ω² Q, the second derivative of (1), to a tangent stiffness."""
+        matrix.axpy(
+            -weight * self.omega_squared,
+            self.mass,
+            structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN,
+        )
+
+    def gyroscopic(self) -> PETSc.Mat | None:
+        """G of (3) at this speed, N s/m; None without the Coriolis force."""
+        if self._unit is None:
+            return None
+        matrix = self._unit.copy()
+        matrix.scale(self.omega)
+        return matrix

@@ -1,0 +1,134 @@
+"""The table of displacement gradients of a solid, from which its stresses follow without a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix
+import numpy as np
+import numpy.typing as npt
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.online.stress.stress import StressLaw, StressTable
+from fenicsrom.scene import Scene
+
+
+def stress_table(
+    solid: ElasticBody, scene: Scene, equilibrium: Array, vectors: Array
+) -> StressTable:
+    """Tabulate displacement gradients at the Gauss points of all ranks. Collective.
+
+    Args:
+        solid: the body.
+        scene: its scene.
+        equilibrium: (local,) u₀, m.
+        vectors: (local, n) the basis vectors.
+
+    Returns:
+        The table, the same on every rank; the cells are in the order of the ranks.
+    """
+    degree = solid.geometry.degree
+    cell = solid.mesh.domain.basix_cell()
+    simplex = cell in (basix.CellType.triangle, basix.CellType.tetrahedron)
+    rule = 2 * (degree - 1) if simplex else 2 * degree - 1
+    chunks = list(solid.tabulate(vectors, equilibrium, rule))
+    d, n = solid.dimension, vectors.shape[1]
+    volume = np.concatenate([np.zeros(0), *(weights for weights, _ in chunks)])
+    none = np.zeros((0, 1 + n, d, d))
+    gradients = np.concatenate([none, *(values for _, values in chunks)]).swapaxes(0, 1)
+    nodes = _vertex_nodes(solid)
+    used, cells = np.unique(nodes, return_inverse=True)
+    columns = [solid.field(column).x.array for column in (equilibrium, *vectors.T)]
+    moved = np.array([column.reshape(-1, d)[used] for column in columns])
+    names = solid.space.dofmap.index_map.local_to_global(used.astype(np.int32))
+    every = solid.comm.allgather(names)
+    order, first = np.unique(np.concatenate(every), return_index=True)
+
+    def joined(values: Array, axis: int = 0) -> Array:
+        return np.concatenate(solid.comm.allgather(values), axis=axis)
+
+    places = solid.space.tabulate_dof_coordinates()[used, :d]
+    mine = np.searchsorted(order, names)[cells.reshape(nodes.shape)].astype(np.int64)
+    points, _ = basix.make_quadrature(cell, rule)
+    return StressTable(
+        StressLaw.of(scene),
+        joined(solid.quadrature_points(rule)),
+        joined(volume),
+        joined(gradients, 1),
+        joined(mine),
+        joined(places)[first],
+        joined(moved, 1)[:, first],
+        _extrapolation(cell, degree, points),
+        joined(solid.materials.of_points(len(points))) if scene.materials else None,
+    )
+
+
+def _vertex_nodes(solid: ElasticBody) -> Array:
+    """Local nodes (cells, v) of the displacement space at the vertices of the owned cells."""
+    dofmap = solid.space.dofmap
+    topology = solid.mesh.domain.topology
+    owned = topology.index_map(topology.dim).size_local
+    count = basix.topology(solid.mesh.domain.basix_cell())[0]
+    corner = [dofmap.dof_layout.entity_dofs(0, vertex)[0] for vertex in range(len(count))]
+    return np.asarray(dofmap.list[:owned][:, corner])
+
+
+def _extrapolation(cell: basix.CellType, degree: int, points: Array) -> Array:
+    """Values (v, g) at the vertices of the polynomials of degree k - 1 through the Gauss points."""
+    corners = np.asarray(basix.geometry(cell))
+    element = basix.create_element(
+        basix.ElementFamily.P,
+        cell,
+        degree - 1,
+        basix.LagrangeVariant.gll_warped,
+        discontinuous=degree == 1,
+    )
+    at_points = element.tabulate(0, points)[0, :, :, 0]
+    at_corners = element.tabulate(0, corners)[0, :, :, 0]
+    return np.asarray(at_corners @ np.linalg.inv(at_points))
+
+
+@dataclass(frozen=True, eq=False)
+class LocalPart:
+    """The part of a table that belongs to the cells of this rank.
+
+    Attributes:
+        cells: its cells in the table.
+        nodes: (cells, k) local nodes of the displacement space in each cell.
+        shapes: (k, v) linear shape functions of the vertices at the nodes.
+        count: number of local nodes, ghosts included.
+    """
+
+    cells: slice
+    nodes: npt.NDArray[np.int32]
+    shapes: Array
+    count: int
+
+    def at_nodes(self, table: StressTable, values: Array) -> Array:
+        """Values (count, m) at the nodes of this rank from values (N, m) at the vertices.
+
+        They are linear between the vertices; nodes of other ranks stay zero.
+        """
+        found = np.zeros((self.count, values.shape[1]))
+        found[self.nodes] = self.shapes @ values[table.cells[self.cells]]
+        return found
+
+
+def local_part(solid: ElasticBody) -> LocalPart:
+    """Find the part of the table that belongs to this rank. Collective."""
+    dofmap = solid.space.dofmap
+    counts = solid.comm.allgather(solid.owned_cells().size)
+    first = sum(counts[: solid.comm.rank])
+    own = counts[solid.comm.rank]
+    cell = solid.mesh.domain.basix_cell()
+    linear = basix.create_element(basix.ElementFamily.P, cell, 1, basix.LagrangeVariant.gll_warped)
+    nodes = np.asarray(solid.space.element.basix_element.points)
+    at_nodes = linear.tabulate(0, nodes)[0, :, :, 0]
+    index_map = dofmap.index_map
+    return LocalPart(
+        slice(first, first + own),
+        np.asarray(dofmap.list[:own]),
+        np.asarray(at_nodes),
+        index_map.size_local + index_map.num_ghosts,
+    )

@@ -1,0 +1,283 @@
+"""Clamped supports, and the check that they hold the body.
+
+A support clamps components of the displacement at its nodes, or the displacement along a normal
+(`fenicsrom.fem.body.slanted`). The linear rigid-body motions
+
+    u(x) = t + w × (x − c)    (3 in the plane, 6 in space)    (1)
+
+must all move a clamped component: the matrix of the motions, restricted to what is clamped of a
+connected piece of the mesh, must have full rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.body.slanted import Held
+from fenicsrom.fem.mesh.mesh_data import NEAR, ROUNDING, Ints, Mesh
+from fenicsrom.scene import Region, Support
+from fenicsrom.scene.places import AXES
+
+SAME_DIRECTION = 1e-12
+"""Directions at a node with a smaller angle, squared, are one direction that was rounded."""
+
+ON_AXIS = 1e-12
+"""An axis is clamped if the square of its part outside of the held directions is smaller."""
+
+COINCIDENT = 1e-12
+"""Smaller mean squares of the clamped components of a rigid motion count as zero.
+
+The lengths of the motion are relative to the extent of the mesh.
+"""
+
+
+def held_displacements(
+    mesh: Mesh, space: fem.FunctionSpace, supports: Sequence[Support], source: str
+) -> Held:
+    """Give the displacements that the supports hold. Collective.
+
+    Directions of several supports may meet at a node; those of almost equal direction are one.
+
+    Args:
+        mesh: the mesh.
+        space: the displacement space, Lagrange.
+        supports: the supports.
+        source: name of the scene file, for messages.
+
+    Raises:
+        SceneError: a region is missing, or the supports do not hold the body.
+    """
+    d = mesh.domain.geometry.dim
+    dyads = np.zeros((space.tabulate_dof_coordinates().shape[0], d, d))
+    for support in supports:
+        nodes, directions = support_directions(mesh, space, support, source)
+        dyads[nodes] += directions.T @ directions
+    diagonal = np.einsum("nii->ni", dyads)
+    axial = diagonal > 0.0
+    nodes = np.flatnonzero(np.abs(dyads).sum(axis=(1, 2)) > diagonal.sum(axis=1))
+    values, vectors = np.linalg.eigh(dyads[nodes])
+    vectors = vectors * (values > SAME_DIRECTION)[:, None, :]
+    slanted = vectors @ vectors.transpose(0, 2, 1)
+    axial[nodes] = np.einsum("nii->ni", slanted) > 1.0 - ON_AXIS
+    whole = axial[nodes]
+    slanted[whole[:, :, None] | whole[:, None, :]] = 0.0
+    kept = np.trace(slanted, axis1=1, axis2=2) > 0.5
+    unknowns = np.flatnonzero(axial.reshape(-1)).astype(np.int32)
+    held = Held(unknowns, nodes[kept].astype(np.int32), slanted[kept])
+    check_rigid_motions(mesh, space, held, supports, source)
+    return held
+
+
+def support_directions(
+    mesh: Mesh, space: fem.FunctionSpace, support: Support, source: str
+) -> tuple[npt.NDArray[np.int32], Array]:
+    """Give the nodes (k,) of one support, ghosts included, and its orthonormal directions (c, d).
+
+    Arguments and errors as `held_displacements`.
+    """
+    if support.node is None:
+        nodes = mesh.nodes(support, space)
+    else:
+        nodes = _node_at(mesh, space, support.node, source)
+    if support.normal is not None:
+        return nodes, np.array([support.normal])
+    d = mesh.domain.geometry.dim
+    axes = [AXES.index(axis) for axis in support.components or AXES[:d]]
+    return nodes, np.eye(d)[axes]
+
+
+def _node_at(
+    mesh: Mesh, space: fem.FunctionSpace, point: Sequence[float], source: str
+) -> npt.NDArray[np.int32]:
+    """The node at a point, on each rank that has it. Collective."""
+    d, comm, extent = mesh.domain.geometry.dim, mesh.domain.comm, mesh.extent()
+    distance = np.linalg.norm(space.tabulate_dof_coordinates()[:, :d] - point, axis=1)
+    nearest = min(comm.allgather(float(np.min(distance, initial=np.inf))))
+    if nearest > NEAR * extent:
+        raise SceneError(
+            f"{source}: supports: no node has the coordinates {list(point)}; the nearest node is "
+            f"{nearest:.3g} m away",
+            kind=ErrorKind.PLACE,
+            key="supports",
+            source=source,
+        )
+    return np.flatnonzero(distance <= nearest + ROUNDING * extent).astype(np.int32)
+
+
+def conditions(
+    space: fem.FunctionSpace, zero: fem.Function, unknowns: npt.NDArray[np.int32]
+) -> list[fem.DirichletBC]:
+    """Give the boundary conditions of clamped unknowns: of whole nodes, then by component."""
+    d = space.dofmap.index_map_bs
+    nodes, held = np.unique(unknowns // d, return_counts=True)
+    found = [fem.dirichletbc(zero, nodes[held == d].astype(np.int32))]
+    rest = unknowns[np.isin(unknowns // d, nodes[held < d])]
+    for component in range(d):
+        part = space.sub(component)
+        some = rest[rest % d == component].astype(np.int32)
+        found.append(fem.dirichletbc(np.float64(0.0), some, part))
+    return found if space.mesh.comm.allreduce(rest.size) else found[:1]
+
+
+def check_rigid_motions(
+    mesh: Mesh,
+    space: fem.FunctionSpace,
+    held: Held,
+    supports: Sequence[Support],
+    source: str,
+) -> None:
+    """Check that no piece of the mesh can move as a rigid body. Collective.
+
+    Args:
+        mesh: the mesh.
+        space: the displacement space.
+        held: the displacements that the supports hold.
+        supports: the supports, for messages.
+        source: name of the scene file, for messages.
+
+    Raises:
+        SceneError: no support touches a piece, or a piece can move as a rigid body.
+    """
+    d, comm, topology = mesh.domain.geometry.dim, mesh.domain.comm, mesh.domain.topology
+    pieces, count = connected_pieces(mesh)
+    corners = topology.connectivity(topology.dim, 0)
+    piece = np.zeros(space.tabulate_dof_coordinates().shape[0], dtype=np.int64)
+    cells = space.dofmap.list
+    piece[cells] = pieces[corners.array[corners.offsets[: len(cells)]]][:, None]
+
+    local = space.dofmap.index_map.size_local
+    owned, inner = held.unknowns[held.unknowns < local * d], held.nodes < local
+    motions = _rigid_motions(mesh, space)
+    along = held.slanted[inner] @ motions.reshape(-1, d, motions.shape[1])[held.nodes[inner]]
+    rows = np.concatenate([motions[owned], along.reshape(-1, motions.shape[1])])
+    of = np.concatenate([piece[owned // d], np.repeat(piece[held.nodes[inner]], d)])
+    moments = np.zeros((count, rows.shape[1], rows.shape[1]))
+    np.add.at(moments, of, rows[:, :, None] * rows[:, None, :])
+    touched = comm.allreduce(np.bincount(of, minlength=count))
+    moments = comm.allreduce(moments) / np.maximum(touched, 1)[:, None, None]
+    if not touched.all():
+        raise _untouched(mesh, supports, int((touched == 0).sum()))
+    for k in range(count):
+        if free := _free_motions(moments[k], d):
+            where = "" if count == 1 else f" of one of the {count} connected pieces of the mesh"
+            raise SceneError(
+                f"{source}: supports: they leave {free}{where} free, so the stiffness is singular; "
+                "clamp more nodes or components",
+                kind=ErrorKind.SUPPORT,
+                key="supports",
+                source=source,
+            )
+
+
+def _rigid_motions(mesh: Mesh, space: fem.FunctionSpace) -> Array:
+    """The motions (1) of the local unknowns, ghosts included (unknowns, 3 or 6), without unit."""
+    d = mesh.domain.geometry.dim
+    low, high = mesh.bounds()
+    arm = (space.tabulate_dof_coordinates() - 0.5 * (low + high)) / mesh.extent()
+    motions = np.zeros((len(arm), d, 3 * (d - 1)))
+    motions[:, :, :d] = np.eye(d)
+    for k, axis in enumerate(np.eye(3)[2:] if d == 2 else np.eye(3)):
+        motions[:, :, d + k] = np.cross(axis, arm)[:, :d]
+    return motions.reshape(-1, motions.shape[2])
+
+
+def _free_motions(moments: Array, d: int) -> str:
+    """Name the rigid motions whose clamped components all vanish; empty without one.
+
+    Args:
+        moments: (3 or 6, 3 or 6) mean products of the clamped components of the motions.
+        d: dimension of space; the first d motions are the translations.
+    """
+    values, vectors = np.linalg.eigh(moments)
+    free = vectors[:, values < COINCIDENT]
+    turning = int(np.linalg.matrix_rank(free[d:], tol=np.sqrt(COINCIDENT)))
+    counts = {"translation": free.shape[1] - turning, "rotation": turning}
+    named = [f"{n} {name}{'s' * (n > 1)}" for name, n in counts.items() if n]
+    return " and ".join(named)
+
+
+def _untouched(mesh: Mesh, supports: Sequence[Support], pieces: int) -> SceneError:
+    """The error of pieces of the mesh that no support touches."""
+    named = ", ".join(support.group or "picked by coordinates" for support in supports)
+    some = (
+        "1 connected piece of the mesh touches"
+        if pieces == 1
+        else f"{pieces} connected pieces of the mesh touch"
+    )
+    return SceneError(
+        f"{mesh.source}: {some} no support ({named}), so the stiffness is singular; clamp "
+        "every piece, or join the parts of the mesh (coincident nodes do not join them)",
+        kind=ErrorKind.SUPPORT,
+        key="supports",
+        source=mesh.source,
+    )
+
+
+def unclamped_pieces(mesh: Mesh, regions: Sequence[str | Region]) -> int:
+    """Count the connected pieces of the mesh that no region touches. Collective.
+
+    Args:
+        mesh: the mesh.
+        regions: the clamped facet groups, node groups, or regions of the scene.
+
+    Returns:
+        The number of pieces that can move as rigid bodies, the same on every rank.
+
+    Raises:
+        SceneError: the mesh has no such group, or a region is empty.
+    """
+    topology = mesh.domain.topology
+    pieces, count = connected_pieces(mesh)
+    touched = [np.empty(0, dtype=pieces.dtype)]
+    for dimension, entities in (item for where in regions for item in mesh.entities(where).items()):
+        topology.create_connectivity(dimension, 0)
+        vertices = topology.connectivity(dimension, 0)
+        touched += [pieces[vertices.links(entity)] for entity in entities]
+    return count - len(np.unique(np.concatenate(mesh.domain.comm.allgather(np.hstack(touched)))))
+
+
+def connected_pieces(mesh: Mesh) -> tuple[Ints, int]:
+    """Number the connected pieces of the mesh. Collective.
+
+    Cells that share a vertex are connected. Each rank finds the connected pieces of its own cells.
+    The pieces are then joined through the vertices that ranks share, so only these vertices are
+    gathered.
+
+    Returns:
+        The piece of each local vertex, ghosts included, and the number of pieces; the numbers are
+        the same on every rank.
+    """
+    comm, topology = mesh.domain.comm, mesh.domain.topology
+    vertices, corners = topology.index_map(0), topology.connectivity(topology.dim, 0)
+    cells = topology.index_map(topology.dim).size_local
+    points = vertices.size_local + vertices.num_ghosts
+    cell = np.repeat(np.arange(cells), np.diff(corners.offsets[: cells + 1]))
+    piece = _components(cell, cells + corners.array[: len(cell)], cells + points)[cells:]
+
+    # join the pieces of all ranks through the shared vertices
+    border = np.unique(np.concatenate(comm.allgather(vertices.ghosts)))
+    names = vertices.local_to_global(np.arange(points, dtype=np.int32))
+    shared = np.isin(names, border)
+    parts = comm.allgather(
+        (int(piece.max(initial=-1)) + 1, piece[shared], np.searchsorted(border, names[shared]))
+    )
+    first = np.cumsum([0] + [part[0] for part in parts])
+    rows = np.concatenate([part[1] + start for part, start in zip(parts, first[:-1], strict=True)])
+    columns = first[-1] + np.concatenate([part[2] for part in parts])
+    joined = _components(rows, columns, first[-1] + len(border))[: first[-1]]
+    found, numbers = np.unique(joined, return_inverse=True)
+    return numbers[first[comm.rank] + piece], len(found)
+
+
+def _components(rows: Ints, columns: Ints, size: int) -> Ints:
+    """Number the connected components of an undirected graph of `size` nodes, by node."""
+    graph = coo_array((np.ones(len(rows), dtype=bool), (rows, columns)), shape=(size, size))
+    return connected_components(graph, directed=False)[1]

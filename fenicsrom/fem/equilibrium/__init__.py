@@ -1,0 +1,1 @@
+"""Static equilibria of a body and their stability."""

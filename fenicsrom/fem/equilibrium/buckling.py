@@ -1,0 +1,250 @@
+"""Stability of a static equilibrium, and a stable equilibrium near an unstable one.
+
+An equilibrium is stable if its tangent stiffness K has no negative eigenvalue; the pivots of a
+factorisation count the negative ones (Sylvester's law of inertia). From an unstable equilibrium the
+body is pushed along its mode with the most negative ω². It then follows
+
+    c M (u₁ − u₀) + f(u₁) = load    (1)
+
+downhill in its energy. With c = 2 |ω²| the push doubles in each step; once K is positive definite,
+c decreases, and Newton's method finds the equilibrium.
+
+A body that snaps through jumps to a distant stable equilibrium. It then moves much farther than the
+tangent stiffness before the jump predicts. Where the whole displacement is larger than the linear
+one, the loads grow again in small steps, and each change is compared with its prediction. A step
+with a jump is halved, because Newton's method may jump before the limit point in a long step; a
+true jump stays in one of the halves.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
+from fenicsrom.fem.equilibrium.flutter import check_coupling
+from fenicsrom.online.step.newton import Correction, newton, small_against_load
+from fenicsrom.scene.rules import counted
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.solid.solid import Solid
+
+PUSH = 1e-3
+"""Largest displacement of the push, relative to the extent of the body."""
+
+SIDE = 1e-6
+"""A smaller cosine between the push and the loads is rounding: they push to no side."""
+
+STEPS = 60
+"""Largest number of steps (1); about ten let the push grow to the size of the body."""
+
+ITERATIONS = 15
+"""Largest number of Newton iterations of a step."""
+
+SOFTENING = 2.0
+"""The body may have snapped if its displacement, relative to the linear one, is larger."""
+
+LOAD_STEPS = 20
+"""Number of steps in which the loads grow again."""
+
+JUMP = 4.0
+"""A change that exceeds its prediction by this factor is a jump: before a limit point, where the
+displacement changes like the square root of the load, the factor is at most 2."""
+
+HALVINGS = 10
+"""So often is a step with a jump halved. A jump stays in one of the halves; a steep growth, as that
+of a column with a small imperfection just below its buckling load, is spread over them."""
+
+GROWTH = 1e6
+"""A step fails if Newton's decrement grows by this factor."""
+
+
+def check_stability(body: Solid) -> int:
+    """Leave an unstable equilibrium for a stable one nearby, with a warning. Collective.
+
+    A body with contacts keeps its equilibrium, which they may stabilise: the motion starts from the
+    equilibrium with contacts (`fenicsrom.online.step.equilibrium`).
+
+    Args:
+        body: the body in its equilibrium.
+
+    Returns:
+        Number of directions in which the equilibrium was unstable.
+
+    Raises:
+        ConvergenceError: the tangent stiffness is singular.
+    """
+    if body.symmetric:
+        unstable = body.factor.negative_eigenvalues()
+    else:
+        unstable = check_coupling(body, negative_eigenvalues(body.stiffness))
+    if not unstable:
+        return 0
+    directions = counted(unstable, "direction")
+    if body.points.contact.size:
+        body.warnings.append(
+            f"without its contacts the body is unstable under the static loads, in {directions}"
+        )
+        return unstable
+    first = _probe_text(body)
+    stable = _stable_equilibrium(body, unstable)
+    if stable is None:
+        body.warnings.append(
+            f"the static equilibrium is unstable in {directions}, and no stable one was found near "
+            "it: the loads are beyond the buckling load"
+        )
+        return unstable
+    body.equilibrium = stable
+    body.tangent(stable, body.stiffness)
+    body.factor.update()
+    body.warnings.append(
+        f"the static loads buckle the body: the equilibrium that they reach from the undeformed "
+        f"body displaces the probe by {first} and is unstable in {directions}, so the run takes a "
+        f"stable equilibrium near it, which displaces the probe by {_probe_text(body)}; a "
+        "symmetric body has a second one on the other side"
+    )
+    return unstable
+
+
+def check_snap(body: Solid, linear: Array) -> None:
+    """Warn if the body jumps as the static loads grow. Collective.
+
+    Args:
+        body: the body in its equilibrium, not rotating.
+        linear: (local,) linear displacement under the static loads, m.
+    """
+
+    def size(u: Array) -> float:
+        return float(np.sqrt(body.dot(u, multiply(body.mass, u))))
+
+    if size(body.equilibrium) <= SOFTENING * size(linear):
+        return
+    full = body.static_load
+    pushing = full + body.pressure_force(body.equilibrium)
+    factor = Factorisation(body.tangent(body.equilibrium), "fenicsrom_snap")
+
+    def at(part: float, u: Array) -> Array:
+        if body.pressures is not None:
+            body.pressures.part = part
+        return body.static(part * full, u)
+
+    def grown(u: Array, begin: float, end: float, halvings: int) -> Array | None:
+        """The equilibrium at a larger load, on the path that u is on; None beyond a jump."""
+        try:
+            new = at(end, u)
+        except ConvergenceError:
+            new = None
+        if new is not None:
+            body.tangent(u, factor.matrix)
+            factor.update()
+            predicted = size(factor.solve((end - begin) * pushing[:, None])[:, 0])
+            if size(new - u) <= JUMP * predicted:
+                return new
+        if not halvings:
+            return None
+        middle = 0.5 * (begin + end)
+        half = grown(u, begin, middle, halvings - 1)
+        return None if half is None else grown(half, middle, end, halvings - 1)
+
+    u = np.zeros(body.local)
+    try:
+        for k in range(LOAD_STEPS):
+            begin, end = k / LOAD_STEPS, (k + 1) / LOAD_STEPS
+            new = grown(u, begin, end, HALVINGS)
+            if new is None:
+                body.warnings.append(
+                    f"the body snaps through between {100.0 * begin:g} % and {100.0 * end:g} % of "
+                    "the static loads: the equilibrium is one after the snap, and the motion "
+                    "during the snap is not computed; fenicsrom statics follows the path between"
+                )
+                return
+            u = new
+    except ConvergenceError:  # at the limit load itself
+        return
+    finally:
+        factor.destroy(matrix=True)
+        if body.pressures is not None:
+            body.pressures.part = 1.0
+
+
+def _probe_text(body: Solid) -> str:
+    """The displacement of the probe in the equilibrium, in words."""
+    components = body.comm.allreduce(body.probe_rows @ body.equilibrium)
+    return f"({', '.join(f'{1e3 * u:.5g}' for u in components)}) mm"
+
+
+def _stable_equilibrium(body: Solid, unstable: int) -> Array | None:
+    """A stable equilibrium (local,) downhill of an unstable one, or None. Collective."""
+    try:
+        squares, modes = body.eigenmodes(body.factor, min(unstable + 2, body.free))
+    except (ConvergenceError, AccuracyError):
+        return None
+    softest = int(np.argmin(squares))
+    if squares[softest] >= 0.0:
+        return None
+    push = modes[:, softest] * _side(body, modes[:, softest])
+    push *= PUSH * body.mesh.extent() / float(body.largest(push[:, None])[0])
+    u, c = body.equilibrium + push, 2.0 * abs(float(squares[softest]))
+    matrix = body.stiffness.duplicate(copy=True)
+    factor = Factorisation(matrix, "fenicsrom_buckling")
+    try:
+        for _ in range(STEPS):
+            trial = _step(body, u, c, matrix, factor)
+            if trial is None:
+                c *= 4.0
+                continue
+            u = trial
+            if negative_eigenvalues(body.tangent(u, matrix)):
+                continue
+            found = _step(body, u, 0.0, matrix, factor)
+            if found is not None and not negative_eigenvalues(body.tangent(found, matrix)):
+                return found
+            c *= 0.25
+        return None
+    finally:
+        factor.destroy(matrix=True)
+
+
+def _side(body: Solid, shape: Array) -> float:
+    """1 or -1: the direction of a shape (local,) to which the loads push, else the probe's."""
+    force = body.load_vectors.sum(axis=1)
+    work = body.dot(force, shape)
+    if abs(work) <= SIDE * np.sqrt(body.dot(force, force) * body.dot(shape, shape)):
+        probe = body.comm.allreduce(body.probe_rows @ shape)
+        work = float(probe[np.argmax(np.abs(probe))])
+    return -1.0 if work < 0.0 else 1.0
+
+
+def _step(
+    body: Solid, start: Array, c: float, matrix: PETSc.Mat, factor: Factorisation
+) -> Array | None:
+    """The solution (local,) of (1) near its start, or None without convergence. Collective.
+
+    Args:
+        body: the body.
+        start: (local,) u₀.
+        c: factor of the mass, 1/s²; 0 for the equilibrium.
+        matrix: work space of the tangent.
+        factor: its factorisation.
+    """
+    load = body.static_load
+
+    def correct(u: Array) -> Correction | None:
+        residual = body.residual(u, load) + c * multiply(body.mass, u - start)
+        body.tangent(u, matrix)
+        matrix.axpy(c, body.mass, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
+        try:
+            factor.update()
+        except ConvergenceError:
+            return None
+        change = -factor.solve(residual[:, None])[:, 0]
+        return change, abs(body.dot(residual, change))
+
+    def converged(u: Array, decrement: float, first: float, last: float) -> bool:
+        return small_against_load(decrement, first, body.dot(load + body.pressure_force(u), u))
+
+    return newton(start, correct, converged, ITERATIONS, GROWTH)

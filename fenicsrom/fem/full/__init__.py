@@ -1,0 +1,1 @@
+"""The full model: all unknowns of the mesh, in time and over a period."""

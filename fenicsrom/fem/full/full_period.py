@@ -1,0 +1,281 @@
+"""The period map of the full model, and what it does to some directions.
+
+The map is that of `fenicsrom.online.periodic.period_map` for all unknowns of the mesh: it takes the
+variables z = (q, v, a, w) at the start of a period to its end, by the same steps. The full
+monodromy matrix dP/dz is too large; its products with the columns of a block D are carried through
+the period by the linearised step of `fenicsrom.online.derivative.step_sensitivity`,
+
+    S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
+                + D (velocity_v dv0 + velocity_a da0) + B dF],
+
+with the factor of S that the last iteration of the step left, and the contact terms of S by the
+Woodbury formula. The small change of the implicit blending of stiff contacts is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.full.full import FullModel
+from fenicsrom.online.contact.state import OPEN
+from fenicsrom.online.contact.surfaces import PLANE, Contacts
+from fenicsrom.online.derivative.contact_sensitivity import (
+    ComplexInterval,
+    differentiate_law,
+    law_derivative,
+)
+from fenicsrom.online.derivative.period_sensitivity import REST
+from fenicsrom.online.derivative.sensitivity import no_drift
+from fenicsrom.online.derivative.step_sensitivity import end_coefficients
+from fenicsrom.online.run.march_setup import initial_state
+from fenicsrom.online.step.loop import SMALLEST_STEP, write
+from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.step.state import LAST_STEP, STEP, TIME, Record, State, no_record
+from fenicsrom.online.step.step import accept, attempt, step_coefficients
+
+ROOM = 4  # rows of the record for each nominal step; halved steps need more than one
+
+
+@dataclass(eq=False)
+class _Columns:
+    """Derivatives of the state by the columns of a block.
+
+    Attributes:
+        q: (local, k) of the coordinates.
+        v: (local, k) of the velocities.
+        a: (local, k) of the accelerations.
+        x: (m, k) of the contact displacements.
+        w: (m, k) of the sliders.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    x: Array
+    w: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FullPeriodEnd:
+    """Where a period of the full model ends.
+
+    Attributes:
+        z: (N,) variables at the end.
+        columns: (N, k) dP/dz times the given block; (N, 0) without.
+        record: rows of the accepted steps.
+    """
+
+    z: Array
+    columns: Array
+    record: Record
+
+
+class FullPeriodMap:
+    """The period map of a full model on vectors z (N,); each rank holds the unknowns it owns.
+
+    The sliders are on every rank.
+    """
+
+    def __init__(
+        self,
+        model: FullModel,
+        contacts: Contacts,
+        plan: Scheme,
+        period: float,
+        fractions: Array,
+    ):
+        """Keep the problem.
+
+        Args:
+            model: the model under its loads and damping.
+            contacts: parameters of the P contact points.
+            plan: the weights of the scheme.
+            period: of the loads, s.
+            fractions: (steps + 1,) instants on which the steps land, from 0 to the number of
+                periods of the loads.
+        """
+        self.model, self.contacts, self.plan = model, contacts, plan
+        self.times = period * np.asarray(fractions, float)
+        self.local = model.local
+        self.blocks = 2 if plan.discrete_gradient else 3
+        points, d = contacts.centre.shape
+        axis = np.tile(np.arange(d), points)
+        self.memory = np.flatnonzero((np.repeat(contacts.kind, d) != PLANE) | (axis > 0))
+        self.size = self.blocks * self.local + self.memory.size
+        self._dimension, self._points = d, points
+        self._law = law_derivative(contacts, points, d)
+        self._drift = no_drift(contacts, model.load_histories).contacts
+        self._guess: tuple[Array, Array, float] | None = None
+
+    def __call__(self, z: Array, block: Array | None = None) -> FullPeriodEnd:
+        """March over the period from z.
+
+        Args:
+            z: (N,) variables at the start.
+            block: (N, k) directions whose derivatives are carried along; none if not given.
+
+        Raises:
+            ConvergenceError: the smallest step did not converge.
+        """
+        n = self.local
+        sliders = self._sliders(z)
+        state = initial_state(
+            self.model, self.contacts, self.plan, self._dimension, z[:n], z[n : 2 * n], sliders
+        )
+        if self.blocks == 3:
+            state.a[:] = z[2 * n : 3 * n]
+        if self._guess is not None:
+            state.mean_velocity[:], state.mean_acceleration[:], last_step = self._guess
+            state.scalars[LAST_STEP] = last_step
+        columns = None if block is None else self._start(state, sliders, block)
+        record = self._march(state, columns)
+        last_step = float(state.scalars[LAST_STEP])
+        self._guess = state.mean_velocity.copy(), state.mean_acceleration.copy(), last_step
+        parts = [state.q, state.v, state.a][: self.blocks]
+        end = np.concatenate([*parts, state.contact.slider.reshape(-1)[self.memory]])
+        moved = np.zeros((z.size, 0))
+        if columns is not None:
+            parts = [columns.q, columns.v, columns.a][: self.blocks]
+            moved = np.concatenate([*parts, columns.w[self.memory]])
+        return FullPeriodEnd(end, moved, record)
+
+    def _sliders(self, z: Array) -> Array:
+        """Sliders (P, d) of variables z; zero where they have no meaning."""
+        found = np.zeros(self._points * self._dimension)
+        found[self.memory] = z[self.blocks * self.local :]
+        return found.reshape(self._points, self._dimension)
+
+    def _start(self, state: State, sliders: Array, block: Array) -> _Columns:
+        """The derivatives at the start, where `at_rest` has accepted the sliders."""
+        n, d = self.local, self._dimension
+        a = block[2 * n : 3 * n].copy() if self.blocks == 3 else np.zeros((n, block.shape[1]))
+        given = np.zeros((self._points * d, block.shape[1]))
+        given[self.memory] = block[self.blocks * n :]
+        x = self.model.contact_change(block[:n])
+        w = np.zeros_like(given)
+        for p in range(self._points):
+            mine = slice(p * d, (p + 1) * d)
+            here = state.contact.x[p].copy()
+            differentiate_law(
+                self._law,
+                self.contacts,
+                self._drift,
+                REST,
+                p,
+                here,
+                here,
+                sliders[p].copy(),
+                0.0,
+                REST.discrete_gradient,
+            )
+            by = self._law.slider[p]
+            by_x, by_w = by[:, :d] + by[:, d : 2 * d], by[:, 2 * d : 3 * d]
+            w[mine] = by_x @ x[mine] + by_w @ given[mine]
+        return _Columns(block[:n].copy(), block[n : 2 * n].copy(), a, x, w)
+
+    def _march(self, state: State, columns: _Columns | None) -> Record:
+        """March over all instants; a step that does not converge is halved.
+
+        Raises:
+            ConvergenceError: the smallest step did not converge.
+        """
+        model, contacts, plan, times = self.model, self.contacts, self.plan, self.times
+        record = no_record(ROOM * times.size, self._points, self._dimension)
+        s, rows, k = state.scalars, 0, 1
+        s[STEP] = times[1] - times[0]
+        while k < times.size:
+            begin, goal = float(s[TIME]), times[k]
+            grid = goal - times[k - 1]
+            h = min(s[STEP], goal - begin)
+            lands = goal - begin - h <= 1e-9 * grid
+            if lands:
+                h = goal - begin
+            load_ahead = model.load(begin + h)
+            if attempt(model, contacts, plan, state, h, load_ahead)[0] and rows < record.time.size:
+                before = _Before(state)
+                accept(model, contacts, plan, state, h, load_ahead)
+                write(model, contacts, state, record, rows)
+                rows += 1
+                if columns is not None:
+                    self._linearise(state, before, begin, h, columns)
+                s[STEP] = 2.0 * h
+                if lands:
+                    s[TIME] = goal
+                    k += 1
+                    s[STEP] = times[min(k, times.size - 1)] - times[min(k, times.size - 1) - 1]
+            else:
+                s[STEP] = 0.5 * h
+                if not s[STEP] > SMALLEST_STEP * grid:
+                    raise ConvergenceError(
+                        f"a period of the full model stopped at t = {begin:.6g} s: no convergence "
+                        f"with the smallest step {SMALLEST_STEP * grid:.3g} s",
+                        Record._make(array[:rows].copy() for array in record),
+                    )
+        return Record._make(array[:rows].copy() for array in record)
+
+    def _linearise(
+        self, state: State, before: _Before, begin: float, h: float, columns: _Columns
+    ) -> None:
+        """Carry the derivatives over the step of size h that was just accepted."""
+        model, plan, d = self.model, self.plan, self._dimension
+        f, e = step_coefficients(plan, h), end_coefficients(plan, h)
+        moved = model.mass_block(f.inertia_v * columns.v + f.inertia_a * columns.a)
+        moved += model.elastic_by_start(before.q, before.dq, plan, columns.q)
+        if plan.velocity_forces:
+            moved += model.velocity_times(f.velocity_v * columns.v + f.velocity_a * columns.a)
+        m = self._points * d
+        step_times = ComplexInterval(
+            complex(begin), complex(begin + h), plan.alpha_f, plan.discrete_gradient
+        )
+        force, by_end = np.zeros((m, columns.q.shape[1])), np.zeros((m, m))
+        for p in range(self._points):
+            if state.trial.scratch.mode[p] == OPEN:
+                continue
+            differentiate_law(
+                self._law,
+                self.contacts,
+                self._drift,
+                step_times,
+                p,
+                before.x[p],
+                state.contact.x[p],
+                before.w[p],
+                state.trial.scratch.blending[p],
+                not before.trial_normal_force[p] > 0.0 or self.contacts.friction[p] == 0.0,
+            )
+            by, mine = self._law.force[p], slice(p * d, (p + 1) * d)
+            by_x = by[:, :d] + by[:, d : 2 * d]
+            force[mine] = by_x @ columns.x[mine] + by[:, 2 * d : 3 * d] @ columns.w[mine]
+            by_end[mine, mine] = by[:, d : 2 * d]
+        step = model.solve_with_contact(moved, force, by_end)
+        v, a = columns.v, columns.a
+        columns.q += step
+        columns.v = e.v_dq * step + e.v_v * v + e.v_a * a
+        if not plan.discrete_gradient:
+            columns.a = e.a_dq * step + e.a_v * v + e.a_a * a
+        x1 = model.contact_change(columns.q)
+        for p in range(self._points):
+            mine = slice(p * d, (p + 1) * d)
+            if state.trial.scratch.mode[p] == OPEN:
+                columns.w[mine] = x1[mine]
+                continue
+            by = self._law.slider[p]
+            columns.w[mine] = (
+                by[:, :d] @ columns.x[mine]
+                + by[:, d : 2 * d] @ x1[mine]
+                + by[:, 2 * d : 3 * d] @ columns.w[mine]
+            )
+        columns.x = x1
+
+
+class _Before:
+    """What the derivative of a step needs of its start: arrays of `State` and `Trial`, copied."""
+
+    def __init__(self, state: State):
+        self.q, self.dq = state.q.copy(), state.trial.dq.copy()
+        self.x, self.w = state.contact.x.copy(), state.contact.slider.copy()
+        self.trial_normal_force = state.contact.trial_normal_force.copy()

@@ -1,0 +1,1 @@
+"""Meshes with named groups, from gmsh and from files."""

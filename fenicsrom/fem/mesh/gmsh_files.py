@@ -1,0 +1,328 @@
+"""Mesh and geometry files in gmsh: its own formats, and those that `fenicsrom.formats` reads.
+
+A .geo file is a program that gmsh runs. Every other file is data: its header is checked before gmsh
+sees it, because gmsh would run a script whatever the name of the file is.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom import formats
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
+from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
+from fenicsrom.formats import Block, MeshFile
+from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.scene import Geometry
+
+FARTHEST = 1e15
+"""Larger coordinates, in the unit of the file, may make gmsh crash or fill all memory."""
+
+MOST_CELLS = 1e5
+"""Largest number of cells along the body."""
+
+SUFFIXES = {".geo": "geo", ".msh": "mesh", ".unv": "mesh", ".step": "step", ".stp": "step"}
+"""Formats that gmsh reads, by the suffix of the file."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What a file has besides the model in gmsh.
+
+    Attributes:
+        node_sets: node numbers of each node set by its name.
+        warnings: sentences for the user.
+    """
+
+    node_sets: dict[str, Ints] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@contextmanager
+def open_gmsh() -> Iterator[Any]:
+    """Open gmsh for the duration of a context.
+
+    It prints nothing, ignores the settings of the user and leaves interrupts to Python.
+
+    Raises:
+        RuntimeError: gmsh is in use in this process.
+    """
+    import gmsh
+
+    if gmsh.isInitialized():
+        raise RuntimeError(
+            "gmsh is in use in this process: call gmsh.finalize() before you build a mesh"
+        )
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        # errors go to the logger, because an abort breaks the parser of gmsh
+        gmsh.option.setNumber("General.AbortOnError", 0)
+        # without this, the tolerances are relative to the last model of this process
+        gmsh.open(os.devnull)
+        gmsh.logger.start()
+        yield gmsh
+    finally:
+        gmsh.logger.stop()
+        gmsh.finalize()
+
+
+def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
+    """Read the file and, if it is a geometry, mesh it.
+
+    Raises:
+        SceneError: the file cannot be read or meshed.
+    """
+    source, d = str(geometry.mesh), geometry.dimension
+    form = SUFFIXES.get(geometry.mesh.suffix.lower())
+    loaded = merge_file(gmsh, geometry)
+    if gmsh.model.getDimension() != d:
+        raise SceneError(
+            f"{source}: geometry.dimension = {d}: must be {gmsh.model.getDimension()} "
+            "for this file",
+            kind=ErrorKind.CONFLICT,
+            key="geometry.dimension",
+            source=source,
+        )
+    if form == "step":
+        _name_faces(gmsh, d)
+        for limit in ("Min", "Max"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{limit}", geometry.size)
+    if form in ("geo", "step"):
+        with _errors(gmsh, source):
+            gmsh.model.mesh.generate(d)
+            if geometry.curved:
+                gmsh.model.mesh.setOrder(2)
+    return loaded
+
+
+def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
+    """Read the file into a new model of gmsh, without meshing a geometry.
+
+    The dimension of the geometry is not used.
+
+    Raises:
+        SceneError: the file cannot be read.
+    """
+    source, suffix = str(geometry.mesh), geometry.mesh.suffix.lower()
+    form = SUFFIXES.get(suffix)
+    if not geometry.mesh.is_file() or (form is None and suffix not in formats.SUFFIXES):
+        raise SceneError(
+            f"geometry.mesh = {source!r}: must be an existing file of one of "
+            f"{', '.join((*SUFFIXES, *formats.SUFFIXES))}",
+            kind=ErrorKind.FILE,
+            key="geometry.mesh",
+            source=source,
+        )
+    gmsh.model.add("file")
+    if form is None:
+        file = formats.read(geometry.mesh)
+        return _add_mesh(gmsh, source, formats.complete(file) if geometry.curved else file)
+    if form == "geo":
+        _set_parameters(gmsh, geometry)
+        with _errors(gmsh, source):
+            gmsh.merge(source)
+        _check_reach(gmsh, geometry)
+        return Loaded()
+    check_header(geometry.mesh)
+    with _errors(gmsh, source), linked_alone(geometry.mesh) as link:
+        check_survival(source, link)
+        if form == "mesh":
+            gmsh.merge(link)
+            _check_content(gmsh, source)
+        else:
+            gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+            gmsh.model.occ.importShapes(link)
+            gmsh.model.occ.synchronize()
+    if form == "step":
+        _check_reach(gmsh, geometry)
+    elif geometry.curved and _has_serendipity_cells(gmsh):
+        return _add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
+    return Loaded()
+
+
+def _check_reach(gmsh: Any, geometry: Geometry) -> None:
+    """Check the extent of a geometry, because gmsh could crash or fill all memory.
+
+    Raises:
+        SceneError: the body has no extent, extends too far, or needs too many cells.
+    """
+    source, points = str(geometry.mesh), {tag for _, tag in gmsh.model.getEntities(0)}
+    limits = (*(-FARTHEST,) * 3, *(FARTHEST,) * 3)
+    near = {tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*limits, 0)}
+    # a point whose coordinates are not numbers is not near; asking each point takes seconds
+    places = [gmsh.model.getValue(0, tag, []) for tag in sorted(points - near)]
+    with suppress(Exception):  # a plain exception of gmsh: the box is empty
+        places += np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3)).tolist()
+    wrong = [place for place in places if not np.all(np.abs(place) <= FARTHEST)]
+    if wrong:
+        where = ", ".join(f"{value:.6g}" for value in wrong[0])
+        raise SceneError(
+            f"{source}: the geometry extends to ({where}), but coordinates must be at most "
+            f"{FARTHEST:g}",
+            kind=ErrorKind.MESH,
+            source=source,
+        )
+    extent = float(np.ptp(places or np.zeros((1, 3)), axis=0).max())
+    if extent == 0.0:
+        raise SceneError(
+            f"{source}: the geometry has no body with an extent", kind=ErrorKind.MESH, source=source
+        )
+    if geometry.size is not None and geometry.size * MOST_CELLS < extent:
+        allowed = f"must be at least {extent / MOST_CELLS:.3g} for a body of {extent:.3g} m"
+        raise SceneError(
+            f"{source}: geometry.size = {geometry.size:g}: {allowed}",
+            kind=ErrorKind.RANGE,
+            key="geometry.size",
+            source=source,
+        )
+
+
+def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
+    """Set the parameters in gmsh, by their names in the .geo file.
+
+    Raises:
+        SceneError: the file does not define a parameter.
+    """
+    known = _parameters(geometry.mesh)
+    if "structured" in known:
+        gmsh.parser.setNumber("structured", [float(geometry.cells != "simplex")])
+    for name, value in geometry.parameters.items():
+        if name not in known - {"structured"}:
+            allowed = (
+                ", ".join(sorted(known - {"structured"}))
+                or "none, as the file has no DefineConstant"
+            )
+            raise SceneError(
+                f"{geometry.mesh}: geometry.parameters.{name} = {value:g}: name must be one of "
+                f"{allowed}",
+                kind=ErrorKind.UNKNOWN_KEY,
+                key=f"geometry.parameters.{name}",
+                source=str(geometry.mesh),
+            )
+        gmsh.parser.setNumber(name, [value])
+
+
+def _name_faces(gmsh: Any, d: int) -> None:
+    """Make a group of each face of a .step file, named by its name or else its number."""
+    faces: dict[str, list[int]] = {}
+    for _, face in gmsh.model.getEntities(d - 1):
+        faces.setdefault(
+            gmsh.model.getEntityName(d - 1, face).rpartition("/")[2] or str(face), []
+        ).append(face)
+    for name, members in faces.items():
+        gmsh.model.addPhysicalGroup(d - 1, members, name=name)
+
+
+def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
+    """Put a mesh file into a new model of gmsh."""
+    dimensions = [SHAPES[block.kind].dimension for block in file.blocks]
+    highest = max(dimensions)
+    gmsh.model.add("file")
+    gmsh.model.addDiscreteEntity(highest, 1)
+    gmsh.model.mesh.addNodes(highest, 1, np.arange(len(file.points)) + 1, file.points.ravel())
+    entities: dict[tuple[int, str], list[int]] = {}
+    for block, d in zip(file.blocks, dimensions, strict=True):
+        member = np.array(list(block.groups.values()), dtype=bool)
+        kinds, which = np.unique(
+            member.reshape(len(block.groups), len(block.nodes)).T, axis=0, return_inverse=True
+        )
+        for k, marks in enumerate(kinds):
+            entity = gmsh.model.addDiscreteEntity(d)
+            gmsh.model.mesh.addElementsByType(
+                entity, block.kind, [], (block.nodes[which.ravel() == k] + 1).ravel()
+            )
+            for name in (name for name, marked in zip(block.groups, marks, strict=True) if marked):
+                entities.setdefault((d, name), []).append(entity)
+    # one call per name, because gmsh leaves a second group of this name unnamed
+    for (d, name), members in entities.items():
+        gmsh.model.addPhysicalGroup(d, members, name=name)
+    warnings = [f"{source}: {note}" for note in file.notes]
+    if file.not_read:
+        warnings.append(f"{source}: not read: {', '.join(file.not_read)}")
+    sets = {name: nodes + 1 for name, nodes in file.node_groups.items()}
+    return Loaded(sets, tuple(warnings))
+
+
+def mesh_of_model(gmsh: Any) -> MeshFile:
+    """The mesh and the physical groups of the current model of gmsh."""
+    numbers, points = model_nodes(gmsh)
+    blocks = []
+    for d, entity in gmsh.model.getEntities():
+        tags = gmsh.model.getPhysicalGroupsForEntity(d, entity)
+        names = [gmsh.model.getPhysicalName(d, tag) or str(tag) for tag in tags]
+        for kind, elements, nodes in zip(*gmsh.model.mesh.getElements(d, entity), strict=True):
+            rows = np.searchsorted(numbers, nodes.reshape(len(elements), -1))
+            groups = {name: np.ones(len(rows), dtype=bool) for name in names}
+            blocks.append(Block(int(kind), rows, groups))
+    return MeshFile(points, tuple(blocks))
+
+
+def _has_serendipity_cells(gmsh: Any) -> bool:
+    """Whether cells of the current model lack the nodes in the middle of faces."""
+    return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
+
+
+def _check_content(gmsh: Any, source: str) -> None:
+    """Check that gmsh found cells, and each node number once; it would keep the first node only.
+
+    Raises:
+        SceneError: there are no cells, or a number was given twice.
+    """
+    if gmsh.model.getDimension() < 0:
+        raise SceneError(f"{source}: holds no cells", kind=ErrorKind.MESH, source=source)
+    for line in gmsh.logger.get():
+        if match := re.search(r"duplicate node (\d+)", line):
+            raise SceneError(
+                f"{source}: node {match[1]} is given twice", kind=ErrorKind.FORMAT, source=source
+            )
+
+
+@contextmanager
+def _errors(gmsh: Any, source: str) -> Iterator[None]:
+    """Raise the first error in the log of gmsh, which does not raise all of its errors.
+
+    Raises:
+        SceneError: gmsh reported an error.
+    """
+    failure = None
+    try:
+        yield
+    except SceneError:
+        raise
+    except Exception as error:  # gmsh raises plain exceptions
+        failure = error
+    errors = [line.partition(":")[2] for line in gmsh.logger.get() if line.startswith("Error")]
+    if errors or failure is not None:
+        sentence = " ".join((errors or [str(failure)])[0].split())
+        parameter = re.match(
+            r"(geometry\.parameters\.\w+) = ", sentence
+        )  # by Error() in a .geo file
+        raise SceneError(
+            f"{source}: {sentence}",
+            kind=ErrorKind.RANGE if parameter else ErrorKind.MESH,
+            key=parameter[1] if parameter else "",
+            source=source,
+        ) from failure
+
+
+def _parameters(path: Path) -> set[str]:
+    """Names of the parameters in the DefineConstant blocks of a .geo file."""
+    text = re.sub(
+        r'"[^"\n]*"|//[^\n]*|/\*.*?\*/', "", path.read_text(errors="replace"), flags=re.DOTALL
+    )
+    while (inner := re.sub(r"\{[^{}]*\}", "", text)) != text:
+        text = inner
+    blocks = re.findall(r"\bDefineConstant\s*\[([^]]*)\]", text)
+    return {entry.partition("=")[0].strip() for block in blocks for entry in block.split(",")} - {
+        ""
+    }

@@ -1,0 +1,229 @@
+"""What a mesh file holds, without a scene and without dolfinx."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fenicsrom.errors import SceneError
+from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
+from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
+from fenicsrom.fem.mesh.gmsh_queries import (
+    FACETS,
+    boundary_facets,
+    elements_of,
+    model_nodes,
+    straight_kind,
+)
+from fenicsrom.formats.mesh_file import Floats, Ints
+from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.scene import Geometry
+
+CELLS_ALONG = 20
+"""Cells along a body from a .step file whose cell size is not given."""
+
+LARGE = 20.0
+"""Longer bodies, in m, may be files in another unit than metres."""
+
+RULE = "Gauss4"
+"""Quadrature for volumes and areas: exact for hexahedra with straight edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """A group of cells, facets or nodes.
+
+    Attributes:
+        name: its name.
+        kind: "cells", "facets" or "nodes".
+        number: number of cells, facets or nodes.
+        size: volume, area or length, in m to the power of the dimension; None for nodes.
+        low: the lowest coordinates (d,), m.
+        high: the highest coordinates (d,), m.
+        members: corners of facets (k, corners), or nodes (k,), as indices of `Inspection.points`;
+            None for cells.
+    """
+
+    name: str
+    kind: str
+    number: int
+    size: float | None
+    low: Floats
+    high: Floats
+    members: Ints | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What a mesh file holds.
+
+    Attributes:
+        path: the file.
+        geometry: keys of the [geometry] of a scene with this mesh.
+        cells: number of cells by their type.
+        nodes: number of nodes.
+        low: the lowest coordinates (d,), m.
+        high: the highest coordinates (d,), m.
+        pieces: number of pieces of the mesh that share no node; 0 if the mesh cannot be used.
+        volume: volume in m³, in 2D area in m²; 0 if the mesh cannot be used.
+        groups: the groups, largest dimension first.
+        warnings: sentences for the user, one of them on what is not read.
+        points: coordinates of the corners (n, 3), m.
+        boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
+        refusal: why the mesh cannot be used; None if it can.
+    """
+
+    path: Path
+    geometry: Geometry
+    cells: dict[str, int]
+    nodes: int
+    low: Floats
+    high: Floats
+    pieces: int = 0
+    volume: float = 0.0
+    groups: tuple[Group, ...] = ()
+    warnings: tuple[str, ...] = ()
+    points: Floats | None = None
+    boundary: Ints | None = None
+    refusal: SceneError | None = None
+
+    @property
+    def extent(self) -> float:
+        """The largest extent, m."""
+        return float(np.max(self.high - self.low))
+
+    @property
+    def may_be_in_millimetres(self) -> bool:
+        """Whether the body is so large that its coordinates may not be in m."""
+        given = self.geometry.scale != 1.0 or self.path.suffix.lower() in (".geo", ".step", ".stp")
+        return self.extent > LARGE and not given
+
+
+def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspection:
+    """Read a mesh file, or mesh a geometry, and describe it.
+
+    Args:
+        path: the file.
+        scale: length in m of the unit of the coordinates in a mesh file.
+        size: cell size in m for a .step file; by default a twentieth of the body.
+
+    Raises:
+        SceneError: the file cannot be read. A mesh that can be read but not be used is described,
+            with the reason.
+        RuntimeError: gmsh is in use in this process.
+    """
+    with open_gmsh() as gmsh:
+        geometry = _geometry(gmsh, path, scale, size)
+        gmsh.model.remove()
+        loaded = load_file(gmsh, geometry)
+        cells, low, high = _cells(gmsh, geometry)
+        found = Inspection(path, geometry, cells, len(model_nodes(gmsh)[0]), low, high)
+        try:
+            clean = clean_model(gmsh, geometry, loaded.node_sets)
+        except SceneError as error:
+            return replace(found, warnings=loaded.warnings, refusal=error)
+        return _described(gmsh, found, clean, loaded.warnings)
+
+
+def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geometry:
+    """The [geometry] of a scene with this file; 2D bodies are 1 m thick."""
+    is_step = SUFFIXES.get(path.suffix.lower()) == "step"
+    draft = Geometry(mesh=path, dimension=3, scale=1.0 if is_step else scale, size=size)
+    merge_file(gmsh, draft)
+    dimension = gmsh.model.getDimension()
+    if is_step and size is None:
+        box = np.reshape(gmsh.model.getBoundingBox(-1, -1), (2, 3))
+        size = float(f"{np.ptp(box, axis=0).max() / CELLS_ALONG:.2g}")
+    cells = "structured" if path.suffix == ".geo" else None
+    thickness = 1.0 if dimension == 2 else None
+    return replace(draft, dimension=dimension, size=size, cells=cells, thickness=thickness)
+
+
+def _cells(gmsh: Any, geometry: Geometry) -> tuple[dict[str, int], Floats, Floats]:
+    """Number of cells by type, and the lowest and highest coordinates of their nodes."""
+    numbers, points = model_nodes(gmsh)
+    count: Counter[str] = Counter()
+    used = [np.empty(0, dtype=np.int64)]
+    for _, entity in gmsh.model.getEntities(geometry.dimension):
+        for kind, elements, nodes in zip(
+            *gmsh.model.mesh.getElements(geometry.dimension, entity), strict=True
+        ):
+            name = gmsh.model.mesh.getElementProperties(kind)[0]
+            count[SHAPES[int(kind)].name if int(kind) in SHAPES else name] += len(elements)
+            used.append(np.searchsorted(numbers, nodes))
+    x = geometry.scale * points[np.unique(np.concatenate(used)), : geometry.dimension]
+    if not len(x):
+        x = np.zeros((1, geometry.dimension))
+    return dict(count), x.min(axis=0), x.max(axis=0)
+
+
+def _described(
+    gmsh: Any, found: Inspection, clean: CleanModel, warnings: tuple[str, ...]
+) -> Inspection:
+    """Add volume, groups and boundary from the clean model, which is the current one."""
+    d = found.geometry.dimension
+    numbers, points = model_nodes(gmsh)
+    entities = [entity for _, entity in gmsh.model.getEntities(d)]
+    given = next(int(k) for e in entities for k in gmsh.model.mesh.getElementTypes(d, e))
+    kind = straight_kind(gmsh, given)
+    cells = np.searchsorted(numbers, elements_of(gmsh, d, entities, kind))
+    groups = []
+    for dim, names in ((d, clean.cell_groups), (d - 1, clean.facet_groups)):
+        element = kind if dim == d else FACETS[kind]
+        for name, tags in names.items():
+            on = [e for tag in tags for e in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)]
+            rows = np.searchsorted(numbers, elements_of(gmsh, dim, on, element))
+            size = sum(_measure(gmsh, dim, entity) for entity in on)
+            members = None if dim == d else rows
+            groups.append(
+                _group(name, "cells" if dim == d else "facets", points[rows], d, size, members)
+            )
+    for name, (nodes, _) in clean.nodes.items():
+        groups.append(_group(name, "nodes", points[nodes][:, None], d, None, nodes))
+    if d == 3:
+        shown = boundary_facets(gmsh, d, entities, given, FACETS[kind])
+        shown = shown[:, : SHAPES[FACETS[kind]].corners]
+    else:
+        shown = elements_of(gmsh, d, entities, kind)
+    return replace(
+        found,
+        pieces=_pieces(cells),
+        volume=sum(_measure(gmsh, d, entity) for entity in entities),
+        groups=tuple(groups),
+        warnings=(*warnings, *clean.warnings),
+        points=points,
+        boundary=np.searchsorted(numbers, shown),
+    )
+
+
+def _pieces(cells: Ints) -> int:
+    """Number of connected pieces of cells with corners (k, corners)."""
+    used, rows = np.unique(cells, return_inverse=True)
+    rows = rows.reshape(cells.shape)
+    first = np.repeat(rows[:, 0], rows.shape[1])
+    graph = coo_array((np.ones(rows.size), (first, rows.ravel())), shape=(len(used), len(used)))
+    return int(connected_components(graph, directed=False)[0])
+
+
+def _group(
+    name: str, kind: str, x: Floats, d: int, size: float | None, members: Ints | None
+) -> Group:
+    """A group of elements with corners x (k, corners, 3)."""
+    low, high = x.min(axis=(0, 1), initial=np.inf)[:d], x.max(axis=(0, 1), initial=-np.inf)[:d]
+    return Group(name, kind, len(x), size, low, high, members)
+
+
+def _measure(gmsh: Any, d: int, entity: int) -> float:
+    """Volume, area or length of the elements of an entity."""
+    total = 0.0
+    for kind in gmsh.model.mesh.getElementTypes(d, entity):
+        local, weights = gmsh.model.mesh.getIntegrationPoints(kind, RULE)
+        _, determinants, _ = gmsh.model.mesh.getJacobians(kind, local, entity)
+        total += float(np.abs(determinants).reshape(-1, len(weights)).sum(axis=0) @ weights)
+    return total

@@ -1,0 +1,1 @@
+"""Paths of static equilibria over a load factor."""

@@ -1,0 +1,375 @@
+"""Paths of static equilibria: pseudo-arclength continuation in a load factor.
+
+The equilibria u(λ) of
+
+    r(u, λ) = f(u) − p₀ − λ p = 0    (1)
+
+(`fenicsrom.fem.paths.path_equations`) form a curve in (u, λ), which is followed through limit points,
+where λ turns back. Lengths are those of
+
+    |(du, dλ)|² = |du|² / size² + dλ² / scale².    (2)
+
+Size and scale are the displacement and the load factor of a point, or those of a linear body at the
+end of the range or at the displacement `FARTHEST`, if these are larger.
+
+The curve is extrapolated by the cubic through its last two points with their tangents. Newton's
+method corrects the guess on the hyperplane normal to a direction c. Each correction solves the
+bordered equations by block elimination, with one factor of the tangent stiffness K:
+
+    K a = −r,    K b = p,    dλ = (gap − c·a) / (c·b + c_λ),    du = a + dλ b,    (3)
+
+where gap is the distance to the hyperplane (Riks 1979; Crisfield 1981). The factor is kept while
+the corrections become smaller by `CONTRACTION`; otherwise the mixed tangent is factorised
+(`fenicsrom.fem.body.elasticity`, eq. 5). At the point found, the exact tangent corrects once more. Its
+negative pivots count the directions in which the equilibrium is unstable. They change by one at a
+limit point, where the tangent of the curve has no component along λ; any other change is a
+bifurcation, where a mode of K has the eigenvalue zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.fem.equilibrium.statics import CONTRACTION
+from fenicsrom.fem.paths.path_equations import PathEquations
+from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.online.curves.brackets import Bracket, bracketed
+from fenicsrom.online.curves.curve import hermite
+
+LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
+
+FIRST_STEP, LARGEST_STEP, SMALLEST_STEP = 0.02, 0.1, 1e-6
+"""Steps along the curve, with the lengths (2)."""
+
+SHORTER = 0.1
+"""Factor of the lengths where a special point lies within the first step of a path."""
+
+SHORTEST = 1e-6
+"""Least load factor that sets the lengths, in parts of the last one."""
+
+FARTHEST = 3.0
+"""Largest linear displacement of a node, in parts of the extent of the mesh, that sets the lengths.
+
+A path to a larger load factor begins with the lengths of this one: steps in parts of the whole
+path would miss what happens on it."""
+
+STRAIGHT = 0.97
+"""Least cosine of the angle between the tangents of two neighbours."""
+
+AWAY = 0.1
+"""Longest correction of a guess, in parts of the step."""
+
+AIM = 0.02
+"""Correction, in parts of the step, at which the step stays; it grows with its third power."""
+
+REACH = 4.0
+"""Longest step that the cubic extrapolates, in parts of the distance of its points."""
+
+CORRECTIONS, RENEWALS = 30, 6
+"""Largest numbers of corrections and of mixed tangents at one point."""
+
+TOLERANCE = 1e-9
+"""Length of the last correction; that with the exact tangent follows and is much shorter."""
+
+ROUNDING = 1e-7
+"""A shorter correction that does not contract has reached the rounding of a slender mesh."""
+
+LOCATED = 1e-5
+"""Width of the bracket of a special point. The load factor of a limit point is stationary there,
+so its error is about the square of this."""
+
+GAPS = (1e-4, 1e-3)
+"""Distances from a bifurcation at which points are found where those nearer to it are not: the
+rounding of the mesh is an imperfection that parts the branches."""
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """An equilibrium on the path.
+
+    Attributes:
+        y: (local + 1,) displacement u in m, and the load factor λ.
+        tangent: (local + 1,) direction of the path, of length one in (2).
+        negative: number of negative pivots of K.
+        softness: size of the eigenvalue of K nearest to zero, N/m.
+        residual: length (2) of the last correction, with the exact tangent of the equations (1).
+        kind: "" of an ordinary point, else `LIMIT_POINT` or `BIFURCATION`.
+    """
+
+    y: Array
+    tangent: Array
+    negative: int
+    softness: float
+    residual: float
+    kind: str = ""
+
+    @property
+    def load_factor(self) -> float:
+        """λ."""
+        return float(self.y[-1])
+
+    @property
+    def displacement(self) -> Array:
+        """Displacement u (local,), m."""
+        return self.y[:-1]
+
+
+class PathFollower:
+    """Follows the equilibria of a body. Every method is collective.
+
+    Attributes:
+        reason: why the path ended: "end of the range" or "no convergence"; "" before.
+        equations: the equations (1).
+    """
+
+    reason = ""
+
+    def __init__(self, body: Solid, sizes: Array, lowest: float, last: float):
+        """Start from the equilibrium of the body, at the load factor zero.
+
+        Args:
+            body: the body in its equilibrium under constant loads, which may be none.
+            sizes: (loads,) sizes of the loads that λ multiplies, 0 of the others.
+            lowest: λ at which the path ends, below zero.
+            last: λ at which the path ends, above zero.
+
+        Raises:
+            ConvergenceError: the tangent stiffness is singular at the start.
+        """
+        self._body, self.equations = body, PathEquations(body, sizes)
+        self._lowest, self._last = lowest, last
+        slope = self.equations.slope
+        fastest = float(body.largest(slope[:, None])[0])
+        self._first_scale = min(last, FARTHEST * body.mesh.extent() / fastest)
+        self._linear = self._first_scale * np.sqrt(body.dot(slope, slope))
+        self._size, self._scale = self._linear, self._first_scale
+
+    def points(self) -> Iterator[PathPoint]:
+        """Yield the equilibria in the order of the path, special points among them.
+
+        Raises:
+            ConvergenceError: the first point was not found, or no step leads on from a point.
+        """
+        here = self._start()
+        before, step = None, FIRST_STEP
+        yield here
+        while not self.reason:
+            self._measure(here)
+            guess = self._guess(before, here, step)
+            found = self._next(here, guess, step)
+            if before is None and found is not None and self._shorten(here, found):
+                continue
+            ends = found is not None and not self._lowest <= found.load_factor <= self._last
+            if found is not None and ends:
+                found = self._end(here, found)
+            special = None if found is None else self._special(here, found)
+            if found is None or special is None:
+                step *= 0.4
+                if step < SMALLEST_STEP:
+                    raise ConvergenceError("no step along the path converged")
+                continue
+            yield from special
+            if ends:
+                self.reason = "end of the range"
+            yield found
+            away = self._length(found.y - guess) / step
+            step *= float(np.clip((AIM / max(away, 1e-12)) ** (1.0 / 3.0), 0.5, 2.0))
+            step = min(step, LARGEST_STEP)
+            before, here = here, found
+
+    # ------------------------------------------------------------------ lengths
+
+    def _dot(self, a: Array, b: Array) -> float:
+        """Inner product of (2)."""
+        along = self._body.dot(a[:-1], b[:-1]) / self._size**2
+        return along + float(a[-1] * b[-1]) / self._scale**2
+
+    def _length(self, a: Array) -> float:
+        return float(np.sqrt(self._dot(a, a)))
+
+    def _measure(self, here: PathPoint) -> None:
+        """Make the lengths (2) those at this point, or those of the start if they are larger."""
+        self._scale = max(self._first_scale, abs(here.load_factor))
+        u = here.displacement - self._body.equilibrium
+        self._size = max(self._linear, float(np.sqrt(self._body.dot(u, u))))
+
+    def _shorten(self, here: PathPoint, found: PathPoint) -> bool:
+        """Make the lengths shorter if a special point lies within the first step.
+
+        The lengths are the unit in which special points are located.
+
+        Returns:
+            Whether they were made shorter; the step is then to be taken again.
+        """
+        if found.negative == here.negative or self._first_scale < SHORTEST * self._last:
+            return False
+        self._first_scale *= SHORTER
+        self._linear *= SHORTER
+        return True
+
+    def _unit(self, a: Array) -> Array:
+        return np.asarray(a / self._length(a))
+
+    # ------------------------------------------------------------------ one step
+
+    def _start(self) -> PathPoint:
+        """The point at λ = 0.
+
+        Raises:
+            ConvergenceError: it was not found.
+        """
+        y = np.append(self._body.equilibrium, 0.0)
+        found = self._correct(y, self._upwards(), self._upwards())
+        if found is None:
+            raise ConvergenceError("no equilibrium was found without the loads of the path")
+        return found
+
+    def _upwards(self) -> Array:
+        """The direction of λ alone (local + 1,)."""
+        return np.append(np.zeros(self._body.local), self._scale)
+
+    def _guess(self, before: PathPoint | None, here: PathPoint, step: float) -> Array:
+        """The unknowns (local + 1,) a step beyond a point, which may have one before it."""
+        tangent = self._unit(here.tangent)
+        if before is None:
+            return np.asarray(here.y + step * tangent)
+        length = self._length(here.y - before.y)
+        share = 1.0 + min(step, REACH * length) / length
+        return hermite(before.y, here.y, self._unit(before.tangent), tangent, length, share)
+
+    def _next(self, here: PathPoint, guess: Array, step: float) -> PathPoint | None:
+        """The point near a guess (local + 1,), or None to ask for a shorter step."""
+        tangent = self._unit(here.tangent)
+        found = self._correct(guess, tangent, tangent)
+        if found is None or self._length(found.y - guess) > AWAY * step:
+            return None
+        turn = self._dot(self._unit(found.tangent), tangent)
+        return found if turn >= STRAIGHT else None
+
+    def _end(self, here: PathPoint, beyond: PathPoint) -> PathPoint | None:
+        """The point on the bound of the range between two points, if it is found."""
+        bound = self._last if beyond.load_factor > self._last else self._lowest
+        share = (bound - here.load_factor) / (beyond.load_factor - here.load_factor)
+        guess = self._between_guess([here, beyond], share)
+        guess[-1] = bound
+        return self._correct(guess, self._upwards(), self._unit(beyond.y - here.y))
+
+    # ------------------------------------------------------------------ corrections
+
+    def _correct(self, guess: Array, along: Array, ahead: Array) -> PathPoint | None:
+        """The point of the path on a hyperplane; None if it is not found.
+
+        Args:
+            guess: (local + 1,) a point of the hyperplane.
+            along: (local + 1,) its normal in (2).
+            ahead: (local + 1,) a direction on whose side the tangent of the path is taken.
+        """
+        y, last, renewals = guess.copy(), np.inf, 0
+        change: Array | None = None
+        for _ in range(CORRECTIONS):
+            correction = self._correction(y, guess, along)
+            length = self._length(correction)
+            if not length <= max(CONTRACTION * last, ROUNDING):
+                renewals += 1
+                if renewals > RENEWALS or not self.equations.renew(y, change):
+                    return None
+                correction = self._correction(y, guess, along)
+                length = self._length(correction)
+            if not length <= 1.0:
+                return None
+            y = y + correction
+            change = correction[:-1]
+            if length <= TOLERANCE or (length <= ROUNDING and length > CONTRACTION * last):
+                return self._exact(y, guess, along, ahead)
+            last = length
+        return None
+
+    def _exact(self, y: Array, guess: Array, along: Array, ahead: Array) -> PathPoint | None:
+        """The point after one more correction, with the exact tangent; None if it is not small."""
+        if not self.equations.renew(y, None):
+            return None
+        correction = self._correction(y, guess, along)
+        residual = self._length(correction)
+        if not residual <= ROUNDING:
+            return None
+        counted = self.equations.count(y)
+        if counted is None:
+            return None
+        tangent = self._unit(np.append(self.equations.slope, 1.0))
+        tangent *= np.sign(self._dot(tangent, ahead)) or 1.0
+        return PathPoint(y + correction, tangent, *counted, residual)
+
+    def _correction(self, y: Array, guess: Array, along: Array) -> Array:
+        """The correction (3) (local + 1,) at y (local + 1,)."""
+        fixed = np.append(-self.equations.solve(self.equations.residual(y)), 0.0)
+        path = np.append(self.equations.slope, 1.0)
+        gap = self._dot(along, guess - y)
+        return np.asarray(fixed + (gap - self._dot(along, fixed)) / self._dot(along, path) * path)
+
+    # ------------------------------------------------------------------ special points
+
+    def _special(self, a: PathPoint, b: PathPoint) -> list[PathPoint] | None:
+        """The special points between two points of the path; None if one was not located."""
+        change = b.negative - a.negative
+        if a.tangent[-1] * b.tangent[-1] >= 0.0:
+            return self._bifurcations(a, b) if change else []
+        bracket = self._bracket(lambda point: float(point.tangent[-1]), a, b)
+        if bracket is None:
+            return None
+        limit = [replace(bracket.nearest, kind=LIMIT_POINT)]
+        if abs(change) == 1:
+            return limit
+        first = self._bifurcations(a, bracket.before)
+        last = self._bifurcations(bracket.after, b)
+        return None if first is None or last is None else first + limit + last
+
+    def _bifurcations(self, a: PathPoint, b: PathPoint) -> list[PathPoint] | None:
+        """Where the number of negative pivots changes between two points, in their order.
+
+        The eigenvalue of a rank is a continuous function along the path. If the rank is the larger
+        number of negative pivots, it passes zero.
+        """
+        if a.negative == b.negative or self._length(b.y - a.y) <= 2.0 * LOCATED:
+            return []
+        rank = max(a.negative, b.negative)
+        bracket = self._bracket(
+            lambda point: -point.softness if point.negative >= rank else point.softness, a, b
+        )
+        if bracket is None:
+            return None
+        first = self._bifurcations(a, bracket.before)
+        last = self._bifurcations(bracket.after, b)
+        if first is None or last is None:
+            return None
+        return [*first, replace(bracket.nearest, kind=BIFURCATION), *last]
+
+    def _bracket(
+        self, test: Callable[[PathPoint], float], a: PathPoint, b: PathPoint
+    ) -> Bracket[PathPoint] | None:
+        """Bracket the change of sign of a function between two points."""
+        chord = self._unit(b.y - a.y)
+
+        def between(points: list[PathPoint], ends: list[float], arc: float) -> PathPoint | None:
+            for at in (arc, *(arc + side * gap for gap in GAPS for side in (1.0, -1.0))):
+                if not ends[0] < at < ends[1]:
+                    continue
+                guess = self._between_guess(points, (at - ends[0]) / (ends[1] - ends[0]))
+                guess += (at - self._dot(chord, guess - a.y)) * chord
+                found = self._correct(guess, chord, chord)
+                if found is not None:
+                    return found
+            return None
+
+        return bracketed(between, test, a, b, self._length(b.y - a.y), LOCATED, 2.0 * GAPS[-1])
+
+    def _between_guess(self, points: list[PathPoint], share: float) -> Array:
+        """The cubic (local + 1,) between two points."""
+        first, last = points
+        length = self._length(last.y - first.y)
+        ahead = [self._unit(point.tangent) for point in points]
+        return hermite(first.y, last.y, ahead[0], ahead[1], length, share)

@@ -1,0 +1,1 @@
+"""The solid: a body in its static equilibrium, and its reactions."""

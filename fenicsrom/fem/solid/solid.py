@@ -1,0 +1,595 @@
+"""The solid: a body in its static equilibrium, with its loads and contact points.
+
+In a scene with [rotation], all quantities are described in the rotating frame
+(`fenicsrom.fem.body.rotation`). The centrifugal potential is part of the energy, of the internal force
+and of the tangent. The equilibrium is that at speed, and is always geometrically nonlinear: a
+linear one would lack the stiffening by the centrifugal tension. In a geometrically linear scene,
+only the vibrations about this equilibrium are linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy.sparse
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_array
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.base.linalg import (
+    Factorisation,
+    add_to_diagonal,
+    eigenmodes,
+    multiply,
+)
+from fenicsrom.fem.body.elasticity import ElasticBody
+from fenicsrom.fem.body.loads import load_vector
+from fenicsrom.fem.body.places import Places
+from fenicsrom.fem.body.pressure import FollowerPressures
+from fenicsrom.fem.equilibrium import prediction
+from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
+from fenicsrom.fem.equilibrium.statics import Statics
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.online.contact.points import ContactPoints, no_points
+from fenicsrom.online.contact.surfaces import frame, surface_normal
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
+from fenicsrom.online.model.pressure import PressurePolynomial, no_pressure
+from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.reduction.damping import UNDAMPED, ViscousDamping, viscous_damping
+from fenicsrom.reduction.protocols import Inverse, Structure
+from fenicsrom.reduction.strain_products import strain_products, tensor_products
+from fenicsrom.scene import (
+    Attachment,
+    Contact,
+    Damping,
+    Geometry,
+    GroupMaterial,
+    Load,
+    Material,
+    Place,
+    Rotation,
+    Scene,
+    Support,
+)
+from fenicsrom.scene.excitation import highest_frequency
+
+EXTRAPOLATED = 4
+"""Number of equilibria from which the next one of a load path is extrapolated."""
+
+DIFFERENCE_STEP = 0.1
+"""Largest displacement of the central difference of the tangent, relative to the extent."""
+
+
+@dataclass(frozen=True, eq=False)
+class KnownEquilibrium:
+    """The equilibrium of a solid that was computed before.
+
+    Attributes:
+        displacement: (local,) m, or () of the same displacement at all unknowns.
+        unstable: see `Solid`.
+    """
+
+    displacement: Array
+    unstable: int
+
+
+UNDEFORMED = KnownEquilibrium(np.zeros(()), 0)
+"""The undeformed body in place of the equilibrium, for a solid whose places are all that counts."""
+
+
+class Solid(ElasticBody):
+    """A body in its equilibrium; a `fenicsrom.reduction.protocols.Structure`.
+
+    Attributes:
+        geometrically_nonlinear: False for small displacements.
+        mass_damping: α of the damping C = α M, 1/s.
+        loads: the loads.
+        static_load: (local,) sum of the static loads that do not follow the deformation, N.
+        loaded: whether static loads or rotation deform the body.
+        unstable: number of directions in which the equilibrium that the loads reach from the
+            undeformed body is unstable; without contacts the body then is in a stable one nearby.
+        flutters: whether static follower pressures make the body flutter without damping.
+        equilibrium: (local,) displacement under the static loads, at speed, m.
+        contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
+            tangents], point by point.
+        points: the contact points.
+        probe_rows: (d, local) displacement of the probe in global axes; (0, local) without one.
+        probe_position: (3,) position of the probe, m.
+        load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
+        load_histories: time factors of the loads.
+        excitation: the highest frequency that the scene excites, Hz.
+        gauss_points: Gauss points along a straight line of states that integrate the elastic force
+            exactly; it is a cubic.
+    """
+
+    gauss_points = 2
+    flutters = False
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        *,
+        geometry: Geometry,
+        material: Material,
+        supports: Sequence[Support],
+        loads: Sequence[Load] = (),
+        contacts: Sequence[Contact] = (),
+        rotation: Rotation | None = None,
+        damping: Damping = UNDAMPED,
+        probe: Place | None = None,
+        geometrically_nonlinear: bool = True,
+        source: str = "",
+        excitation: float = 0.0,
+        materials: Sequence[GroupMaterial] = (),
+        attachments: Sequence[Attachment] = (),
+        known: KnownEquilibrium | None = None,
+    ):
+        """Assemble the matrices, compute the equilibrium and factorise the stiffness.
+
+        With a known equilibrium, matrices and factor are made when they are first used.
+
+        Args:
+            mesh: the mesh.
+            geometry: dimension, degree, thickness and plane state; its file is not read.
+            material: the material of the cells without a material of their group.
+            supports: the supports, at least one.
+            loads: the loads.
+            contacts: the contacts.
+            rotation: rotation of the frame of the scene, or None.
+            damping: damping besides that of the material.
+            probe: place whose displacement is observed; by default that of the first contact or,
+                without contacts, of the first load; nothing is observed without any of them.
+            geometrically_nonlinear: False for small displacements.
+            source: name of the scene file, for messages.
+            excitation: the highest frequency that the scene excites, Hz.
+            materials: materials of groups of cells.
+            attachments: masses, springs and dashpots.
+            known: the equilibrium of an equal solid; None computes it.
+
+        Raises:
+            SceneError: a group is missing, the supports do not hold the body, or a place is clamped
+                or not found.
+            ConvergenceError: no equilibrium was found under the static loads.
+        """
+        super().__init__(mesh, geometry, material, supports, rotation, source, materials)
+        self.geometrically_nonlinear = geometrically_nonlinear
+        self.mass_damping = material.mass_damping
+        self._damping = damping
+        self._viscous: ViscousDamping | None = None
+        self.excitation = excitation
+        self.loads = tuple(loads)
+        self._tangent_workspace: PETSc.Mat | None = None
+        self._places = Places(self)
+        self._set_attachments(attachments)
+        self._set_contacts(contacts)
+        self._set_loads()
+        observed = [place for place in (probe, *(c.place for c in contacts)) if place is not None]
+        observed += [load.place for load in loads if not load.everywhere]
+        self.probe_rows, self.probe_position = np.zeros((0, self.local)), np.full(3, np.nan)
+        if observed:
+            self.probe_rows, self.probe_position = self._places.find(observed[0], "probe")
+
+        self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
+        pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
+        self.loaded = self._spinning or bool(pushed) or not self.symmetric
+        self._known = known
+        if known is not None:
+            self.equilibrium = np.zeros(self.local) + known.displacement
+            self.unstable = known.unstable
+            self._set_follower_loads()
+        else:
+            self._find_equilibrium()
+
+    def _find_equilibrium(self) -> None:
+        """Compute the equilibrium from the undeformed body; matrices and factor follow."""
+        self.equilibrium, self.unstable = np.zeros(self.local), 0
+        _ = self.mass, self.factor, self.gyroscopic
+        if not self.loaded:
+            return
+        pushing = self.static_load + self.pressure_force(self.equilibrium)
+        linear = self.factor.solve(pushing[:, None])[:, 0]
+        if not self._bends:
+            self.equilibrium = linear
+            return
+        predicted = None
+        if self._spinning and self.symmetric and self.free >= prediction.UNKNOWNS:
+            predicted = prediction.predicted_equilibrium(self)
+        rest = np.zeros(self.local)
+        self._move(rest, rest, 0.0, pressed=0.0, predicted=predicted)
+        self.unstable = check_stability(self)
+        if self.unstable:
+            self._set_follower_loads()
+        elif not self._spinning:
+            check_snap(self, linear)
+
+    @property
+    def _bends(self) -> bool:
+        """Whether the equilibrium changes the stiffness."""
+        return self.loaded and (self.geometrically_nonlinear or self._spinning)
+
+    @cached_property
+    def mass(self) -> PETSc.Mat:
+        """M."""
+        return self.mass_matrix(0.0)
+
+    @cached_property
+    def gyroscopic(self) -> PETSc.Mat | None:
+        """G of the Coriolis force −G u̇, skew, N s/m; None without this force."""
+        return self.rotation.gyroscopic() if self.rotation else None
+
+    @cached_property
+    def stiffness(self) -> PETSc.Mat:
+        """K, the tangent at the equilibrium; its symmetric part under follower pressures."""
+        return self.factor.matrix
+
+    @cached_property
+    def factor(self) -> Factorisation:
+        """K⁻¹, factorised once for modes, attachments, constraints and derivatives.
+
+        The factor of a known equilibrium comes from that of the undeformed body, as if the
+        equilibrium was computed: the results are the same to the last digit.
+        """
+        self.set_field(self._u, np.zeros(self.local))
+        stiffness = self.matrix(self._tangent_form, 1.0)
+        add_to_diagonal(stiffness, self.springs)
+        factor = Factorisation(stiffness, "fenicsrom_stiffness")
+        if self._known is not None and self._bends:
+            if self.symmetric:
+                Statics(self, factor, overwrite=True).finish(self.equilibrium, self.static_load)
+            else:
+                self._renew(factor)
+        return factor
+
+    def destroy(self) -> None:
+        """Free the matrices and the factor; PETSc frees nothing itself in parallel. Collective."""
+        made = vars(self)  # without those that were not made
+        if "factor" in made:
+            self.factor.destroy(matrix=True)
+        matrices = [made.get("mass"), made.get("gyroscopic"), self._tangent_workspace]
+        if self.rotation is not None:
+            matrices += self.rotation.matrices
+        for matrix in matrices:
+            if matrix is not None:
+                matrix.destroy()
+
+    def _set_attachments(self, attachments: Sequence[Attachment]) -> None:
+        """Set the springs, the dashpots and the concentrated masses."""
+        for k, found in enumerate(attachments):
+            shares, area = self._places.shares(found.place, f"attachments[{k}]")
+            each = np.repeat(shares, self.dimension)
+            each[self.clamped] = 0.0
+            if not self.comm.allreduce(bool(each.any())):
+                raise self._places.clamped(f"attachments[{k}]")
+            self.point_masses += found.mass * each
+            self.springs += (found.stiffness + found.stiffness_per_area * area) * each
+            self.dashpots += (found.damping + found.damping_per_area * area) * each
+
+    def _set_contacts(self, contacts: Sequence[Contact]) -> None:
+        """Find the contact points, their frames and their displacements."""
+        d = self.dimension
+        rows, found = [csr_array((0, self.local))], [no_points(d)]
+        for k, contact in enumerate(contacts):
+            key = f"contacts[{k}]"
+            at, position, area = self._places.contact_points(contact.place, key)
+            where = f"{self.source}: {key}"
+            axes = np.array([frame(surface_normal(contact, x[:d], where)) for x in position])
+            points = np.arange(area.size + 1)
+            rows.append(scipy.sparse.bsr_array((axes, points[:-1], points)) @ at)
+            found.append(ContactPoints(np.full(area.size, k), area, position[:, :d], axes))
+        self.contact_rows = scipy.sparse.vstack(rows, format="csr")
+        self.points = ContactPoints(*map(np.concatenate, zip(*found, strict=True)))
+
+    def _set_loads(self) -> None:
+        """Assemble the load vectors."""
+        self.load_vectors = np.zeros((self.local, len(self.loads)))
+        for k, load in enumerate(self.loads):
+            self.load_vectors[:, k] = self.load_vector(load, f"loads[{k}]")
+        self.without_held(self.load_vectors)
+        for k, moves in enumerate(self.comm.allreduce(np.abs(self.load_vectors).sum(axis=0)) > 0.0):
+            if not moves:
+                raise self._places.clamped(f"loads[{k}]")
+        self.load_histories = histories_of(self.loads)
+        if any(load.follower for load in self.loads):
+            self.pressures = FollowerPressures(self, self.loads)
+        constant = [load.static and not load.follower for load in self.loads]
+        sizes = np.where(constant, [load.size for load in self.loads], 0.0)
+        self.static_load = self.load_vectors @ sizes
+
+    def _set_follower_loads(self) -> None:
+        """Set the load vectors of the follower pressures to those at the equilibrium."""
+        if self.pressures is not None:
+            self.load_vectors[:, self.pressures.numbers] = self.pressures.unit_forces(
+                self.equilibrium
+            )
+
+    def load_vector(self, load: Load, key: str) -> Array:
+        """The load vector (local,) of a load of size 1: `fenicsrom.fem.body.loads.load_vector`."""
+        return load_vector(self, self._places, load, key)
+
+    def place(self, place: Place, key: str) -> tuple[Array, Array]:
+        """Displacement rows and position of a place: `fenicsrom.fem.body.places.Places.find`."""
+        return self._places.find(place, key)
+
+    # ------------------------------------------------------------------ about the equilibrium
+
+    @property
+    def rest_force(self) -> Array:
+        """Internal force (local,) at the equilibrium, N; linear in a geometrically linear scene."""
+        if self.geometrically_nonlinear or self.rotation is not None:
+            return self.internal_force(self.equilibrium)
+        return multiply(self.stiffness, self.equilibrium)
+
+    @property
+    def viscous(self) -> ViscousDamping | None:
+        """The damping besides α M at the equilibrium, or None."""
+        if self._viscous is None:
+            self._viscous = viscous_damping(self, self._damping, self.dashpots)
+        return self._viscous
+
+    def stiffness_times(self, block: Array) -> Array:
+        """K times a block (local, k)."""
+        return multiply(self.stiffness, block)
+
+    def mass_times(self, block: Array) -> Array:
+        """M times a block (local, k)."""
+        return multiply(self.mass, block)
+
+    def mass_inner(self, a: Array, b: Array) -> Array:
+        """Mass inner products aᵀ M b (k, l) over all ranks of two blocks."""
+        return self.inner(a, multiply(self.mass, b))
+
+    def gyroscopic_times(self, block: Array) -> Array:
+        """G times a block (local, k); the scene must include the Coriolis force."""
+        return multiply(self.gyroscopic, block)
+
+    def unclamped_tangent_times(self, block: Array) -> Array:
+        """The tangent of the elastic force in K, without supports, times a block (local, k)."""
+        self.set_field(self._u, self.equilibrium if self._bends else np.zeros(self.local))
+        matrix = fem.petsc.assemble_matrix(self._tangent_form)
+        matrix.assemble()
+        product = multiply(matrix, block)
+        matrix.destroy()
+        return product
+
+    def tangent_times(self, u: Array, block: Array) -> Array:
+        """Tangent at a displacement u (local,) times a block (local, k)."""
+        if self._tangent_workspace is None:
+            self._tangent_workspace = self.stiffness.duplicate()
+        return multiply(self.tangent(u, self._tangent_workspace, symmetric=False), block)
+
+    def tangent_derivative(self, x: Array, y: Array) -> Array:
+        """K′[x] y (local,) at the equilibrium, exact, for x and y (local,)."""
+        found = self.derivative_at(self.equilibrium, x, y)
+        return found if self.pressures is None else found - self.pressures.static_derivative(x, y)
+
+    def tangent_difference(self, x: Array, y: Array) -> Array:
+        """K′[x] y (local,) at the equilibrium by the central difference of the tangent.
+
+        This is eq. (16) of Mashayekhi and Zucca (2024). It is exact at any step for this material,
+        whose tangent is quadratic; a small step would lose digits by cancellation.
+        """
+        largest = self.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX)
+        h = DIFFERENCE_STEP * self.mesh.extent() / largest
+        plus = self.tangent_times(self.equilibrium + h * x, y)
+        minus = self.tangent_times(self.equilibrium - h * x, y)
+        difference = (plus - minus) / (2.0 * h)
+        return self.without_held(difference)
+
+    def strain_polynomial(self, vectors: Array, degree: int | None = None) -> ElasticPolynomial:
+        """The force of the body and its springs on vectors (local, n), as a cubic polynomial.
+
+        It is exact with the quadrature rule of the forms, which is that of the default degree.
+        """
+        products = self._strain_products(vectors, degree)
+        elastic = elastic_polynomial(self.comm.allreduce(products), vectors.shape[1])
+        if not self.comm.allreduce(bool(self.springs.any())):
+            return elastic
+        held = self.springs[:, None] * np.column_stack([self.equilibrium, vectors])
+        found = self.inner(vectors, held)
+        return elastic._replace(
+            force=elastic.force + found[:, 0], stiffness=elastic.stiffness + found[:, 1:]
+        )
+
+    def elastic_polynomial(self, vectors: Array) -> ElasticPolynomial:
+        """The internal force projected on vectors (local, n), as an exact cubic polynomial."""
+        elastic = self.strain_polynomial(vectors)
+        if self.rotation is None:
+            return elastic
+        force = self.rotation.centrifugal_force(self.equilibrium)
+        centrifugal = self.inner(vectors, force[:, None])[:, 0]
+        softening = self.rotation.omega_squared * self.inner(
+            vectors, self.rotation.mass_times(vectors)
+        )
+        return elastic._replace(
+            force=elastic.force - centrifugal, stiffness=elastic.stiffness - softening
+        )
+
+    def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
+        """The follower pressures on vectors (local, n), as exact quadratic polynomials."""
+        if self.pressures is None:
+            return no_pressure(vectors.shape[1])
+        return self.pressures.polynomial(self.equilibrium, vectors)
+
+    def _strain_products(self, vectors: Array, degree: int | None) -> Array:
+        """The products of `fenicsrom.reduction.strain_products` on this rank. Collective."""
+        n, materials = vectors.shape[1], self.materials
+        if materials.single:
+            chunks = self.tabulate(vectors, self.equilibrium, degree)
+            return strain_products(chunks, *materials.lame(), n)
+        total = np.zeros(())
+        for k, cells in materials.cells():
+            chunks = self.tabulate(vectors, self.equilibrium, degree, cells)
+            total = total + tensor_products(chunks, materials.tensor(k), n)
+        return total
+
+    def eigenmodes(self, inverse: Inverse, count: int) -> tuple[Array, Array]:
+        """The `count` lowest ω² (count,) and mass-normalised modes (local, count).
+
+        `inverse` is K⁻¹, or the inverse with the contact displacements held at zero.
+        """
+        return eigenmodes(self.stiffness, self.mass, inverse, count, "fenicsrom_modes")
+
+    # ------------------------------------------------------------------ statics
+
+    def static(self, load: Array, guess: Array | None = None) -> Array:
+        """Nonlinear equilibrium under a load vector, by Newton's method with load steps.
+
+        The static follower pressures act besides this load.
+
+        Args:
+            load: (local,) N.
+            guess: (local,) state at this speed to start from. Without it the iteration starts from
+                the undeformed body at rest, and Ω² grows with the load.
+
+        Returns:
+            (local,) displacement, m.
+
+        Raises:
+            ConvergenceError: a load step below the smallest one failed.
+        """
+        rest = np.zeros(self.local)
+        square = self.rotation.omega_squared if self.rotation else 0.0
+        statics = Statics(self, self.factor, overwrite=False)
+        try:
+            if guess is None:
+                return statics.follow(rest, rest, load, 0.0, pressed=0.0)
+            return statics.follow(guess, self.residual(guess, rest), load, square)
+        finally:
+            statics.close()
+
+    def load_path(self, force: Array, parts: Iterable[float], tolerance: float) -> Array:
+        """Equilibria (local, k) under the static loads and k increasing parts of a force (local,).
+
+        Args:
+            force: (local,) N.
+            parts: (k,) parts of the force, all above zero.
+            tolerance: error in the energy norm, relative to the deflection.
+
+        Raises:
+            ConvergenceError: a load step below the smallest one failed.
+        """
+        rest = self.rest_force - self.pressure_force(self.equilibrium)
+        found, at = [self.equilibrium], [0.0]
+        square = self.rotation.omega_squared if self.rotation else 0.0
+        statics = Statics(self, self.factor, overwrite=False, tolerance=tolerance)
+        try:
+            for part in parts:
+                begin = rest + at[-1] * force
+                known = at[-EXTRAPOLATED:]
+                ahead = np.array(found[-EXTRAPOLATED:]).T @ _extrapolation(known, part)
+                u = statics.follow(found[-1], begin, rest + part * force, square, ahead)
+                found.append(u)
+                at.append(part)
+        finally:
+            statics.close()
+        return np.array(found[1:]).T
+
+    def spin(self, omega: float) -> None:
+        """Set another angular velocity (rad/s); equilibrium, K, its factor and G follow.
+
+        Raises:
+            ConvergenceError: no equilibrium was found at this speed.
+        """
+        assert self.rotation is not None
+        square = self.rotation.omega_squared
+        _ = self.factor, self.gyroscopic  # of the speed so far, if they were not made yet
+        self.rotation.set_speed(omega)
+        self._move(self.equilibrium, self.static_load, square)
+        if self.gyroscopic is not None:
+            self.gyroscopic.destroy()
+        self.gyroscopic = self.rotation.gyroscopic()
+
+    def _move(
+        self,
+        u: Array,
+        start: Array,
+        square: float,
+        pressed: float | None = None,
+        predicted: Array | None = None,
+    ) -> None:
+        """Follow the equilibrium u (local,) from a load (local,), Ω² and part of the pressures.
+
+        K, its factor and the load vectors follow. A predicted state (local,) needs a factor there.
+
+        Raises:
+            ConvergenceError: no equilibrium was found.
+        """
+        self._viscous = None
+        statics = Statics(self, self.factor, overwrite=self.symmetric)
+        try:
+            if predicted is not None and not statics.approach(predicted):
+                predicted = None
+            self.equilibrium = statics.follow(
+                u, start, self.static_load, square, predicted, pressed
+            )
+            statics.finish(self.equilibrium, self.static_load)
+        finally:
+            statics.close()
+        if not self.symmetric:
+            self._renew(self.factor)
+        self._set_follower_loads()
+
+    def _renew(self, factor: Factorisation) -> None:
+        """Make a factor that of the symmetric part of the tangent at the equilibrium."""
+        self.tangent(self.equilibrium, factor.matrix)
+        factor.update()
+
+
+def _extrapolation(known: Sequence[float], to: float) -> Array:
+    """Weights (k,) that extrapolate values at k points to another point (Lagrange)."""
+    return np.array(
+        [np.prod([(to - b) / (a - b) for b in known if b != a], initial=1.0) for a in known]
+    )
+
+
+def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) -> Solid:
+    """Build the solid of a scene on a mesh; arguments and errors as `Solid`.
+
+    Raises:
+        SceneError: the mesh has another dimension than the scene.
+    """
+    dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
+    if dimension != found:
+        raise SceneError(
+            f"{scene.source}: geometry.dimension = {dimension}: "
+            f"{mesh.source} has dimension {found}",
+            kind=ErrorKind.MISMATCH,
+            key="geometry.dimension",
+            source=scene.source,
+        )
+    return Solid(
+        mesh,
+        geometry=scene.geometry,
+        material=scene.material,
+        supports=scene.supports,
+        loads=scene.loads,
+        contacts=scene.contacts,
+        rotation=scene.rotation,
+        damping=scene.damping,
+        probe=scene.probe,
+        geometrically_nonlinear=scene.geometrically_nonlinear,
+        source=scene.source,
+        excitation=highest_frequency(scene),
+        materials=scene.materials,
+        attachments=scene.attachments,
+        known=known,
+    )
+
+
+def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:
+    """Make or read the mesh of a scene, and build its solid; errors as `build_mesh` and `Solid`."""
+    return solid_of(scene, build_mesh(scene.geometry, comm))
+
+
+if TYPE_CHECKING:
+
+    def _as_structure(solid: Solid) -> Structure:
+        return solid

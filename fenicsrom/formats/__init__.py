@@ -1,0 +1,91 @@
+"""Mesh files of other programs, each read by a module of its own into a `MeshFile`.
+
+    abaqus    .inp of Abaqus and CalculiX
+    nastran   .bdf, .nas, .dat
+    ansys     .cdb, and .dat or .inp with NBLOCK
+    vtk       .vtu, .vtk
+
+`fenicsrom.fem.mesh.gmsh_files` puts a `MeshFile` into gmsh, whatever its format was. Nothing here needs
+gmsh or dolfinx. A file is refused if a part of it that changes the mesh cannot be read; all other
+parts that are left out are named.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.formats.abaqus import read_abaqus
+from fenicsrom.formats.ansys import read_ansys
+from fenicsrom.formats.mesh_file import Block, MeshFile, refuse
+from fenicsrom.formats.nastran import read_nastran
+from fenicsrom.formats.parts import sorted_elements
+from fenicsrom.formats.serendipity import complete
+from fenicsrom.formats.vtk import read_vtk
+
+__all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "read"]
+
+READERS = {
+    "abaqus": read_abaqus,
+    "nastran": read_nastran,
+    "ansys": read_ansys,
+}
+"""Readers of finite-element models, by format."""
+
+SUFFIXES = {
+    ".inp": "abaqus",
+    ".bdf": "nastran",
+    ".nas": "nastran",
+    ".dat": "nastran",
+    ".cdb": "ansys",
+    ".vtu": "vtk",
+    ".vtk": "vtk",
+}
+"""Formats by the suffix of the file; `_format` looks at the content as well."""
+
+
+def read(path: Path) -> MeshFile:
+    """Read a mesh file.
+
+    Returns:
+        The mesh; for a finite-element model the cells of the highest dimension and the facets that
+        name groups, for a VTK file everything that it holds.
+
+    Raises:
+        SceneError: the file cannot be read, has no cells, or has content that changes the mesh and
+            is not supported.
+    """
+    form = _format(path)
+    if form == "vtk":
+        mesh = read_vtk(path)
+        if not mesh.blocks:
+            raise refuse(path, "the file has no cells; write the file with its mesh")
+    else:
+        mesh = sorted_elements(path, READERS[form](path))
+    for block in mesh.blocks:
+        if block.nodes.min() < 0 or block.nodes.max() >= len(mesh.points):
+            raise refuse(path, "a cell refers to a node that is not in the file")
+    if not np.isfinite(mesh.points).all():
+        raise refuse(path, "a coordinate is not a finite number")
+    # groups without a member would be in the way later
+    blocks = [
+        replace(block, groups={name: marks for name, marks in block.groups.items() if marks.any()})
+        for block in mesh.blocks
+    ]
+    return replace(mesh, blocks=tuple(blocks))
+
+
+def _format(path: Path) -> str:
+    """The format of a file: .inp and .dat files of several programs look different."""
+    form = SUFFIXES[path.suffix.lower()]
+    if form in ("abaqus", "nastran"):
+        with path.open("rb") as file:
+            head = file.read(1_000_000).decode(errors="replace")
+        if re.search(r"^\s*(NBLOCK|EBLOCK)\s*,", head, flags=re.M | re.I):
+            return "ansys"
+        if path.suffix.lower() == ".dat" and re.search(r"^\s*\*NODE\b", head, flags=re.M | re.I):
+            return "abaqus"
+    return form

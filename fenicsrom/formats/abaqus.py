@@ -1,0 +1,262 @@
+"""Abaqus and CalculiX files (.inp): nodes, cells, sets and element-based surfaces.
+
+A file holds its nodes and elements itself, or in parts with instances. The rest of a file is listed
+as not read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.formats.abaqus_assembly import assembled, placed
+from fenicsrom.formats.abaqus_elements import is_axisymmetric, kind_of, refused
+from fenicsrom.formats.abaqus_keywords import Keyword, fields, read_keywords
+from fenicsrom.formats.abaqus_sets import (
+    OF_ELEMENTS,
+    Entry,
+    Part,
+    Side,
+    add_to_set,
+    known_name,
+    read_set,
+)
+from fenicsrom.formats.mesh_file import Floats, MeshFile, refuse
+from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.scene.rules import counted
+
+GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
+"""Keywords that make or move nodes and elements, which are refused."""
+
+SILENT = {
+    "",
+    "HEADING",
+    "PREPRINT",
+    "RESTART",
+    "END PART",
+    "ASSEMBLY",
+    "END ASSEMBLY",
+    "END INSTANCE",
+    "END STEP",
+    "NODE PRINT",
+    "EL PRINT",
+    "NODE FILE",
+    "EL FILE",
+    "CONTACT PRINT",
+    "CONTACT FILE",
+    "SECTION PRINT",
+    "OUTPUT",
+    "NODE OUTPUT",
+    "ELEMENT OUTPUT",
+    "CONTACT OUTPUT",
+    "ENERGY OUTPUT",
+    "FILE FORMAT",
+    "MONITOR",
+}
+"""Keywords without an effect on the physics, which are left out without a word."""
+
+
+@dataclass(eq=False)
+class Model:
+    """What a file holds.
+
+    Attributes:
+        path: the file.
+        root: nodes, elements and sets outside of parts, such as those of the assembly.
+        parts: the parts by their name in capitals.
+        instances: name, part and placement of each instance.
+        left_out: numbers of the elements of each type that is not read.
+        not_read: keywords that are not read, in their order.
+        notes: sentences for the user, in their order.
+    """
+
+    path: Path
+    root: Part = field(default_factory=Part)
+    parts: dict[str, Part] = field(default_factory=dict)
+    instances: list[tuple[str, Part, Floats]] = field(default_factory=list)
+    left_out: Counter[str] = field(default_factory=Counter)
+    not_read: dict[str, None] = field(default_factory=dict)
+    notes: dict[str, None] = field(default_factory=dict)
+
+
+def read_abaqus(path: Path) -> MeshFile:
+    """Read an Abaqus or CalculiX file.
+
+    Raises:
+        SceneError: the file is damaged, or has content that changes the mesh and is not supported.
+    """
+    model, current, in_step = Model(path), None, False
+    for keyword in read_keywords(path):
+        name = keyword.name
+        if name == "PART":
+            current = model.parts.setdefault(keyword.parameters.get("NAME", "").upper(), Part())
+        elif name == "INSTANCE":
+            current = _instance(model, keyword)
+        elif name in ("END PART", "END INSTANCE"):
+            current = None
+        elif name in ("STEP", "END STEP"):
+            in_step = name == "STEP"
+        if name == "STEP" or (not in_step and not _read(model, current or model.root, keyword)):
+            model.not_read[f"*{name}"] = None
+        elif in_step:
+            _read(model, current or model.root, keyword)
+    left = [counted(count, f"{name} element") for name, count in model.left_out.items()]
+    mesh = assembled(path, model.root, model.instances)
+    return replace(mesh, not_read=(*left, *model.not_read), notes=(*mesh.notes, *model.notes))
+
+
+def _instance(model: Model, keyword: Keyword) -> Part:
+    """Add an instance of a part; an instance may have nodes and elements of its own.
+
+    Raises:
+        SceneError: there is no such part.
+    """
+    name, of = keyword.parameters.get("NAME", ""), keyword.parameters.get("PART", "").upper()
+    if of not in model.parts:
+        raise refuse(model.path, f"*INSTANCE {name}: there is no part {of!r} before it")
+    part = model.parts[of]
+    if not part.nodes and not part.elements:
+        part = Part()
+    model.instances.append((name, part, placed(model.path, keyword)))
+    return part
+
+
+def _read(model: Model, part: Part, keyword: Keyword) -> bool:
+    """Read one keyword into a part; whether it is read, or has no effect on the physics."""
+    name, path = keyword.name, model.path
+    if name in GENERATORS and (keyword.lines or name not in ("SYSTEM", "PARAMETER")):
+        raise refuse(
+            path, f"*{name} is not supported; write all nodes and elements with their coordinates"
+        )
+    if name == "NODE":
+        _nodes(path, part, keyword)
+    elif name == "ELEMENT":
+        _elements(model, part, keyword)
+    elif name in ("NSET", "ELSET"):
+        _set(path, part, keyword)
+    elif name == "SURFACE":
+        return _surface(part, keyword)
+    else:
+        return name in SILENT or name in ("PART", "INSTANCE") or name in GENERATORS
+    return True
+
+
+def _nodes(path: Path, part: Part, keyword: Keyword) -> None:
+    """Read *NODE.
+
+    Raises:
+        SceneError: a line is damaged, the coordinates are spherical, or a number is given twice.
+    """
+    system = keyword.parameters.get("SYSTEM", "R").upper() or "R"
+    if system not in ("R", "C"):
+        raise refuse(path, f"*NODE, SYSTEM={system}: must be R or C")
+    numbers = []
+    for line in keyword.lines:
+        words = fields(line)
+        try:
+            number = int(words[0])
+            place = [float(word.upper().replace("D", "E") or 0) for word in words[1:4]]
+        except (ValueError, IndexError):
+            reason = "cannot be read; the file may be damaged"
+            raise refuse(path, f"*NODE: {line!r} {reason}") from None
+        x, y, z = place + [0.0] * (3 - len(place))
+        if system == "C":
+            x, y = x * np.cos(np.radians(y)), x * np.sin(np.radians(y))
+        if not np.isfinite([x, y, z]).all():
+            raise refuse(path, f"node {number}: a coordinate is not a finite number")
+        if part.nodes.setdefault(number, (x, y, z)) != (x, y, z):
+            raise refuse(path, f"node {number} is given twice, at different places")
+        numbers.append(number)
+    if name := keyword.parameters.get("NSET"):
+        add_to_set(part.node_sets, name, Entry("", tuple(numbers)))
+
+
+def _elements(model: Model, part: Part, keyword: Keyword) -> None:
+    """Read *ELEMENT.
+
+    Raises:
+        SceneError: the elements would leave a hole in the body, or a line is damaged.
+    """
+    path, name = model.path, keyword.parameters.get("TYPE", "").upper()
+    if what := refused(name) if kind_of(name) is None else None:
+        raise refuse(
+            path,
+            f"elements of type {name} ({what}) are not supported; use triangles, quadrilaterals, "
+            "tetrahedra or hexahedra",
+        )
+    kind = kind_of(name)
+    of = keyword.parameters.get("ELSET")
+    if kind is None:
+        model.left_out[name] += sum(not line.endswith(",") for line in keyword.lines)
+        if of:
+            add_to_set(part.element_sets, of, Entry("", ()))
+        return
+    if is_axisymmetric(name):
+        model.not_read[f"the axis of the {name} elements (they are read as plane cells)"] = None
+    size = 1 + SHAPES[kind].nodes
+    elements, numbers = part.elements.setdefault(name, {}), []
+    row: list[str] = []
+    for line in (*keyword.lines, ""):
+        words = fields(line)
+        if not row and len(words) > size:
+            model.notes[f"elements of type {name} have only their first {size - 1} nodes"] = None
+            words = words[:size]
+        row += words
+        if len(row) > size or (row and not line):
+            given = len(row) - 1
+            raise refuse(
+                path,
+                f"element {row[0]} of type {name} has {given} nodes, but must have {size - 1}; "
+                "the file may be truncated or damaged",
+            )
+        if len(row) < size:
+            continue
+        try:
+            number, *nodes = map(int, row)
+        except ValueError:
+            raise refuse(path, f"*ELEMENT: {line!r} cannot be read; it may be damaged") from None
+        if elements.setdefault(number, tuple(nodes)) != tuple(nodes):
+            raise refuse(path, f"element {number} is given twice, with different nodes")
+        numbers.append(number)
+        row = []
+    if of:
+        add_to_set(part.element_sets, of, Entry("", tuple(numbers)))
+
+
+def _set(path: Path, part: Part, keyword: Keyword) -> None:
+    """Read *NSET or *ELSET; a node set may be that of the nodes of an element set."""
+    is_node_set = keyword.name == "NSET"
+    sets = part.node_sets if is_node_set else part.element_sets
+    name = keyword.parameters.get(keyword.name, "")
+    instance = keyword.parameters.get("INSTANCE", "")
+    if "INTERNAL" not in keyword.parameters:
+        part.internal.discard((keyword.name, name.upper()))
+    elif known_name(sets, name) not in sets:
+        part.internal.add((keyword.name, name.upper()))
+    if is_node_set and "ELSET" in keyword.parameters:
+        items: tuple[int | str, ...] = (OF_ELEMENTS + keyword.parameters["ELSET"],)
+        add_to_set(sets, name, Entry(instance, items))
+    else:
+        add_to_set(sets, name, Entry(instance, read_set(path, keyword)))
+
+
+def _surface(part: Part, keyword: Keyword) -> bool:
+    """Read *SURFACE; whether all of it was read."""
+    name, kind = keyword.parameters.get("NAME", ""), keyword.parameters.get("TYPE", "ELEMENT")
+    rows = [fields(line) for line in keyword.lines]
+    if kind.upper() == "NODE":
+        for row in rows:
+            items = tuple(int(word) if word.isdigit() else word for word in row[:1])
+            add_to_set(part.node_sets, name, Entry("", items))
+        return True
+    whole = kind.upper() == "ELEMENT"
+    sides = part.surfaces.setdefault(known_name(part.surfaces, name), [])
+    for row in rows:
+        if len(row) == 2 and row[1].upper()[:1] == "S" and row[1][1:].isdigit():
+            sides.append(Side(int(row[0]) if row[0].isdigit() else row[0], int(row[1][1:]) - 1))
+        else:
+            whole = False
+    return whole

@@ -1,0 +1,215 @@
+"""Puts the parts of an Abaqus model together: instances, and the names of their sets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.formats.abaqus_elements import kind_of, order_of
+from fenicsrom.formats.abaqus_keywords import Keyword, fields
+from fenicsrom.formats.abaqus_sets import Part, Resolver, known_name
+from fenicsrom.formats.mesh_file import Block, Floats, Ints, MeshFile, refuse
+from fenicsrom.formats.parts import faces
+from fenicsrom.formats.shapes import SHAPES
+
+
+def placed(path: Path, keyword: Keyword) -> Floats:
+    """Read the placement of *INSTANCE: a translation, then a rotation about an axis.
+
+    Returns:
+        The matrix (3, 4) that places a point (x, y, z, 1).
+
+    Raises:
+        SceneError: a data line is wrong.
+    """
+    try:
+        rows = [[float(word or 0) for word in fields(line)] for line in keyword.lines[:2]]
+        shift = np.array((rows[0] if rows else []) + [0.0] * 3)[:3]
+        if len(rows) < 2:
+            return np.column_stack([np.eye(3), shift])
+        start, end, angle = np.array(rows[1][:3]), np.array(rows[1][3:6]), np.radians(rows[1][6])
+        length = float(np.linalg.norm(end - start))
+        if not 0.0 < length < np.inf:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise refuse(
+            path, f"*INSTANCE: {keyword.lines[:2]} must be a translation and a rotation"
+        ) from None
+    across = np.cross(np.eye(3), (end - start) / length)  # across @ x = axis × x
+    turn = np.eye(3) + np.sin(angle) * across + (1.0 - np.cos(angle)) * across @ across  # Rodrigues
+    return np.column_stack([turn, turn @ (shift - start) + start])
+
+
+def assembled(path: Path, root: Part, instances: list[tuple[str, Part, Floats]]) -> MeshFile:
+    """Put the nodes, elements and sets of a model together.
+
+    Args:
+        path: the file, for messages.
+        root: what stands outside of parts.
+        instances: name, part and placement of each instance.
+
+    Raises:
+        SceneError: an element has a node that is not there, or a set is wrong.
+    """
+    identity = np.eye(3, 4)
+    placements = [("", root, identity), *instances]
+    points, node_numbers = _points(placements)
+    blocks, element_numbers = _blocks(path, placements, node_numbers)
+    starts = np.cumsum([0] + [len(block.nodes) for block in blocks])
+
+    cells = Resolver(
+        path,
+        "ELSET",
+        root.element_sets,
+        {name: part.element_sets for name, part, _ in instances},
+        element_numbers,
+    )
+
+    def nodes_of(instance: str, name: str) -> Ints:
+        chosen = cells.indices(instance, name)
+        rows = [
+            block.nodes[chosen[(chosen >= a) & (chosen < b)] - a].ravel()
+            for block, (a, b) in zip(blocks, pairwise(starts), strict=True)
+        ]
+        return np.unique(np.concatenate(rows)) if rows else np.empty(0, dtype=np.int64)
+
+    nodes = Resolver(
+        path,
+        "NSET",
+        root.node_sets,
+        {name: part.node_sets for name, part, _ in instances},
+        node_numbers,
+        nodes_of,
+    )
+    notes: list[str] = []
+    for name, chosen in _named(placements, lambda part: list(part.element_sets), cells, notes):
+        for block, (a, b) in zip(blocks, pairwise(starts), strict=True):
+            marks = np.zeros(b - a, dtype=bool)
+            marks[chosen[(chosen >= a) & (chosen < b)] - a] = True
+            if marks.any():
+                block.groups[name] = marks
+    node_groups = dict(_named(placements, lambda part: list(part.node_sets), nodes, notes))
+    surfaces = _surfaces(placements, blocks, starts, cells, notes)
+    return MeshFile(points, (*blocks, *surfaces), node_groups, notes=tuple(notes))
+
+
+def _points(
+    placements: list[tuple[str, Part, Floats]],
+) -> tuple[Floats, dict[str, dict[int, int]]]:
+    """Coordinates (n, 3) of all nodes, and the index of each node by instance and number."""
+    points, numbers, start = [np.empty((0, 3))], {}, 0
+    for name, part, matrix in placements:
+        place = np.array(list(part.nodes.values()), dtype=np.float64).reshape(-1, 3)
+        exact = np.array_equal(matrix, np.eye(3, 4))
+        points.append(place if exact else place @ matrix[:, :3].T + matrix[:, 3])
+        numbers[name] = {number: start + k for k, number in enumerate(part.nodes)}
+        start += len(place)
+    return np.concatenate(points), numbers
+
+
+def _blocks(
+    path: Path,
+    placements: list[tuple[str, Part, Floats]],
+    node_numbers: dict[str, dict[int, int]],
+) -> tuple[list[Block], dict[str, dict[int, int]]]:
+    """The cells of each instance and type, and the index of each by instance and number."""
+    blocks: list[Block] = []
+    numbers: dict[str, dict[int, int]] = {}
+    start = 0
+    for name, part, _ in placements:
+        known = numbers.setdefault(name, {})
+        for type_, elements in part.elements.items():
+            kind, order = kind_of(type_), order_of(kind_of(type_) or 0)
+            if kind is None or not elements:
+                continue
+            if twice := known.keys() & elements.keys():
+                raise refuse(path, f"element {min(twice)} is given twice, with different types")
+            try:
+                index = node_numbers[name]
+                rows = np.array([[index[node] for node in row] for row in elements.values()])
+            except KeyError as error:
+                raise refuse(
+                    path,
+                    f"elements of type {type_} refer to node {error}, which is not in the file",
+                ) from None
+            labels = np.array(list(elements))
+            known |= {int(label): start + k for k, label in enumerate(labels)}
+            blocks.append(Block(kind, rows if order is None else rows[:, order], {}, type_, labels))
+            start += len(rows)
+    return blocks, numbers
+
+
+def _named(
+    placements: list[tuple[str, Part, Floats]],
+    names: Callable[[Part], list[str]],
+    sets: Resolver,
+    notes: list[str],
+) -> list[tuple[str, Ints]]:
+    """Name and indices of every set of the model and of its instances that is not empty.
+
+    Where a set of an instance has the name of another set, it is called "instance.set", as Abaqus
+    calls it.
+    """
+    found = []
+    for instance, name, shown in _names(placements, names, notes, sets.keyword):
+        chosen = sets.indices(instance, name)
+        if len(chosen):
+            found.append((shown, chosen))
+    return found
+
+
+def _names(
+    placements: list[tuple[str, Part, Floats]],
+    names: Callable[[Part], list[str]],
+    notes: list[str],
+    keyword: str,
+) -> list[tuple[str, str, str]]:
+    """Instance, name and name in this program of each set."""
+    every = [
+        (instance, name)
+        for instance, part, _ in placements
+        for name in names(part)
+        if (keyword, name.upper()) not in part.internal
+    ]
+    found = []
+    for instance, name in every:
+        shown = name
+        if instance and sum(other.upper() == name.upper() for _, other in every) > 1:
+            shown = f"{instance}.{name}"
+            notes.append(f"the {keyword} {name} of {instance} has the group name {shown}")
+        found.append((instance, name, shown))
+    return found
+
+
+def _surfaces(
+    placements: list[tuple[str, Part, Floats]],
+    blocks: list[Block],
+    starts: Ints,
+    cells: Resolver,
+    notes: list[str],
+) -> list[Block]:
+    """The facets of the surfaces, on the cells of the highest dimension."""
+    highest = max((SHAPES[block.kind].dimension for block in blocks), default=0)
+    parts = {instance: part for instance, part, _ in placements}
+    found = []
+    for instance, name, shown in _names(
+        placements, lambda part: list(part.surfaces), notes, "SURFACE"
+    ):
+        surfaces = parts[instance].surfaces
+        for side in surfaces[known_name(surfaces, name)]:
+            if isinstance(side.item, int):
+                index = cells.numbers.get(instance, {}).get(side.item)
+                chosen = np.array([] if index is None else [index], dtype=np.int64)
+            else:
+                chosen = cells.indices(instance, side.item)
+            members = [
+                np.isin(np.arange(a, b), chosen) & (SHAPES[block.kind].dimension == highest)
+                for block, (a, b) in zip(blocks, pairwise(starts), strict=True)
+            ]
+            for facets in faces(blocks, members, side.face):
+                facets.groups[shown] = np.ones(len(facets.nodes), dtype=bool)
+                found.append(facets)
+    return found

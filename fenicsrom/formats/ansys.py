@@ -1,0 +1,261 @@
+"""ANSYS archives (.cdb): NBLOCK, EBLOCK and CMBLOCK, as CDWRITE writes them.
+
+Other commands are listed as not read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.errors import SceneError
+from fenicsrom.formats.mesh_file import (
+    Block,
+    Floats,
+    Ints,
+    MeshFile,
+    middle_nodes_note,
+    refuse,
+)
+from fenicsrom.formats.shapes import FROM_VTK, SHAPES
+from fenicsrom.formats.text import numbers_between, read_lines
+from fenicsrom.scene.rules import counted
+
+SOLIDS = {45, 185, 64, 95, 186, 92, 187, 285, 72, 73, 5, 62}
+"""Numbers of element types that are solids with 4 to 20 nodes."""
+
+TETRAHEDRA = {72, 92, 187, 285}
+"""Numbers of the solids that have 4 or 10 nodes; the others have 8 or 20."""
+
+PLANES = {42, 182, 82, 183, 2, 25, 63, 181, 281, 93, 43, 143, 152, 154, 200}
+"""Numbers of element types with the nodes of a plane cell or of a facet."""
+
+SILENT = re.compile(
+    r"/|!|\*|NUMOFF|ET(BLOCK)?,|N,R5|SHPP|EXTOPT|FINISH|KEYOPT?,|ERESX|TYPE|MAT,|REAL|ESYS|SECNUM|"
+    r"TSHAP|DOF,|TOFFST|EBLOCK|NBLOCK|CMBLOCK|CM,|-1|ANTYPE|OUTRES|TIME|KUSE|LSWRITE|ALLSEL|\(|"
+    r"AUTOTS|NSUBST|CMGRP|MOD(OPT|CONTROL)|QRDOPT|EQSLV|NCNV|NEQIT|CRPLIM|MXPAND|LUMPM|SOLVE|ESEL|EN,",
+    flags=re.I,
+)
+"""Lines that are read, or that have no effect on the physics."""
+
+
+@dataclass(eq=False)
+class Archive:
+    """What a file holds.
+
+    Attributes:
+        path: the file.
+        types: number of the element type of each type in the file, such as 186.
+        nodes: coordinates of each node by its number.
+        elements: number, type in the file, and nodes of each element.
+        components: kind (NODE or ELEM) and numbers of each component by its name.
+        other: number of the commands that are not read.
+    """
+
+    path: Path
+    types: dict[int, int] = field(default_factory=dict)
+    nodes: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    elements: list[tuple[int, int, list[int]]] = field(default_factory=list)
+    components: dict[str, tuple[str, list[int]]] = field(default_factory=dict)
+    other: Counter[str] = field(default_factory=Counter)
+
+
+def read_ansys(path: Path) -> MeshFile:
+    """Read an archive.
+
+    Raises:
+        SceneError: the file is damaged, or has no blocks of nodes and elements.
+    """
+    archive, lines = Archive(path), iter(read_lines(path))
+    try:
+        for line in lines:
+            _read(archive, line.strip(), lines)
+    except SceneError:
+        raise
+    except (ValueError, IndexError, StopIteration):
+        raise refuse(path, "a block cannot be read; the file may be truncated or damaged") from None
+    if not archive.nodes or not archive.elements:
+        raise refuse(path, "the file has no NBLOCK and EBLOCK; write it with CDWRITE,DB")
+    return _mesh(path, archive)
+
+
+def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
+    """Read one command and its block."""
+    words = [word.strip() for word in line.split(",")]
+    command = words[0].upper()
+    if command == "NBLOCK":
+        _nodes(archive, lines)
+    elif command == "EBLOCK" and words[2:3] and words[2].upper() == "SOLID":
+        _elements(archive, lines)
+    elif command == "EBLOCK":
+        reason = "only EBLOCK,19,SOLID is supported; write the file with CDWRITE,DB"
+        raise refuse(archive.path, f"{line}: {reason}")
+    elif command == "CMBLOCK":
+        widths = _widths(next(lines))
+        members: list[int] = []
+        while len(members) < int(words[3].split("!")[0]):
+            members += map(int, _cut(next(lines), widths))
+        archive.components[words[1]] = (words[2].upper(), _expanded(members))
+    elif command == "ET":
+        archive.types[int(words[1])] = int(re.sub(r"\D", "", words[2]))
+    elif command == "ETBLOCK":
+        widths = _widths(next(lines))
+        while (row := [int(word) for word in _cut(next(lines), widths)])[0] > 0:
+            archive.types[row[0]] = row[1]
+    elif command[:1].isalpha() and not SILENT.match(line) and not _is_zero(words):
+        archive.other[command] += 1
+
+
+def _is_zero(words: list[str]) -> bool:
+    """Whether a command sets values of zero only, as CDWRITE does for every load there is."""
+    numbers = [word for word in words[1:] if re.fullmatch(r"[-+.0-9E]+", word, flags=re.I)]
+    return bool(numbers) and not any(map(float, numbers))
+
+
+def _nodes(archive: Archive, lines: Iterator[str]) -> None:
+    """Read NBLOCK: number, two other integers, x, y, z; zeros at the end may be left out."""
+    widths = _widths(next(lines))
+    integers = sum(kind == "i" for kind, _ in widths)
+    while not re.match(r"\s*(-1|N\s*,)", line := next(lines), flags=re.I):
+        words = _cut(line, widths)
+        place = [float(word.upper().replace("D", "E")) for word in words[integers : integers + 3]]
+        number, coordinates = int(words[0]), (*place, 0.0, 0.0, 0.0)[:3]
+        if archive.nodes.setdefault(number, coordinates) != coordinates:
+            raise refuse(archive.path, f"node {number} is given twice, at different places")
+
+
+def _elements(archive: Archive, lines: Iterator[str]) -> None:
+    """Read EBLOCK: type in field 1, number of nodes in field 8, number in field 10, then nodes."""
+    widths = _widths(next(lines))
+    while int((row := _cut(next(lines), widths))[0]) >= 0 or len(row) > 1:
+        count, nodes = int(row[8]), [int(word) for word in row[11:]]
+        while len(nodes) < count:
+            nodes += map(int, _cut(next(lines), widths))
+        archive.elements.append((int(row[10]), int(row[1]), nodes[:count]))
+
+
+def _widths(form: str) -> list[tuple[str, int]]:
+    """Kind and width of each field of a Fortran format such as (3i9,6e21.13e3)."""
+    found = []
+    for count, kind, width in re.findall(r"(\d*)([iefg])(\d+)", form.lower()):
+        found += [(kind, int(width))] * int(count or 1)
+    if not found:
+        raise ValueError
+    return found
+
+
+def _cut(line: str, widths: list[tuple[str, int]]) -> list[str]:
+    """The fields of a line that are not behind its end."""
+    found, at, line = [], 0, line.rstrip()
+    for _, width in widths:
+        if at >= len(line):
+            break
+        found.append(line[at : at + width].strip())
+        at += width
+    return found
+
+
+def _expanded(members: list[int]) -> list[int]:
+    """The numbers of a component, in which a negative one ends a range."""
+    found: list[int] = []
+    for member in members:
+        found += numbers_between(found[-1] + 1, -member) if member < 0 else [member]
+    return found
+
+
+def _mesh(path: Path, archive: Archive) -> MeshFile:
+    """The mesh, with a block for each shape, and a group for each component."""
+    numbers = {number: k for k, number in enumerate(archive.nodes)}
+    found: dict[tuple[int, str], list[tuple[int, list[int]]]] = {}
+    left: Counter[str] = Counter()
+    for label, type_, nodes in archive.elements:
+        number = archive.types.get(type_, 0)
+        allowed = range(4, 11) if number in TETRAHEDRA else range(8, 21)
+        if number in SOLIDS and len(nodes) not in allowed:
+            reason = f"has {counted(len(nodes), 'node')}; the file may be damaged"
+            raise refuse(path, f"element {label} of type {number} {reason}")
+        kind, own = _shape(number, nodes)
+        if kind:
+            found.setdefault((kind, f"type {number}"), []).append((label, own))
+        else:
+            left[f"type {number} element"] += 1
+    points = np.array(list(archive.nodes.values()), dtype=np.float64)
+    extra: list[Floats] = []
+    blocks = []
+    for (kind, name), entries in found.items():
+        if missing := {node for _, row in entries for node in row if node} - numbers.keys():
+            raise refuse(path, f"an element refers to node {min(missing)}, not in the file")
+        rows = np.array([[numbers.get(node, -1) for node in row] for _, row in entries])
+        order = FROM_VTK.get(kind)
+        rows = rows if order is None else rows[:, order]
+        _fill(kind, rows, points, extra)
+        labels = np.array([label for label, _ in entries])
+        blocks.append(Block(kind, rows, {}, name, labels))
+    node_groups: dict[str, Ints] = {}
+    for name, (what, members) in archive.components.items():
+        if what.startswith("NODE"):
+            node_groups[name] = np.array([numbers[m] for m in members if m in numbers], dtype=int)
+        for block in blocks:
+            if what.startswith("ELEM") and np.isin(block.labels, members).any():
+                block.groups[name] = np.isin(block.labels, members)
+    notes = ()
+    if extra:
+        notes = (middle_nodes_note(len(extra)),)
+        points = np.concatenate([points, np.array(extra)])
+    unread = [counted(n, name) for name, n in left.items()]
+    unread += [f"{n} {name}" for name, n in archive.other.items()]
+    groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
+    return MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
+
+
+def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:
+    """Kind and nodes, in VTK's order, of an element; kind 0 if it is left out.
+
+    Hexahedra and quadrilaterals with repeated corners are tetrahedra, wedges, pyramids or
+    triangles. Nodes on edges that are 0 are left out.
+    """
+    if number in SOLIDS:
+        corners, middles = nodes[:8], nodes[8:20]
+        if number in TETRAHEDRA:
+            return (11, (nodes + [0] * 10)[:10]) if len(nodes) > 4 else (4, nodes[:4])
+        if len(set(corners)) == 8:
+            full = any(middles)
+            return (17, (nodes + [0] * 20)[:20]) if full else (5, corners)
+        if len(set(corners[4:])) == 1 and corners[2] == corners[3]:
+            tetra = [*corners[:3], corners[4]]
+            m = (middles + [0] * 12)[:12]
+            return (11, [*tetra, m[0], m[1], m[3], *m[8:11]]) if any(middles) else (4, tetra)
+        return (7, corners[:5]) if len(set(corners[4:])) == 1 else (6, _wedge(corners))
+    if number in PLANES and len(nodes) in (3, 4, 6, 8):
+        width = 4 if len(nodes) in (4, 8) else 3
+        corners, middles = nodes[:width], nodes[width:]
+        if len(set(corners)) == 3 and width == 4 and corners[2] == corners[3]:
+            corners, middles = corners[:3], [m for k, m in enumerate(middles) if k != 2]
+        if len(set(corners)) == len(corners):
+            straight, curved = {3: (2, 9), 4: (3, 16)}[len(corners)]
+            return (curved, corners + middles) if any(middles) else (straight, corners)
+    return 0, []
+
+
+def _wedge(corners: list[int]) -> list[int]:
+    """The corners of a wedge that is given as a hexahedron with two edges of no length."""
+    return list(dict.fromkeys(corners))[:6]
+
+
+def _fill(kind: int, rows: Ints, points: Floats, extra: list[Floats]) -> None:
+    """Put a new node in the middle of each edge without one; `rows` and `extra` change."""
+    shape = SHAPES[kind]
+    if shape.nodes == shape.corners:
+        return
+    middles: dict[tuple[int, ...], int] = {}
+    for row, k in zip(*np.nonzero(rows[:, shape.corners :] < 0), strict=True):
+        ends = tuple(sorted(rows[row, list(shape.edges[k])]))
+        if ends not in middles:
+            middles[ends] = len(points) + len(extra)
+            extra.append(0.5 * points[list(ends)].sum(axis=0))
+        rows[row, shape.corners + k] = middles[ends]

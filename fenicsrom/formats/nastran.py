@@ -1,0 +1,240 @@
+"""Nastran files (.bdf, .nas, .dat): grid points, elements, and groups by property.
+
+The rest of the bulk data is listed as not read. The executive and case control are passed over.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.formats.mesh_file import (
+    Block,
+    Floats,
+    Ints,
+    MeshFile,
+    middle_nodes_note,
+    refuse,
+)
+from fenicsrom.formats.nastran_cards import Card, read_cards
+from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS
+from fenicsrom.formats.nastran_systems import Systems, read_systems
+from fenicsrom.formats.shapes import SHAPES, TETRA_FROM_VTK
+from fenicsrom.formats.text import numbers_between
+
+CUBE_FROM_NASTRAN = (*range(9), 11, 12, 9, 13, 10, 14, 15, 16, 19, 17, 18)
+"""Gmsh's order of the nodes of a hexahedron of 20 nodes, as indices in Nastran's order.
+
+Nastran numbers the nodes on the edges at the bottom, then those upright, then those at the top.
+"""
+
+ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
+    "CTETRA": ((4, 11), 2),
+    "CHEXA": ((5, 17), 2),
+    "CTRIA3": ((2,), 2),
+    "CTRIAR": ((2,), 2),
+    "CTRIA6": ((9,), 2),
+    "CQUAD4": ((3,), 2),
+    "CQUADR": ((3,), 2),
+    "CQUAD8": ((16,), 2),
+    "CQUAD9": ((10,), 2),
+    "CPLSTS3": ((2,), 2),
+    "CPLSTS4": ((3,), 2),
+    "CPLSTN3": ((2,), 2),
+    "CPLSTN4": ((3,), 2),
+    "CROD": ((1,), 2),
+    "CONROD": ((1,), 1),
+    "CTUBE": ((1,), 2),
+    "CBAR": ((1,), 2),
+    "CBEAM": ((1,), 2),
+}
+"""Kinds by the name of an element, with few or many nodes, and the field of its first node."""
+
+HOLES = {
+    "CPENTA": "wedges",
+    "CPYRAM": "pyramids",
+    "CPYRA": "pyramids",
+    "CHEXCZ": "cohesive solids",
+    "CIHEX1": "solids of an old kind",
+    "CIHEX2": "solids of an old kind",
+    "CHEXA1": "solids of an old kind",
+    "CHEXA2": "solids of an old kind",
+    "CWEDGE": "wedges",
+}
+"""Solids that this program cannot use, which would leave a hole in the body."""
+
+SILENT = {"GRID", "GRDSET", "ENDDATA", "BEGIN", *SYSTEMS}
+"""Entries that are read, or are no data."""
+
+
+def read_nastran(path: Path) -> MeshFile:
+    """Read a Nastran file.
+
+    Raises:
+        SceneError: the file is damaged, or has content that changes the mesh and is not supported.
+    """
+    cards = read_cards(path)
+    try:
+        numbers, points = _points(path, cards)
+    except ValueError as error:
+        raise refuse(path, f"a GRID or coordinate system is damaged: {error}") from None
+    extra: list[Floats] = []
+    blocks, not_read = _blocks(path, cards, numbers, points, extra)
+    notes = ()
+    if extra:
+        points = np.concatenate([points, np.array(extra)])
+        notes = (middle_nodes_note(len(extra)),)
+    try:
+        nodes = _constrained(cards, numbers)
+    except ValueError as error:
+        raise refuse(path, f"an SPC or SPC1 is damaged: {error}") from None
+    return MeshFile(points, blocks, nodes, not_read, notes)
+
+
+def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats]:
+    """The index of each grid point by its number, and the coordinates (n, 3).
+
+    Raises:
+        SceneError: a grid point is given twice, or its coordinate system is not in the file.
+    """
+    default = next((card.integer(1) for card in cards if card.name == "GRDSET"), 0)
+    grids: dict[int, tuple[int, tuple[float, float, float]]] = {}
+    for card in cards:
+        if card.name == "GRID":
+            place = (card.real(2), card.real(3), card.real(4))
+            if not np.isfinite(place).all():
+                raise refuse(path, f"GRID {card.text(0)}: a coordinate is not a finite number")
+            given = (card.integer(1, default), place)
+            if grids.setdefault(card.integer(0), given) != given:
+                raise refuse(path, f"GRID {card.text(0)} is given twice, at different places")
+    systems = Systems(path, grids, read_systems(cards))
+    points = [systems.basic(*given) for given in grids.values()]
+    return {number: k for k, number in enumerate(grids)}, np.array(points).reshape(-1, 3)
+
+
+def _blocks(
+    path: Path, cards: list[Card], numbers: dict[int, int], points: Floats, extra: list[Floats]
+) -> tuple[tuple[Block, ...], tuple[str, ...]]:
+    """The elements of each name and kind, and what is not read, each in a few words.
+
+    `extra` receives the coordinates (3,) of the nodes on edges that the file leaves out.
+    """
+    found: dict[tuple[str, int], list[tuple[int, str, list[int]]]] = {}
+    given: dict[int, list[int]] = {}
+    other: Counter[str] = Counter()
+    middles: dict[tuple[int, ...], int] = {}
+    for card in cards:
+        if card.name in HOLES:
+            raise refuse(
+                path,
+                f"{card.name} elements ({HOLES[card.name]}) are not supported; use triangles, "
+                "quadrilaterals, tetrahedra or hexahedra",
+            )
+        if card.name not in ELEMENTS:
+            if card.name not in SILENT:
+                other[card.name] += 1
+            continue
+        try:
+            label, kind, grids = _element(card)
+        except ValueError:
+            shown = f"{card.name} {card.text(0)}"
+            raise refuse(path, f"{shown}: the entry is incomplete; it may be damaged") from None
+        if given.setdefault(label, grids) != grids:
+            raise refuse(path, f"element {label} is given twice, with different nodes")
+        rows = []
+        for place, number in enumerate(grids):
+            if number and number not in numbers:
+                raise refuse(
+                    path, f"{card.name} {label} refers to GRID {number}, which is not in the file"
+                )
+            rows.append(numbers.get(number, -1 - place))
+        _fill(kind, rows, points, extra, middles)
+        group = "" if card.name == "CONROD" else card.text(1) or str(label)
+        found.setdefault((card.name, kind), []).append((label, group, rows))
+    blocks = []
+    for (name, kind), entries in found.items():
+        rows_ = np.array([row for *_, row in entries])
+        groups = np.array([group for _, group, _ in entries])
+        marks = {str(group): groups == group for group in np.unique(groups) if group}
+        labels = np.array([label for label, *_ in entries])
+        blocks.append(Block(kind, rows_[:, _order(kind)], marks, name, labels))
+    return tuple(blocks), tuple(f"{count} {name}" for name, count in other.items())
+
+
+def _element(card: Card) -> tuple[int, int, list[int]]:
+    """Number, kind and grid points of an element; 0 for a grid point on an edge that is left out.
+
+    Raises:
+        ValueError: the entry lacks corners.
+    """
+    kinds, first = ELEMENTS[card.name]
+    most = SHAPES[kinds[-1]].nodes
+    grids = [int(text or 0) for text in card.fields[first : first + most]]
+    kind = kinds[-1] if any(grids[SHAPES[kinds[0]].corners :]) or len(kinds) == 1 else kinds[0]
+    shape = SHAPES[kind]
+    grids = (grids + [0] * shape.nodes)[: shape.nodes]
+    if not all(grids[: shape.corners]):
+        raise ValueError
+    return card.integer(0), kind, grids
+
+
+def _order(kind: int) -> list[int]:
+    """Gmsh's order of the nodes of a kind, as indices in Nastran's order."""
+    orders = {11: TETRA_FROM_VTK, 17: CUBE_FROM_NASTRAN}
+    return list(orders.get(kind, range(SHAPES[kind].nodes)))
+
+
+def _fill(
+    kind: int,
+    rows: list[int],
+    points: Floats,
+    extra: list[Floats],
+    middles: dict[tuple[int, ...], int],
+) -> None:
+    """Put new nodes in the middle of the edges where a row has a negative index.
+
+    Args:
+        kind: kind of the element.
+        rows: node indices in Nastran's order, which are changed.
+        points: coordinates (n, 3) of the nodes of the file.
+        extra: coordinates of the new nodes, which grows.
+        middles: index of the new node of each edge by its ends, which grows.
+    """
+    shape, order = SHAPES[kind], _order(kind)
+    for k, edge in enumerate(shape.edges[: shape.nodes - shape.corners]):
+        at = order[shape.corners + k]
+        if rows[at] < 0:
+            ends = tuple(sorted(rows[order[corner]] for corner in edge))
+            if ends not in middles:
+                middles[ends] = len(points) + len(extra)
+                extra.append(0.5 * points[list(ends)].sum(axis=0))
+            rows[at] = middles[ends]
+
+
+def _constrained(cards: list[Card], numbers: dict[int, int]) -> dict[str, Ints]:
+    """Node groups of the grid points of each set of SPC and SPC1 entries, such as "SPC1".
+
+    Only the places are read, not the components that the entries constrain.
+    """
+    found: dict[str, set[int]] = {}
+    for card in cards:
+        if card.name == "SPC1":
+            words = [word for word in card.fields[2:] if word]
+            grids: list[int] = []
+            if len(words) == 3 and words[1].upper() == "THRU":
+                grids = list(numbers_between(int(words[0]), int(words[2])))
+            else:
+                grids = [int(word) for word in words if word.isdigit()]
+        elif card.name == "SPC":
+            grids = [card.integer(k) for k in (1, 4) if card.text(k)]
+        else:
+            continue
+        found.setdefault(f"SPC {card.text(0)}", set()).update(grids)
+    groups = {}
+    for name, members in found.items():
+        nodes = np.array(sorted(numbers[grid] for grid in members if grid in numbers), dtype=int)
+        if len(nodes):
+            groups[name] = nodes
+    return groups

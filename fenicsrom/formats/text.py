@@ -1,0 +1,57 @@
+"""Reads text files of other programs, and the files that they include."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.formats.mesh_file import refuse
+
+DEEPEST = 16
+"""Files may include files to this depth; a file that includes itself would never end."""
+
+
+MOST_NUMBERS = 10_000_000
+"""A range of more numbers is damaged, and would fill the memory."""
+
+
+def numbers_between(first: int, last: int, step: int = 1) -> range:
+    """The numbers from the first to the last one, included.
+
+    Raises:
+        ValueError: the step is 0, or the range is too long.
+    """
+    found = range(first, last + 1, step)
+    if last - first > MOST_NUMBERS * abs(step):
+        raise ValueError(f"{first} to {last}: more than {MOST_NUMBERS} numbers")
+    return found
+
+
+def read_lines(path: Path) -> list[str]:
+    """The lines of a text file, without the ends of the lines."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def included(path: Path, name: str, what: str, depth: int) -> Path:
+    """Find a file that another file includes.
+
+    Args:
+        path: the file that includes it.
+        name: its path in that file, relative to the folder of that file.
+        what: the keyword, for messages.
+        depth: number of files that include each other so far.
+
+    Raises:
+        SceneError: it is not there, or files include each other without end.
+    """
+    found = path.parent / name.strip().strip("'\"").replace("\\", "/")
+    if not found.is_file():
+        raise SceneError(
+            f"{path}: {what} {name.strip()}: there is no file {found}",
+            kind=ErrorKind.FILE,
+            source=str(path),
+        )
+    if depth >= DEEPEST:
+        raise refuse(path, f"{what} {name.strip()}: files include each other without end")
+    return found

@@ -1,0 +1,1 @@
+"""Contact points, rigid surfaces, and the friction law over a time step."""

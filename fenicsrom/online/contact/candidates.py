@@ -1,0 +1,97 @@
+"""The contact points that a time step solves for: those that touch or may touch.
+
+A point that stays open has no force, and its displacement follows from the coordinates. A step
+therefore solves the contact problem of its candidates only. They are chosen before the step from
+its first guess. At the end of the step, all other points are checked. If one of them touches, it
+becomes a candidate, and the step is solved again from its first guess. What is returned therefore
+does not depend on the choice, except for rounding.
+"""
+
+from __future__ import annotations
+
+from fenicsrom.online.contact.law import trial_normal_force
+from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, Interval
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.step.state import Trial
+
+
+@part
+def choose_candidates(
+    contacts: Contacts,
+    interval: Interval,
+    all_points: bool,
+    start: ContactState,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> int:
+    """Choose the points that touch at the start of a step or may touch at its end.
+
+    A point may touch if it would with a trial normal force that changes twice as much as in the
+    first guess.
+
+    Args:
+        contacts: the parameters of P points.
+        interval: the step.
+        all_points: choose all points.
+        start: the state at the start of the step.
+        end: `end.x` (P, d) holds the first guess of the displacement at the end.
+        scratch: out: `is_candidate`, `candidates` and `directions`.
+
+    Returns:
+        The number of candidates.
+    """
+    for p in range(end.x.shape[0]):
+        before = start.trial_normal_force[p]
+        after = trial_normal_force(contacts, p, end.x[p], interval.end)
+        stays_open = max(before, after) + abs(after - before) <= 0.0
+        scratch.is_candidate[p] = all_points or not stays_open
+    return list_candidates(scratch)
+
+
+@part
+def list_candidates(scratch: ContactScratch) -> int:
+    """Write `candidates` and `directions` from `is_candidate`; returns the number of candidates."""
+    d, count = len(scratch.space), 0
+    for p in range(scratch.is_candidate.size):
+        if scratch.is_candidate[p]:
+            scratch.candidates[count] = p
+            for k in range(d):
+                scratch.directions[count * d + k] = p * d + k
+            count += 1
+    return count
+
+
+@part
+def add_candidates(contacts: Contacts, interval: Interval, trial: Trial) -> int:
+    """Add the points that touch at the end of a step to its candidates.
+
+    Args:
+        contacts: the parameters.
+        interval: the step.
+        trial: in: `free_displacement` (P, d) holds the displacements at the end of the step; out:
+            those of the points that are no candidates in `contact`.
+
+    Returns:
+        The number of candidates.
+    """
+    scratch, end = trial.scratch, trial.contact
+    for p in range(end.x.shape[0]):
+        if not scratch.is_candidate[p]:
+            for k in range(len(scratch.space)):
+                end.x[p, k] = trial.free_displacement[p, k]
+            after = trial_normal_force(contacts, p, end.x[p], interval.end)
+            end.trial_normal_force[p] = after
+            scratch.is_candidate[p] = not after <= 0.0
+    return list_candidates(scratch)
+
+
+@part
+def keep_open(p: int, end: ContactState, scratch: ContactScratch) -> None:
+    """Write the state of a point that is open during the whole step: the slider follows it."""
+    end.state[p] = OPEN
+    for k in range(len(scratch.space)):
+        end.normal[p, k] = 0.0
+        end.friction[p, k] = 0.0
+        end.slider[p, k] = end.x[p, k]
+        scratch.mean_force[p, k] = 0.0

@@ -1,0 +1,128 @@
+"""Contact points of the body, and the parameters of the surfaces opposite them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.contact.surfaces import CYLINDER, SPHERE, Contacts, axes_of, planes
+from fenicsrom.scene.excitation import surface_spin
+
+
+class ContactPoints(NamedTuple):
+    """The places of P contact points on the undeformed body.
+
+    Attributes:
+        contact: (P,) index of the scene's contact of each point.
+        tributary_area: (P,) its part of that contact: 1 for a single point, else area, length or
+            number of nodes.
+        position: (P, d) m.
+        frame: (P, d, d) rows normal into the surface, tangents.
+    """
+
+    contact: NDArray[np.int64]
+    tributary_area: Array
+    position: Array
+    frame: Array
+
+
+def no_points(dimension: int) -> ContactPoints:
+    """The contact points of a scene without contact."""
+    return ContactPoints(
+        np.zeros(0, dtype=np.int64),
+        np.zeros(0),
+        np.zeros((0, dimension)),
+        np.zeros((0, dimension, dimension)),
+    )
+
+
+def contacts_of(scene: Any, points: ContactPoints) -> Contacts:
+    """The parameters of a scene's contacts at their points.
+
+    Raises:
+        SceneError: a given radius lets the surface cut into the undeformed body.
+    """
+    count, d = points.position.shape
+    chosen = [scene.contacts[k] for k in points.contact]
+
+    def of(name: str) -> Array:
+        return np.array([getattr(contact, name) for contact in chosen], dtype=np.float64)
+
+    found = planes(
+        points.tributary_area * of("preload"),
+        of("gap"),
+        points.tributary_area * of("normal_stiffness"),
+        points.tributary_area * of("tangential_stiffness"),
+        of("friction"),
+        d,
+    )
+    times = np.array(sorted({time for contact in scene.contacts for time, _ in contact.approach}))
+    orders = sorted(
+        {
+            order
+            for contact in scene.contacts
+            if contact.surface
+            for order, _, _ in contact.surface.waves
+        }
+    )
+    found = found._replace(
+        times=times,
+        approach=np.zeros((count, times.size)),
+        order=np.array(orders),
+        height=np.zeros((count, len(orders))),
+        phase=np.zeros((count, len(orders))),
+    )
+    for p, contact in enumerate(chosen):
+        if contact.approach:
+            found.approach[p] = np.interp(times, *np.array(contact.approach).T)
+        surface = contact.surface
+        if surface is None:
+            continue
+        axes, local = axes_of(surface, d), points.frame[p]
+        found.kind[p] = SPHERE if surface.kind == "sphere" else CYLINDER
+        found.axes[p, : len(axes)] = axes @ local.T
+        found.centre[p] = local @ (np.array(surface.point) - points.position[p])
+        found.side[p] = 1.0 if surface.inside else -1.0
+        found.spin[p] = surface_spin(surface, scene.rotation)
+        for order, height, phase in surface.waves:
+            found.height[p, orders.index(order)] += height
+            found.phase[p, orders.index(order)] = phase
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is not None:
+            mine = np.flatnonzero(points.contact == k)
+            found.radius[mine] = _surface_radius(scene, k, points.position[mine])
+    return found
+
+
+def _surface_radius(scene: Any, k: int, position: Array) -> float:
+    """Radius of the round surface of contact k: the given one, or from its gap.
+
+    Args:
+        scene: the scene.
+        k: the contact.
+        position: (p, d) its points on the undeformed body, m.
+
+    Raises:
+        SceneError: the surface cuts into the undeformed body.
+    """
+    contact = scene.contacts[k]
+    surface = contact.surface
+    axes = axes_of(surface, position.shape[1])
+    distances = [float(np.linalg.norm(axes @ (x - surface.point))) for x in position]
+    nearest = max(distances) if surface.inside else min(distances)
+    side = 1.0 if surface.inside else -1.0
+    radius = float(surface.radius or nearest + (contact.gap if surface.inside else -contact.gap))
+    if not radius > 0.0 or (nearest - radius) * side > 1e-9 * radius:
+        raise SceneError(
+            f"{scene.source}: contacts[{k}].surface.radius = {radius:.9g}: the surface cuts into "
+            f"the undeformed body, whose nearest contact point is at {nearest:.9g} m from the axis "
+            "or centre of the surface",
+            kind=ErrorKind.RANGE,
+            key=f"contacts[{k}].surface.radius",
+            source=scene.source,
+        )
+    return radius

@@ -1,0 +1,1 @@
+"""Curves of periodic motions and damped nonlinear modes, followed by continuation."""

@@ -1,0 +1,184 @@
+"""Derivative of the weight of the implicit blending (`contact_step.implicit_blending`).
+
+The weight b = r^2/(1 + r^2), r = k_n n^T G n, uses the G = B^T S^-1 B of the first guess of a step.
+The march records it. The changes of weights below `BLENDING_RESOLVED` are neglected.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.surfaces import Contacts, gap_discrete_gradient
+from fenicsrom.online.derivative.contact_sensitivity import BLENDING_RESOLVED, perturb
+from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
+from fenicsrom.online.kernels.compiled import kernel
+from fenicsrom.online.kernels.complex_step import STEP
+from fenicsrom.online.kernels.dense import copy_vector, lu_solve_transposed
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import elastic_force_with
+from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.step.step import step_coefficients
+
+
+@kernel
+def is_resolved(weights: Array) -> bool:
+    """Whether the changes of any of the weights (rows, P) matter."""
+    for row in range(weights.shape[0]):
+        for p in range(weights.shape[1]):
+            if weights[row, p] > BLENDING_RESOLVED:
+                return True
+    return False
+
+
+@kernel
+def solve_at_guess(
+    model: ReducedModel, scheme: Scheme, s: Sensitivity, h: float, directions: NDArray[np.int64]
+) -> None:
+    """Write S^-1 B and G of the first guess of a step of size h to the workspace of the model."""
+    coefficients, q0, guess = step_coefficients(scheme, h), s.before[0], s.before[5]
+    _, tangent = model.elastic_over_step(
+        q0, q0, guess, scheme.start_weight, scheme.points, scheme.weights
+    )
+    model.solve_effective(coefficients.mass, coefficients.velocity_dq, tangent, q0, directions)
+
+
+@kernel
+def differentiate_blending(
+    model: ReducedModel,
+    contacts: Contacts,
+    scheme: Scheme,
+    drift: Drift,
+    s: Sensitivity,
+    p: int,
+    place: int,
+    behind: complex,
+    h: float,
+    last_step: float,
+    by_mass: complex,
+    by_velocity: complex,
+) -> None:
+    """Write the derivatives of the weight of point p to its row of s.blending, which holds zeros.
+
+    The weight is above `BLENDING_RESOLVED`. The workspace of the model holds S^-1 B of the points
+    that touch, and p is the one at `place`.
+
+    With u = S^-1 B n and v = S^-T B n the flexibility changes by
+
+        d(n^T G n) = dn^T B^T (u + v) - v^T dS u
+
+    Without gyroscopic forces and follower pressures u = v. The change of the follower pressures is
+    left out. The elastic part of v^T dS u needs the second derivative of the force along u and v,
+    which is the one along (u + v)/2 twice, less the one along (u - v)/2 twice.
+    """
+    n, k = s.q.shape
+    d = s.x0.shape[1]
+    last, row, law = k - 1, p * d, s.law
+    weight = s.weight[p]
+    ratio = np.sqrt(weight / (1.0 - weight))
+    by_flexibility = 2.0 * ratio / (1.0 + ratio**2) ** 2 * contacts.normal_stiffness[p]
+    perturb(law.contacts, p, contacts, drift.contacts, STEP)
+    for i in range(d):
+        law.start.x[p, i] = s.x0[p, i]
+    point = law.scratch.point
+    x0, bend = law.start.x[p], point.gradient_derivative
+    gap_discrete_gradient(law.contacts, p, x0, x0, behind, point.gradient, bend, point.work)
+    u, v, direction = s.blending_vectors[0], s.blending_vectors[1], s.blending_vectors[2]
+    for a in range(n):
+        u[a], v[a] = 0.0, 0.0
+        for i in range(d):
+            u[a] += point.gradient[i].real * model.work.compliance.unit[a, place * d + i]
+            v[a] += point.gradient[i].real * model.contact_rows[row + i, a]
+    symmetric = not scheme.velocity_forces and model.pressure.numbers.shape[0] == 0
+    if symmetric:
+        copy_vector(v, u)  # type: ignore[no-untyped-call]
+    else:
+        lu_solve_transposed(model.work.factor, model.work.pivots, v)
+    for i in range(d):
+        along = 0.0
+        for a in range(n):
+            along += model.contact_rows[row + i, a] * (u[a] + v[a])
+        s.blending[p, last] += along * point.gradient[i].imag / STEP
+        for j in range(d):
+            for c in range(k):
+                s.blending[p, c] += 2.0 * along * bend[i, j].real * s.x[row + j, c]
+    product = 0.0
+    for a in range(n):
+        for b in range(n):
+            product += by_mass.imag * v[a] * model.mass[a, b] * u[b]
+            if scheme.velocity_forces:
+                product += by_velocity.imag * v[a] * model.velocity_matrix[a, b] * u[b]
+    s.blending[p, last] -= product / STEP
+    if not scheme.linear:
+        for a in range(n):
+            direction[a] = 0.5 * (u[a] + v[a])
+        add_elastic_blending(model, drift, s, p, h, last_step, 1.0)
+        if not symmetric:
+            for a in range(n):
+                direction[a] = 0.5 * (u[a] - v[a])
+            add_elastic_blending(model, drift, s, p, h, last_step, -1.0)
+    for c in range(k):
+        s.blending[p, c] *= by_flexibility
+    stiffness = drift.contacts.normal_stiffness[p] / contacts.normal_stiffness[p]
+    s.blending[p, last] += 2.0 * ratio**2 / (1.0 + ratio**2) ** 2 * stiffness
+
+
+@kernel
+def add_elastic_blending(
+    model: ReducedModel,
+    drift: Drift,
+    s: Sensitivity,
+    p: int,
+    h: float,
+    last_step: float,
+    factor: float,
+) -> None:
+    """Subtract a factor times the elastic part of u^T dS u, with S of the first guess of the step.
+
+    The direction u is `s.blending_vectors[2]`, and the result is added to s.blending. As the force
+    is cubic, A u = (T(u) - T(-u))/2 and B u u = T(u) + T(-u) - 2 K give the part exactly.
+    """
+    n, k = s.q.shape
+    last, work = k - 1, model.work
+    u, scaled, force = s.blending_vectors[2], s.vectors[0], s.vectors[1]
+    by_start, by_step = s.blending_vectors[3], s.blending_vectors[4]
+    q0, guess = s.before[0], s.before[5]
+    size, length = 0.0, 0.0
+    for i in range(n):
+        size += q0[i] ** 2
+        length += u[i] ** 2
+    if length == 0.0:
+        return
+    scale = np.sqrt(max(size, 1e-12) / length)
+    ahead, behind = s.by_start, s.tangent
+    for sign in range(2):
+        for i in range(n):
+            scaled[i] = scale * u[i] if sign == 0 else -scale * u[i]
+        elastic_force_with(
+            model.elastic,
+            work.columns,
+            work.points,
+            work.products,
+            scaled,
+            force,
+            ahead if sign == 0 else behind,
+        )
+    # the mean over the step of s T'(q0 + s dq), and of s^2 T' for the part by dq
+    for i in range(n):
+        quadratic, at_start, at_step = 0.0, 0.0, 0.0
+        for j in range(n):
+            both = (ahead[i, j] + behind[i, j] - 2.0 * model.elastic.stiffness[i, j]) / scale**2
+            quadratic += 0.5 * (ahead[i, j] - behind[i, j]) / scale * u[j]
+            at_start += both * (0.5 * q0[j] + guess[j] / 3.0)
+            at_step += both * (q0[j] / 3.0 + 0.25 * guess[j])
+        by_start[i] = 0.5 * quadratic + at_start
+        by_step[i] = quadratic / 3.0 + at_step
+    growth = 0.5 * h * (h + last_step)
+    for i in range(n):
+        for c in range(k):
+            moved = h * s.mean_velocity[i, c] + growth * s.mean_acceleration[i, c]
+            change = by_start[i] * s.q[i, c] + by_step[i] * moved
+            s.blending[p, c] -= factor * change
+        moved = h * s.before[3, i] + 2.0 * growth * s.before[4, i]
+        s.blending[p, last] -= factor * by_step[i] * drift.period * moved

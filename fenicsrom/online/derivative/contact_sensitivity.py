@@ -1,0 +1,235 @@
+"""Derivative of the contact law over a step, by complex steps through the law itself.
+
+Over a step from x0 to x1 the law gives the mean force F of a point and its slider w1 at the end,
+as functions of (x0, x1, w0, blending, parameter). What else the law reads of the start of the step
+follows from these: the trial normal force, the normal force and the friction k_t P (x0 - w0).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.friction import positive
+from fenicsrom.online.contact.law import (
+    commit_contact_state,
+    contact_force,
+    trial_normal_force,
+)
+from fenicsrom.online.contact.state import (
+    ContactScratch,
+    ContactState,
+    contact_scratch,
+    zero_contact_state,
+)
+from fenicsrom.online.contact.surfaces import PLANE, Contacts, gap_discrete_gradient
+from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.complex_step import STEP, as_complex
+
+# the parameters of the contacts by which a motion can be differentiated
+PARAMETERS = (
+    "preload",
+    "normal_stiffness",
+    "tangential_stiffness",
+    "friction",
+    "radius",
+    "spin",
+    "approach",
+    "height",
+    "phase",
+)
+
+BLENDING_RESOLVED = 1e-5
+"""Weight of the implicit blending below which its changes are neglected.
+
+They change a contact force by less than this part of it.
+"""
+
+
+class ComplexInterval(NamedTuple):
+    """An `Interval`; the imaginary parts of its times are `STEP` times their derivatives."""
+
+    begin: complex
+    end: complex
+    start_weight: float
+    discrete_gradient: bool
+
+
+class LawDerivative(NamedTuple):
+    """Complex arrays in which the law is evaluated, and its derivatives.
+
+    The columns of the derivatives are [x0 (d), x1 (d), w0 (d), blending, parameter].
+
+    Attributes:
+        contacts: the parameters with the imaginary parts of the perturbation.
+        start: the state of the points at the start of the step.
+        end: the state at its end.
+        scratch: scratch arrays.
+        force: (P, d, 3 d + 2) derivative of the mean force.
+        slider: (P, d, 3 d + 2) derivative of the slider at the end.
+    """
+
+    contacts: Contacts
+    start: ContactState
+    end: ContactState
+    scratch: ContactScratch
+    force: Array
+    slider: Array
+
+
+def law_derivative(contacts: Contacts, points: int, d: int) -> LawDerivative:
+    """Arrays for P points in d dimensions.
+
+    `scratch.space` is an array, so that one compilation serves all dimensions.
+    """
+    return LawDerivative(
+        as_complex(contacts, PARAMETERS),
+        as_complex(zero_contact_state(points, d)),
+        as_complex(zero_contact_state(points, d)),
+        as_complex(contact_scratch(points, d))._replace(space=np.zeros(d, dtype=np.int64)),
+        np.zeros((points, d, 3 * d + 2)),
+        np.zeros((points, d, 3 * d + 2)),
+    )
+
+
+@part
+def perturb(contacts: Contacts, p: int, base: Contacts, drift: Contacts, size: float) -> None:
+    """Set the parameters of point p to base + i size drift."""
+    contacts.preload[p] = complex(base.preload[p], size * drift.preload[p])
+    contacts.normal_stiffness[p] = complex(
+        base.normal_stiffness[p], size * drift.normal_stiffness[p]
+    )
+    contacts.tangential_stiffness[p] = complex(
+        base.tangential_stiffness[p], size * drift.tangential_stiffness[p]
+    )
+    contacts.friction[p] = complex(base.friction[p], size * drift.friction[p])
+    contacts.radius[p] = complex(base.radius[p], size * drift.radius[p])
+    contacts.spin[p] = complex(base.spin[p], size * drift.spin[p])
+    for k in range(base.times.size):
+        contacts.approach[p, k] = complex(base.approach[p, k], size * drift.approach[p, k])
+    for k in range(base.order.size):
+        contacts.height[p, k] = complex(base.height[p, k], size * drift.height[p, k])
+        contacts.phase[p, k] = complex(base.phase[p, k], size * drift.phase[p, k])
+
+
+@part
+def state_of(
+    contacts: Contacts, p: int, time: complex, here: ContactState, scratch: ContactScratch
+) -> None:
+    """Write what follows from the displacement and the slider of point p: N n, T = k_t P (x - w).
+
+    Nothing is projected on the limit of friction: the slider is that of an accepted state.
+    """
+    d = len(scratch.space)
+    x, slider, n = here.x[p], here.slider[p], scratch.point.normal
+    trial = trial_normal_force(contacts, p, x, time)
+    here.trial_normal_force[p] = trial
+    pressed, size = positive(trial), 1.0 + 0.0 * trial
+    if contacts.kind[p] == PLANE:
+        for k in range(d):
+            n[k] = 0.0
+        n[0] = 1.0
+    else:
+        gap_discrete_gradient(
+            contacts, p, x, x, time, n, scratch.point.normal_derivative, scratch.point.work
+        )
+        size = n[0] * n[0]
+        for k in range(1, d):
+            size += n[k] * n[k]
+        size = np.sqrt(size)
+    for k in range(d):
+        here.normal[p, k] = pressed * n[k]
+        n[k] /= size
+    across = n[0] * (x[0] - slider[0])
+    for k in range(1, d):
+        across += n[k] * (x[k] - slider[k])
+    for k in range(d):
+        here.friction[p, k] = contacts.tangential_stiffness[p] * (x[k] - slider[k] - across * n[k])
+        if not trial > 0.0:
+            here.friction[p, k] = 0.0
+
+
+@part
+def is_constant(contacts: Contacts, drift: Contacts, p: int) -> bool:
+    """Whether the law of point p does not depend on the parameter: nor data, nor the surface."""
+    found = contacts.times.size == 0 and contacts.spin[p] == 0.0 and drift.spin[p] == 0.0
+    found = found and drift.preload[p] == 0.0 and drift.friction[p] == 0.0
+    found = found and drift.normal_stiffness[p] == 0.0 and drift.tangential_stiffness[p] == 0.0
+    found = found and drift.radius[p] == 0.0
+    for k in range(contacts.order.size):
+        found = found and drift.height[p, k] == 0.0 and drift.phase[p, k] == 0.0
+    return found
+
+
+@kernel
+def differentiate_law(
+    law: LawDerivative,
+    contacts: Contacts,
+    drift: Contacts,
+    step: ComplexInterval,
+    p: int,
+    x0: Array,
+    x1: Array,
+    w0: Array,
+    blending: float,
+    follows: bool,
+) -> None:
+    """Write the derivatives of the law of point p over a step into law.force and law.slider.
+
+    A slider that follows the point has no derivative of its own: the law has a kink at w0 = x0.
+    The derivatives by x0 are then taken with w0 = x0, and those by w0 are zero. Before a plane, the
+    normal component of the slider has no effect.
+
+    A step of zero length, begin = end = 0 with a = 0, is the state that `at_rest` accepts: its
+    derivative by x is the sum of those by x0 and x1.
+
+    Args:
+        law: the arrays; the real part of `law.end.slider` is the slider at the end.
+        contacts: the parameters.
+        drift: their derivative by the parameter of the motion.
+        step: the step.
+        p: the point.
+        x0: (d,) displacement at the start, m.
+        x1: (d,) displacement at the end, m.
+        w0: (d,) slider at the start, m.
+        blending: weight of the normal force at the end of the step.
+        follows: whether the slider follows the point at the start: open, or without friction.
+    """
+    d = x0.size
+    start, finish, scratch = law.start, law.end, law.scratch
+    perturb(law.contacts, p, contacts, drift, 0.0)
+    interval = ComplexInterval(
+        complex(step.begin.real, 0.0),
+        complex(step.end.real, 0.0),
+        step.start_weight,
+        step.discrete_gradient,
+    )
+    for c in range(3 * d + 2):
+        plane = c == 2 * d and contacts.kind[p] == PLANE
+        without_effect = 2 * d <= c < 3 * d and (follows or plane)
+        if (
+            without_effect
+            or (c == 3 * d and not blending > BLENDING_RESOLVED)
+            or (c == 3 * d + 1 and is_constant(contacts, drift, p))
+        ):
+            for k in range(d):
+                law.force[p, k, c] = 0.0
+                law.slider[p, k, c] = 0.0
+            continue
+        if c == 3 * d + 1:
+            perturb(law.contacts, p, contacts, drift, STEP)
+            interval = step
+        for k in range(d):
+            start.x[p, k] = complex(x0[k], STEP if c == k else 0.0)
+            finish.x[p, k] = complex(x1[k], STEP if c == d + k else 0.0)
+            moved = (c == 2 * d + k and not follows) or (c == k and follows)
+            start.slider[p, k] = complex(w0[k], STEP if moved else 0.0)
+        scratch.blending[p] = complex(blending, STEP if c == 3 * d else 0.0)
+        state_of(law.contacts, p, interval.begin, start, scratch)
+        contact_force(law.contacts, interval, p, start, finish, scratch, False)
+        commit_contact_state(law.contacts, interval, p, start, finish, scratch)
+        for k in range(d):
+            law.force[p, k, c] = scratch.mean_force[p, k].imag / STEP
+            law.slider[p, k, c] = finish.slider[p, k].imag / STEP

@@ -1,0 +1,203 @@
+"""Derivatives carried over the recorded steps of a period.
+
+The march records the accepted steps. What else the derivative of a step needs follows from them:
+the first guess from the motion before the step, and the sliders from the contact law. No type
+depends on the dimension of space, so one compilation serves all models.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.candidates import list_candidates
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.derivative.blending_sensitivity import (
+    differentiate_blending,
+    is_resolved,
+    solve_at_guess,
+)
+from fenicsrom.online.derivative.contact_sensitivity import (
+    BLENDING_RESOLVED,
+    ComplexInterval,
+    differentiate_law,
+)
+from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
+from fenicsrom.online.derivative.step_sensitivity import (
+    add_contact,
+    add_structure,
+    advance_derivatives,
+    advance_extrapolation,
+    advance_sliders,
+    solve_step,
+    write_load_derivative,
+)
+from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.complex_step import STEP
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.step.state import Record
+
+REST = ComplexInterval(0j, 0j, 0.0, False)
+"""The step of zero length in which the points are at rest."""
+
+
+@part
+def start_derivatives(
+    model: ReducedModel, s: Sensitivity, memory: NDArray[np.int64], with_a: bool
+) -> None:
+    """Set the derivatives at the start of the period.
+
+    Args:
+        model: the model.
+        s: in: the derivative of the law of the points at rest; out: the derivatives.
+        memory: slider components that are variables of the period.
+        with_a: whether the accelerations are variables.
+    """
+    n, k = s.q.shape
+    points, d = s.x0.shape
+    first = 3 * n if with_a else 2 * n
+    for c in range(k):
+        for i in range(n):
+            s.q[i, c] = 1.0 if c == i else 0.0
+            s.v[i, c] = 1.0 if c == n + i else 0.0
+            s.mean_velocity[i, c] = 0.0
+            s.mean_acceleration[i, c] = 0.0
+            s.a[i, c] = 1.0 if with_a and c == 2 * n + i else 0.0
+        for r in range(points * d):
+            s.x[r, c] = model.contact_rows[r, c] if c < n else 0.0
+            s.force[r, c] = 0.0
+    for c in range(memory.size):
+        s.force[memory[c], first + c] = 1.0
+    for p in range(points):
+        by = s.law.slider[p]
+        for i in range(d):
+            for c in range(k):
+                value = by[i, 3 * d + 1] if c == k - 1 else 0.0
+                for j in range(d):
+                    by_x, by_w = by[i, j] + by[i, d + j], by[i, 2 * d + j]
+                    value += by_x * s.x[p * d + j, c] + by_w * s.force[p * d + j, c]
+                s.w[p * d + i, c] = value
+    write_load_derivative(model, s, 0j, s.load_derivative[1])
+
+
+@part
+def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> int:
+    """Write the step of a row of the record, of size h, into s.
+
+    Returns:
+        The number of points that touch in it; they are the candidates of `s.law.scratch`.
+    """
+    ahead = 0.5 * h * (h + last_step)
+    for i in range(s.step.size):
+        s.step[i] = record.coordinates[row, i] - s.before[0, i]
+        s.before[5, i] = h * s.before[3, i] + ahead * s.before[4, i]
+    for p in range(s.is_open.size):
+        s.is_open[p] = True
+        for i in range(s.x1.shape[1]):
+            s.x1[p, i] = record.displacement[row, p, i]
+            if record.mean_force[row, p, i] != 0.0:
+                s.is_open[p] = False
+        s.weight[p] = record.blending[row, p]
+        s.law.scratch.is_candidate[p] = not s.is_open[p]
+    return list_candidates(s.law.scratch)
+
+
+@part
+def end_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> None:
+    """Write the end of the step of a row of the record as the start of the next one."""
+    n, growth = s.step.size, 2.0 / (h + last_step)
+    for i in range(n):
+        rate = s.step[i] / h
+        s.before[4, i] = growth * (rate - s.before[3, i])
+        s.before[3, i] = rate
+        for k in range(3):
+            s.before[k, i] = record.coordinates[row, k * n + i]
+    for p in range(s.is_open.size):
+        s.normal_force[p] = record.force[row, p, 0]
+        for i in range(s.x0.shape[1]):
+            s.x0[p, i] = s.x1[p, i]
+            s.w0[p, i] = s.x1[p, i] if s.is_open[p] else s.law.end.slider[p, i].real
+
+
+@kernel
+def carry_derivatives(
+    model: ReducedModel,
+    contacts: Contacts,
+    scheme: Scheme,
+    drift: Drift,
+    record: Record,
+    rows: int,
+    last_step: float,
+    rest: ComplexInterval,
+    sliders: Array,
+    memory: NDArray[np.int64],
+    s: Sensitivity,
+) -> bool:
+    """Write the derivatives at the end of a recorded period to s.
+
+    Args:
+        model: the model.
+        contacts: parameters of the contact points.
+        scheme: the weights of the scheme.
+        drift: derivatives of the data by the parameter.
+        record: of the accepted steps, with coordinates, from time 0.
+        rows: number of these steps.
+        last_step: size of the step before the period, s.
+        rest: `REST`, as an argument because numba compiles the contact law once more for constants.
+        sliders: (P, d) the variables of the period, m.
+        memory: which components of them are variables.
+        s: in: `before`, `x0`, `w0` and `normal_force` at the start; out: the derivatives.
+
+    Returns:
+        False if the matrix of a step is singular.
+    """
+    law, points, d, by, begin = s.law, s.is_open.size, s.x0.shape[1], drift.contacts, 0.0
+    blends = is_resolved(record.blending[:rows])
+    for p in range(points):
+        x, w = s.x0[p], sliders[p]
+        differentiate_law(law, contacts, by, rest, p, x, x, w, 0.0, rest.discrete_gradient)
+    start_derivatives(model, s, memory, not scheme.discrete_gradient)
+    for row in range(rows):
+        h = record.time[row] - begin
+        times = complex(1.0, STEP * drift.period)
+        behind, ahead, moved = begin * times, record.time[row] * times, h * times
+        step = ComplexInterval(behind, ahead, scheme.alpha_f, scheme.discrete_gradient)
+        count = begin_step(record, row, h, last_step, s)
+        touching, directions = law.scratch.candidates[:count], law.scratch.directions[: count * d]
+        by_mass, by_velocity = add_structure(model, scheme, drift, moved, behind, ahead, s)
+        if blends and is_resolved(record.blending[row : row + 1]):
+            solve_at_guess(model, scheme, s, h, directions)
+        for place in range(count):
+            p = touching[place]
+            for c in range(s.q.shape[1]):
+                s.blending[p, c] = 0.0
+            if s.weight[p] > BLENDING_RESOLVED:  # the call costs a sixth of the step
+                differentiate_blending(
+                    model,
+                    contacts,
+                    scheme,
+                    drift,
+                    s,
+                    p,
+                    place,
+                    behind,
+                    h,
+                    last_step,
+                    by_mass,
+                    by_velocity,
+                )
+            follows = not s.normal_force[p] > 0.0 or contacts.friction[p] == 0.0
+            x0, x1, w0 = s.x0[p], s.x1[p], s.w0[p]
+            differentiate_law(law, contacts, by, step, p, x0, x1, w0, s.weight[p], follows)
+            add_contact(model, s, p)
+        if not solve_step(s):
+            return False
+        advance_derivatives(scheme, moved, s)
+        if blends:
+            advance_extrapolation(drift.period, h, last_step, s)
+        advance_sliders(model, s)
+        end_step(record, row, h, last_step, s)
+        begin, last_step = record.time[row], h
+    return True

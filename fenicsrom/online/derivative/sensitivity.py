@@ -1,0 +1,167 @@
+"""The arrays that carry derivatives through the steps of a period."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.derivative.contact_sensitivity import (
+    PARAMETERS,
+    LawDerivative,
+    law_derivative,
+)
+from fenicsrom.online.kernels.complex_step import as_complex
+from fenicsrom.online.model.loads import LoadHistories
+
+
+class Drift(NamedTuple):
+    """Derivatives of the data of a motion by its parameter.
+
+    Attributes:
+        contacts: of the parameters of the contacts.
+        sines: (s, 8) of the sines of the load histories.
+        damping: of the mass-proportional damping alpha, 1/s.
+        period: of the period relative to the period: every time of the motion t changes by t times
+            it.
+    """
+
+    contacts: Contacts
+    sines: Array
+    damping: float
+    period: float
+
+
+class Sensitivity(NamedTuple):
+    """Derivatives of the state by the k columns: start values of the period, then the parameter.
+
+    Attributes:
+        q: (n, k) of the coordinates.
+        v: (n, k) of the velocities.
+        a: (n, k) of the accelerations.
+        x: (m, k) of the contact displacements.
+        w: (m, k) of the sliders.
+        dq: (n, k) of the step; before it is solved for, the right-hand side.
+        force: (m, k) of the mean contact force without the part by the end of the step.
+        mean_velocity: (n, k) of the mean velocity of the last step.
+        mean_acceleration: (n, k) of its growth.
+        blending: (P, k) of the weight of the implicit blending.
+        combined: (n, k) sum of velocities and accelerations to be multiplied by a matrix.
+        before: (6, n) at the start of the step: q, v, a, mean velocity of the last step, its
+            growth, and the first guess of dq.
+        step: (n,) dq of the step.
+        x0: (P, d) contact displacements at the start of the step.
+        x1: (P, d) contact displacements at its end.
+        w0: (P, d) sliders at its start.
+        normal_force: (P,) at its start, N.
+        is_open: (P,) whether a point is open during the whole step.
+        weight: (P,) of the implicit blending.
+        load_derivative: (2, n) of the load vector by the parameter, at both ends of the step.
+        factors: (loads,) complex time factors of the loads.
+        pressure_factors: (2, loads) the same at both ends of the step.
+        histories: complex load histories.
+        by_start: (n, n) derivative of the mean elastic force by q0.
+        by_step: (n, n) by dq; then the matrix S of the step.
+        tangent: (n, n) tangent at a point of the step.
+        shares: (2, 2) weights of the tangents at two points, for `by_start` and `by_step`.
+        vectors: (2, n) scratch.
+        rows: (m, n) of the contact displacements, weighted.
+        column: (d,) scratch.
+        blending_vectors: (5, n) scratch.
+        pivots: (n,)
+        law: derivative of the contact law.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    x: Array
+    w: Array
+    dq: Array
+    force: Array
+    mean_velocity: Array
+    mean_acceleration: Array
+    blending: Array
+    combined: Array
+    before: Array
+    step: Array
+    x0: Array
+    x1: Array
+    w0: Array
+    normal_force: Array
+    is_open: NDArray[np.bool_]
+    weight: Array
+    load_derivative: Array
+    factors: Array
+    pressure_factors: Array
+    histories: LoadHistories
+    by_start: Array
+    by_step: Array
+    tangent: Array
+    shares: Array
+    vectors: Array
+    rows: Array
+    column: Array
+    blending_vectors: Array
+    pivots: NDArray[np.int64]
+    law: LawDerivative
+
+
+def no_drift(contacts: Contacts, histories: LoadHistories) -> Drift:
+    """The derivatives of the data by a parameter on which nothing depends."""
+    nothing = {name: np.zeros_like(getattr(contacts, name)) for name in PARAMETERS}
+    return Drift(contacts._replace(**nothing), np.zeros_like(histories.sines), 0.0, 0.0)
+
+
+def no_sensitivity(
+    n: int, columns: int, contacts: Contacts, histories: LoadHistories, dimension: int
+) -> Sensitivity:
+    """A `Sensitivity` of zeros.
+
+    Args:
+        n: number of coordinates.
+        columns: k.
+        contacts: parameters of P contact points.
+        histories: of the loads.
+        dimension: d, of space.
+    """
+    points = contacts.preload.size
+    state, contact, point = (n, columns), (points * dimension, columns), (points, dimension)
+    return Sensitivity(
+        q=np.zeros(state),
+        v=np.zeros(state),
+        a=np.zeros(state),
+        x=np.zeros(contact),
+        w=np.zeros(contact),
+        dq=np.zeros(state),
+        force=np.zeros(contact),
+        mean_velocity=np.zeros(state),
+        mean_acceleration=np.zeros(state),
+        blending=np.zeros((points, columns)),
+        combined=np.zeros(state),
+        before=np.zeros((6, n)),
+        step=np.zeros(n),
+        x0=np.zeros(point),
+        x1=np.zeros(point),
+        w0=np.zeros(point),
+        normal_force=np.zeros(points),
+        is_open=np.zeros(points, dtype=np.bool_),
+        weight=np.zeros(points),
+        load_derivative=np.zeros((2, n)),
+        factors=np.zeros(histories.spans.shape[0], dtype=np.complex128),
+        pressure_factors=np.zeros((2, histories.spans.shape[0]), dtype=np.complex128),
+        histories=as_complex(histories, ("sines",)),
+        by_start=np.zeros((n, n)),
+        by_step=np.zeros((n, n)),
+        tangent=np.zeros((n, n)),
+        shares=np.zeros((2, 2)),
+        vectors=np.zeros((2, n)),
+        rows=np.zeros((points * dimension, n)),
+        column=np.zeros(dimension),
+        blending_vectors=np.zeros((5, n)),
+        pivots=np.zeros(n, dtype=np.int64),
+        law=law_derivative(contacts, points, dimension),
+    )

@@ -1,0 +1,342 @@
+"""Derivative of one accepted time step: what a change of its start does to its end.
+
+The step solves R(dq; q0, v0, a0, w0, p) = 0 for dq = q1 - q0, with F the mean contact forces and
+p the parameter:
+
+    R = M (mass dq + inertia_v v0 + inertia_a a0)
+        + D (velocity_dq dq + velocity_v v0 + velocity_a a0)
+        + f_mean(q0, dq) + B F(x0, x1, w0, p) - load
+
+with the coefficients of `fenicsrom.online.step.step.StepCoefficients`. With x = B^T q and
+S = mass M + velocity_dq D + df_mean/d(dq) + B dF/dx1 B^T
+
+    S d(dq) = -[df_mean/dq0 dq0 + M (inertia_v dv0 + inertia_a da0)
+                + D (velocity_v dv0 + velocity_a da0)
+                + B (dF/dx0 + dF/dx1) dx0 + B dF/dw0 dw0 + dR/dp dp].
+
+One factorisation of S serves all columns. The end of the step follows from dq by the formulas of
+the scheme, and the sliders by the derivative of the contact law.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
+from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.complex_step import STEP
+from fenicsrom.online.kernels.dense import add_combined_rows, lu_factor, lu_solve
+from fenicsrom.online.model.loads import write_factors
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import write_tangents
+from fenicsrom.online.model.pressure import write_pressure
+from fenicsrom.online.step.scheme import Scheme
+from fenicsrom.online.step.step import step_coefficients
+
+
+class EndCoefficients(NamedTuple):
+    """How velocity and acceleration at the end of a step depend on dq, v0 and a0.
+
+    `fenicsrom.online.step.step.accept` has the same factors, written out: there they are part of the
+    compiled loop, whose machine code is not to depend on that of the derivatives.
+    """
+
+    v_dq: float
+    v_v: float
+    v_a: float
+    a_dq: float
+    a_v: float
+    a_a: float
+
+
+@part
+def end_coefficients(scheme: Scheme, h: float) -> EndCoefficients:
+    """The factors of a step of size h, real or complex."""
+    beta, gamma = scheme.beta, scheme.gamma
+    return EndCoefficients(
+        gamma / (beta * h),
+        1.0 - gamma / beta + 0.0 * h,
+        h * (1.0 - 0.5 * gamma / beta),
+        1.0 / (beta * h * h),
+        -1.0 / (beta * h),
+        1.0 - 0.5 / beta + 0.0 * h,
+    )
+
+
+@part
+def with_damping(scheme: Scheme, damping: complex) -> Scheme:
+    """The scheme with another damping, which may be complex."""
+    return Scheme(
+        scheme.alpha_m,
+        scheme.alpha_f,
+        scheme.beta,
+        scheme.gamma,
+        scheme.discrete_gradient,
+        scheme.start_weight,
+        scheme.points,
+        scheme.weights,
+        damping,
+        scheme.linear,
+        scheme.velocity_forces,
+        scheme.quadratic,
+        scheme.all_points,
+    )
+
+
+@part
+def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> None:
+    """Write the derivatives of the mean elastic force by q0 and by dq: by_start and by_step."""
+    q0, dq, elastic, work, shares = s.before[0], s.step, model.elastic, model.work, s.shares
+    n, count = q0.size, 0
+    for g in range(-1, scheme.points.size):
+        weight = scheme.start_weight if g < 0 else scheme.weights[g]
+        if weight == 0.0:
+            continue
+        point = 0.0 if g < 0 else scheme.points[g]
+        shares[0, count], shares[1, count] = weight, weight * point
+        for i in range(n):
+            work.points[count, i] = q0[i] + point * dq[i]
+        count += 1
+    q = work.points[:count]
+    write_tangents(elastic, work.columns, q, work.products, shares, s.by_start, s.by_step)
+
+
+@part
+def add_pressure(
+    model: ReducedModel, scheme: Scheme, behind: complex, ahead: complex, s: Sensitivity
+) -> None:
+    """Add the follower pressures to by_start, by_step and the right-hand side of a step."""
+    q0, dq, pressure, work = s.before[0], s.step, model.pressure, model.work
+    n, last = q0.size, s.q.shape[1] - 1
+    q, force, tangent = s.vectors[0], s.vectors[1], s.tangent
+    start, end = s.pressure_factors[0], s.pressure_factors[1]
+    write_factors(s.histories, behind, start)
+    write_factors(s.histories, ahead, end)
+    for k in range(pressure.numbers.size):
+        number = pressure.numbers[k]
+        work.pressure_factors[0, k] = start[number].real
+        work.pressure_factors[1, k] = end[number].real
+        for g in range(-1, scheme.points.size):
+            weight = scheme.start_weight if g < 0 else scheme.weights[g]
+            if weight == 0.0:
+                continue
+            point = 0.0 if g < 0 else scheme.points[g]
+            factor = weight * ((1.0 - point) * start[number] + point * end[number])
+            for i in range(n):
+                q[i] = q0[i] + point * dq[i]
+            write_pressure(pressure, k, q, force, tangent)
+            for i in range(n):
+                s.dq[i, last] -= factor.imag / STEP * force[i]
+                for j in range(n):
+                    s.by_start[i, j] -= factor.real * tangent[i, j]
+                    s.by_step[i, j] -= factor.real * point * tangent[i, j]
+
+
+@part
+def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, out: Array) -> None:
+    """Write the derivative (n,) of the load vector by the parameter at a time."""
+    write_factors(s.histories, time, s.factors)
+    for i in range(out.size):
+        value = 0.0
+        for k in range(s.factors.size):
+            value += model.loads[i, k] * s.factors[k].imag
+        out[i] = value / STEP
+
+
+@part
+def add_term(
+    matrix: Array, by_dq: complex, by_v: complex, by_a: complex, with_a: bool, s: Sensitivity
+) -> None:
+    """Add matrix (by_dq dq + by_v v0 + by_a a0) to S and to the right-hand side.
+
+    The imaginary parts of the factors are `STEP` times their derivatives by the parameter.
+    """
+    n, k = s.q.shape
+    last, v0, a0 = k - 1, s.before[1], s.before[2]
+    for i in range(n):
+        for c in range(k):
+            s.combined[i, c] = by_v.real * s.v[i, c]
+        if with_a:
+            for c in range(k):
+                s.combined[i, c] += by_a.real * s.a[i, c]
+        s.combined[i, last] += (
+            by_v.imag * v0[i] + by_a.imag * a0[i] + by_dq.imag * s.step[i]
+        ) / STEP
+        for j in range(n):
+            s.by_step[i, j] += by_dq.real * matrix[i, j]
+    add_combined_rows(matrix, s.combined, s.dq)
+
+
+@part
+def add_structure(
+    model: ReducedModel,
+    scheme: Scheme,
+    drift: Drift,
+    h: complex,
+    behind: complex,
+    ahead: complex,
+    s: Sensitivity,
+) -> tuple[complex, complex]:
+    """Write S and the right-hand side of a step of size h, without the contact.
+
+    Args:
+        model: the model.
+        scheme: the weights of the scheme.
+        drift: derivatives of the data by the parameter.
+        h: s.
+        behind: start of the step, s.
+        ahead: end of the step, s.
+        s: in: the step; out: S and the right-hand side.
+
+    Returns:
+        The coefficients of M dq and of D dq, with their derivatives by the parameter as imaginary
+        parts.
+    """
+    n, k = s.q.shape
+    damping = complex(scheme.damping, STEP * drift.damping)
+    g, with_a = step_coefficients(with_damping(scheme, damping), h), not scheme.discrete_gradient
+    elastic_tangents(model, scheme, s)
+    for i in range(n):
+        for c in range(k):
+            s.dq[i, c] = 0.0
+    if model.pressure.numbers.shape[0] > 0:
+        add_pressure(model, scheme, behind, ahead, s)
+    add_combined_rows(s.by_start, s.q, s.dq)
+    add_term(model.mass, g.mass, g.inertia_v, g.inertia_a, with_a, s)
+    if scheme.velocity_forces:
+        add_term(
+            model.velocity_matrix,
+            g.velocity_dq,
+            complex(g.velocity_v),
+            g.velocity_a,
+            with_a,
+            s,
+        )
+    for i in range(n):
+        s.load_derivative[0, i] = s.load_derivative[1, i]
+    write_load_derivative(model, s, ahead, s.load_derivative[1])
+    for i in range(n):
+        start, end = s.load_derivative[0, i], s.load_derivative[1, i]
+        s.dq[i, k - 1] -= scheme.alpha_f * start + (1.0 - scheme.alpha_f) * end
+    return g.mass, g.velocity_dq
+
+
+@part
+def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
+    """Add the mean contact force of point p to S and to the right-hand side."""
+    n, k = s.q.shape
+    d = s.x0.shape[1]
+    force, row, last = s.law.force[p], p * d, k - 1
+    for i in range(d):
+        for c in range(k):
+            s.force[row + i, c] = force[i, 3 * d] * s.blending[p, c]
+        s.force[row + i, last] += force[i, 3 * d + 1]
+        for j in range(d):
+            by_x, by_w = force[i, j] + force[i, d + j], force[i, 2 * d + j]
+            for c in range(k):
+                s.force[row + i, c] += by_x * s.x[row + j, c] + by_w * s.w[row + j, c]
+        for b in range(n):
+            s.rows[row + i, b] = 0.0
+            for j in range(d):
+                s.rows[row + i, b] += force[i, d + j] * model.contact_rows[row + j, b]
+    for i in range(d):
+        for a in range(n):
+            factor = model.contact_rows[row + i, a]
+            if factor == 0.0:
+                continue
+            for b in range(n):
+                s.by_step[a, b] += factor * s.rows[row + i, b]
+            for c in range(k):
+                s.dq[a, c] += factor * s.force[row + i, c]
+
+
+@part
+def solve_step(s: Sensitivity) -> bool:
+    """Solve S d(dq) = -s.dq in place; False if S is singular."""
+    n, k = s.q.shape
+    for i in range(n):
+        for c in range(k):
+            s.dq[i, c] = -s.dq[i, c]
+    if not lu_factor(s.by_step, s.pivots, n):
+        return False
+    lu_solve(s.by_step, s.pivots, s.dq, n, k)
+    return True
+
+
+@part
+def advance_derivatives(scheme: Scheme, h: complex, s: Sensitivity) -> None:
+    """Add the step to the derivatives of coordinates, velocities and accelerations."""
+    g = end_coefficients(scheme, h)
+    n, k = s.q.shape
+    last, dq, v0, a0 = k - 1, s.step, s.before[1], s.before[2]
+    for i in range(n):
+        for c in range(k):
+            s.q[i, c] += s.dq[i, c]
+        if scheme.discrete_gradient:
+            for c in range(k):
+                s.v[i, c] = g.v_dq.real * s.dq[i, c] + g.v_v.real * s.v[i, c]
+        else:
+            for c in range(k):
+                v, a = s.v[i, c], s.a[i, c]
+                s.v[i, c] = g.v_dq.real * s.dq[i, c] + g.v_v.real * v + g.v_a.real * a
+                s.a[i, c] = g.a_dq.real * s.dq[i, c] + g.a_v.real * v + g.a_a.real * a
+            s.a[i, last] += (g.a_dq.imag * dq[i] + g.a_v.imag * v0[i] + g.a_a.imag * a0[i]) / STEP
+        s.v[i, last] += (g.v_dq.imag * dq[i] + g.v_v.imag * v0[i] + g.v_a.imag * a0[i]) / STEP
+
+
+@part
+def advance_sliders(model: ReducedModel, s: Sensitivity) -> None:
+    """Carry the derivatives of the sliders and of the contact displacements over the step.
+
+    A point that is open all the time forgets its slider, which follows the point.
+    """
+    k = s.q.shape[1]
+    points, d = s.x0.shape
+    last, x1 = k - 1, s.force
+    for r in range(points * d):
+        for c in range(k):
+            x1[r, c] = 0.0
+    add_combined_rows(model.contact_rows, s.q, x1)
+    for p in range(points):
+        row = p * d
+        if s.is_open[p]:
+            for i in range(d):
+                for c in range(k):
+                    s.w[row + i, c] = x1[row + i, c]
+            continue
+        by = s.law.slider[p]
+        for c in range(k):
+            for i in range(d):
+                value = by[i, 3 * d] * s.blending[p, c]
+                for j in range(d):
+                    value += (
+                        by[i, j] * s.x[row + j, c]
+                        + by[i, d + j] * x1[row + j, c]
+                        + by[i, 2 * d + j] * s.w[row + j, c]
+                    )
+                s.column[i] = value
+            for i in range(d):
+                s.w[row + i, c] = s.column[i]
+        for i in range(d):
+            s.w[row + i, last] += by[i, 3 * d + 1]
+    for r in range(points * d):
+        for c in range(k):
+            s.x[r, c] = x1[r, c]
+
+
+@part
+def advance_extrapolation(period_drift: float, h: float, last_step: float, s: Sensitivity) -> None:
+    """Carry the derivatives of the mean velocity and its growth, which extrapolate, over a step."""
+    n, k = s.q.shape
+    last, factor = k - 1, 2.0 / (h + last_step)
+    for i in range(n):
+        for c in range(k):
+            rate = s.dq[i, c] / h
+            if c == last:
+                rate -= period_drift * s.step[i] / h
+            change = rate - s.mean_velocity[i, c]
+            if c == last:
+                change -= period_drift * (s.step[i] / h - s.before[3, i])
+            s.mean_acceleration[i, c] = factor * change
+            s.mean_velocity[i, c] = rate

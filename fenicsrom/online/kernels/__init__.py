@@ -1,0 +1,1 @@
+"""Compilation with numba, and small dense algebra in compiled code."""

@@ -1,0 +1,311 @@
+"""Small dense matrices and vectors in compiled code.
+
+The reduced model works on millions of them, each too small for BLAS and LAPACK to be faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba.extending import overload
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.kernels.compiled import INLINED, UNCOUNTED, compiled, kernel, part
+
+MANY_ROWS = 8  # of a matrix whose product combines its columns
+
+
+@compiled
+def times(a: Array, x: Array) -> Array:
+    """A x for a matrix a (n, k) and a vector x (k,)."""
+    result = np.empty(a.shape[0])
+    for i in range(a.shape[0]):
+        value = 0.0
+        for j in range(a.shape[1]):
+            value += a[i, j] * x[j]
+        result[i] = value
+    return result
+
+
+@part
+def write_times(a: Array, x: Array, out: Array) -> None:
+    """Write A x (n,) for a matrix a (n, k) and a vector x (k,)."""
+    for i in range(a.shape[0]):
+        value = 0.0
+        for j in range(a.shape[1]):
+            value += a[i, j] * x[j]
+        out[i] = value
+
+
+@part
+def add_times(offset: Array, a: Array, columns: Array, x: Array, out: Array) -> None:
+    """Write offset + A x (m,) for a vector x (n,) and a matrix a (m, n) with columns (n, m).
+
+    Few rows are multiplied faster as inner products, many by combining the columns, three at a
+    time.
+    """
+    m, n = a.shape
+    if m < MANY_ROWS:
+        for i in range(m):
+            value = offset[i]
+            for j in range(n):
+                value += a[i, j] * x[j]
+            out[i] = value
+        return
+    for i in range(m):
+        out[i] = offset[i]
+    whole = n - n % 3
+    for j in range(0, whole, 3):
+        first, second, third = x[j], x[j + 1], x[j + 2]
+        for i in range(m):
+            out[i] += first * columns[j, i] + second * columns[j + 1, i] + third * columns[j + 2, i]
+    for j in range(whole, n):
+        factor = x[j]
+        for i in range(m):
+            out[i] += factor * columns[j, i]
+
+
+@part
+def inner(x: Array, y: Array) -> float:
+    """Inner product of two vectors."""
+    value = 0.0
+    for i in range(x.size):
+        value += x[i] * y[i]
+    return value
+
+
+@kernel
+def add_combined_rows(weights: Array, rows: Array, out: Array) -> None:
+    """Add weights @ rows to out; (k, r), (r, n), (k, n), k small.
+
+    Three rows are added at a time, for k = 2 to both sums at once. The innermost loop then does
+    more arithmetic for each number that it loads and stores.
+    """
+    k, count, n = weights.shape[0], rows.shape[0], rows.shape[1]
+    whole = count - count % 3
+    if k == 2:
+        for r in range(0, whole, 3):
+            a0, b0, c0 = weights[0, r], weights[0, r + 1], weights[0, r + 2]
+            a1, b1, c1 = weights[1, r], weights[1, r + 1], weights[1, r + 2]
+            for j in range(n):
+                first, second, third = rows[r, j], rows[r + 1, j], rows[r + 2, j]
+                out[0, j] += a0 * first + b0 * second + c0 * third
+                out[1, j] += a1 * first + b1 * second + c1 * third
+        for r in range(whole, count):
+            a0, a1 = weights[0, r], weights[1, r]
+            for j in range(n):
+                out[0, j] += a0 * rows[r, j]
+                out[1, j] += a1 * rows[r, j]
+        return
+    for r in range(0, whole, 3):
+        for c in range(k):
+            first, second, third = weights[c, r], weights[c, r + 1], weights[c, r + 2]
+            for j in range(n):
+                out[c, j] += first * rows[r, j] + second * rows[r + 1, j] + third * rows[r + 2, j]
+    for r in range(whole, count):
+        for c in range(k):
+            factor = weights[c, r]
+            for j in range(n):
+                out[c, j] += factor * rows[r, j]
+
+
+@kernel
+def lu_factor(a: Array, pivots: NDArray[np.int64], n: int) -> bool:
+    """Factorise the leading (n, n) part of a matrix in place, PA = LU with partial pivoting.
+
+    Args:
+        a: overwritten by L (unit diagonal, below) and U.
+        pivots: overwritten by the row swapped with row k at step k.
+        n: size of the part.
+
+    Returns:
+        False if a pivot is zero or not finite.
+    """
+    for k in range(n):
+        row = k
+        for i in range(k + 1, n):
+            if abs(a[i, k]) > abs(a[row, k]):
+                row = i
+        pivots[k] = row
+        if not (abs(a[row, k]) > 0.0 and abs(a[row, k]) < np.inf):
+            return False
+        if row != k:
+            for j in range(n):
+                a[k, j], a[row, j] = a[row, j], a[k, j]
+        inverse = 1.0 / a[k, k]
+        for i in range(k + 1, n):
+            a[i, k] *= inverse
+            factor = a[i, k]
+            for j in range(k + 1, n):
+                a[i, j] -= factor * a[k, j]
+    return True
+
+
+@part
+def substitute(a: Array, b: Array, n: int, columns: int) -> None:
+    """Solve L U x = b in place for the first columns of b (n, ..)."""
+    for i in range(n):
+        for j in range(i):
+            for c in range(columns):
+                b[i, c] -= a[i, j] * b[j, c]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            for c in range(columns):
+                b[i, c] -= a[i, j] * b[j, c]
+        inverse = 1.0 / a[i, i]
+        for c in range(columns):
+            b[i, c] *= inverse
+
+
+@part
+def subtract_rows(a: Array, b: Array, i: int, first: int, last: int, columns: int) -> None:
+    """Subtract a[i, first:last] @ b[first:last] from row i of b, three rows at a time."""
+    whole = last - (last - first) % 3
+    for j in range(first, whole, 3):
+        f, g, h = a[i, j], a[i, j + 1], a[i, j + 2]
+        for c in range(columns):
+            b[i, c] -= f * b[j, c] + g * b[j + 1, c] + h * b[j + 2, c]
+    for j in range(whole, last):
+        factor = a[i, j]
+        for c in range(columns):
+            b[i, c] -= factor * b[j, c]
+
+
+@kernel
+def lu_solve(a: Array, pivots: NDArray[np.int64], b: Array, n: int, columns: int) -> None:
+    """Solve in place for the first columns of b (n, ..); a and pivots from `lu_factor`.
+
+    The compiler writes out the loops over one, two, three and four columns.
+    """
+    for k in range(n):
+        row = pivots[k]
+        if row != k:
+            for c in range(columns):
+                b[k, c], b[row, c] = b[row, c], b[k, c]
+    if columns == 1:
+        substitute(a, b, n, 1)
+    elif columns == 2:
+        substitute(a, b, n, 2)
+    elif columns == 3:
+        substitute(a, b, n, 3)
+    elif columns == 4:
+        substitute(a, b, n, 4)
+    else:
+        for i in range(n):
+            subtract_rows(a, b, i, 0, i, columns)
+        for i in range(n - 1, -1, -1):
+            subtract_rows(a, b, i, i + 1, n, columns)
+            inverse = 1.0 / a[i, i]
+            for c in range(columns):
+                b[i, c] *= inverse
+
+
+@kernel
+def lu_solve_transposed(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
+    """Solve A^T x = b in place for b (n,); a and pivots from `lu_factor` of A."""
+    n = b.size
+    for i in range(n):
+        for j in range(i):
+            b[i] -= a[j, i] * b[j]
+        b[i] /= a[i, i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            b[i] -= a[j, i] * b[j]
+    for k in range(n - 1, -1, -1):
+        b[k], b[pivots[k]] = b[pivots[k]], b[k]
+
+
+def negative_eigenvalues(matrix: Array) -> int:
+    """Number of negative eigenvalues of the symmetric part of a matrix (n, n)."""
+    return int(np.sum(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)) < 0.0))
+
+
+# Vector operations of the time step; they run plain and compiled. A new array costs compiled code
+# more than the arithmetic on a short vector, so results are written into arrays that exist.
+
+
+def combine(out, *terms):  # type: ignore[no-untyped-def]
+    """Write a x + b y (+ c z) into out (n,), which may be one of the vectors.
+
+    Args:
+        out: (n,).
+        terms: a, x, b, y and optionally c, z.
+    """
+    out[:] = sum(factor * vector for factor, vector in zip(terms[::2], terms[1::2], strict=True))
+
+
+@overload(combine, jit_options=UNCOUNTED)
+def _combine(out, *terms):  # type: ignore[no-untyped-def]
+    def two(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i]
+
+    def three(out, *terms):  # type: ignore[no-untyped-def]
+        a, x, b, y, c, z = terms
+        for i in range(out.size):
+            out[i] = a * x[i] + b * y[i] + c * z[i]
+
+    return {4: two, 6: three}.get(len(terms))
+
+
+def copy_vector(out, vector):  # type: ignore[no-untyped-def]
+    """Write a vector (n,), or vectors (P, d), into out."""
+    out[:] = vector
+
+
+@overload(copy_vector, jit_options=INLINED)
+def _copy_vector(out, vector):  # type: ignore[no-untyped-def]
+    def one(out, vector):  # type: ignore[no-untyped-def]
+        for i in range(out.size):
+            out[i] = vector[i]
+
+    def several(out, vector):  # type: ignore[no-untyped-def]
+        for p in range(out.shape[0]):
+            for k in range(out.shape[1]):
+                out[p, k] = vector[p, k]
+
+    return one if out.ndim == 1 else several
+
+
+def copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
+    """Write displacements (P d,) into points (P, d)."""
+    points[:] = displacement.reshape(points.shape)
+
+
+@overload(copy_to_points, jit_options=INLINED)
+def _copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
+    def copy_entries(points, displacement):  # type: ignore[no-untyped-def]
+        d = points.shape[1]
+        for p in range(points.shape[0]):
+            for k in range(d):
+                points[p, k] = displacement[p * d + k]
+
+    return copy_entries
+
+
+def subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-def]
+    """Write into out (n,) the response y (n,) minus that to the forces at some contact points.
+
+    Args:
+        out: (n,).
+        y: (n,) response without contact forces.
+        unit: (n, c d) responses to unit contact forces at these points.
+        points: (c,) their numbers.
+        force: (P, d) contact forces of all points, N.
+    """
+    out[:] = y - np.dot(unit, force[points].reshape(-1))
+
+
+@overload(subtract_contact, jit_options=INLINED)
+def _subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-def]
+    def subtract_entries(out, y, unit, points, force):  # type: ignore[no-untyped-def]
+        d = force.shape[1]
+        for i in range(y.size):
+            value = y[i]
+            for t in range(points.size):
+                for k in range(d):
+                    value -= unit[i, t * d + k] * force[points[t], k]
+            out[i] = value
+
+    return subtract_entries

@@ -1,0 +1,1 @@
+"""The reduced model: its elastic force, loads, pressures, supports and operations."""

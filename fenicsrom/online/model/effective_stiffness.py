@@ -1,0 +1,78 @@
+"""The linear equations of a Newton iteration of a reduced model, S x = b."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.compliance import Compliance, form_delassus, is_formed
+from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.dense import lu_factor, lu_solve
+
+
+@part
+def factorise_effective(
+    mass: Array,
+    velocity_matrix: Array,
+    linear: bool,
+    mass_coefficient: float,
+    velocity_coefficient: float,
+    tangent: Array,
+    tangent_coefficient: float,
+    factor: Array,
+    pivots: NDArray[np.int64],
+    key: Array,
+) -> None:
+    """Write the factors of S of `ReducedModel.solve_effective`, unless a linear model has them."""
+    n = mass.shape[0]
+    if (
+        linear
+        and key[0] == mass_coefficient
+        and key[1] == velocity_coefficient
+        and key[2] == tangent_coefficient
+    ):
+        return
+    for i in range(n):
+        for j in range(n):
+            factor[i, j] = mass_coefficient * mass[i, j] + tangent[i, j]
+    if velocity_coefficient != 0.0 and velocity_matrix.shape[0] > 0:
+        for i in range(n):
+            for j in range(n):
+                factor[i, j] += velocity_coefficient * velocity_matrix[i, j]
+    key[0] = mass_coefficient if lu_factor(factor, pivots, n) else np.nan
+    key[1] = velocity_coefficient
+    key[2] = tangent_coefficient
+
+
+@part
+def write_effective_solution(
+    rows: Array,
+    directions: NDArray[np.int64],
+    d: int,
+    residual: Array,
+    factor: Array,
+    pivots: NDArray[np.int64],
+    key: Array,
+    compliance: Compliance,
+) -> None:
+    """Write the solutions of `ReducedModel.solve_effective` to `compliance`, y behind Z."""
+    n, r = residual.size, directions.size
+    unit, delassus = compliance.unit, compliance.delassus
+    for i in range(n):
+        unit[i, r] = -residual[i]
+        for j in range(r):
+            unit[i, j] = rows[directions[j], i]
+    if np.isnan(key[0]):
+        unit[:] = np.nan
+    else:
+        lu_solve(factor, pivots, unit, n, 1 + r)
+    if is_formed(compliance, r):
+        form_delassus(rows, compliance, directions)
+        return
+    for i in range(r):  # only the block of the point
+        first = i - i % d
+        for j in range(first, first + d):
+            delassus[i, j] = 0.0
+            for k in range(n):
+                delassus[i, j] += rows[directions[i], k] * unit[k, j]

@@ -1,0 +1,153 @@
+"""The arrays of a reduced model as full numpy arrays, for another program.
+
+The equation of motion of the n coordinates q, without contact forces, is
+
+    M q'' + (C + Gamma) q' + f(q) = L s(t)                                           (1)
+    f_i(q) = f0_i + K_ij q_j + 1/2 A_ijk q_j q_k + 1/6 B_ijkl q_j q_k q_l            (2)
+
+with K, A and B symmetric in all their indices: they are the second, third and fourth derivatives
+of the elastic energy at q = 0, the equilibrium under the static loads. The displacement of the
+contact points in their local frames [normal, tangents] is
+
+    x(q) = x0 + B_c q                                                                (3)
+
+A contact force F (m,) in the same frames acts against the displacement (its normal component is
+positive when the body presses on the surface): subtract B_c^T F from the right side of (1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.model.loads import factors
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+
+UNITS: Mapping[str, str] = {
+    "mass": "kg",
+    "damping": "kg/s",
+    "gyroscopic": "kg/s",
+    "force": "N",
+    "stiffness": "N/m",
+    "quadratic": "N/m^2",
+    "cubic": "N/m^3",
+    "loads": "N per unit of the load",
+    "contact_rows": "1",
+    "contact_offset": "m",
+    "probe_rows": "1",
+    "probe_offset": "m",
+}
+"""The unit of each array of `ModelArrays`, for coordinates in m."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelArrays:
+    """The arrays of equations (1) to (3): n coordinates, m contact displacements.
+
+    The units are in `UNITS`. Every array is a copy, in C order, of float64.
+
+    Attributes:
+        mass: (n, n) M, symmetric, positive definite.
+        damping: (n, n) C, symmetric: alpha M and the viscous damping.
+        gyroscopic: (n, n) Gamma, skew; zero without Coriolis forces.
+        force: (n,) f0, which the static loads balance.
+        stiffness: (n, n) K, symmetric, the tangent at q = 0.
+        quadratic: (n, n, n) A, symmetric in all indices; zero for a linear model.
+        cubic: (n, n, n, n) B, symmetric in all indices; zero for a linear model.
+        loads: (n, k) L, a column for each load of the scene, static loads included.
+        contact_rows: (m, n) B_c; the rows of a contact point follow one another.
+        contact_offset: (m,) x0.
+        probe_rows: (d, n) rows that give the displacement of the probe in global axes.
+        probe_offset: (d,) displacement of the probe at q = 0.
+    """
+
+    mass: Array
+    damping: Array
+    gyroscopic: Array
+    force: Array
+    stiffness: Array
+    quadratic: Array
+    cubic: Array
+    loads: Array
+    contact_rows: Array
+    contact_offset: Array
+    probe_rows: Array
+    probe_offset: Array
+
+    def elastic_force(self, q: Array) -> Array:
+        """The elastic force (n,) at q (n,), equation (2), in N."""
+        linear = self.force + self.stiffness @ q
+        return linear + 0.5 * (self.quadratic @ q @ q) + (self.cubic @ q @ q @ q) / 6.0
+
+    def tangent(self, q: Array) -> Array:
+        """The derivative (n, n) of the elastic force by q at q (n,), in N/m."""
+        return self.stiffness + self.quadratic @ q + 0.5 * (self.cubic @ q @ q)
+
+    def contact_displacement(self, q: Array) -> Array:
+        """The displacement (m,) of the contact points at q (n,), equation (3), in m."""
+        return self.contact_offset + self.contact_rows @ q
+
+    def asdict(self) -> dict[str, Array]:
+        """The arrays by name, for `numpy.savez` or `scipy.io.savemat`."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(self)}
+
+
+def model_arrays(model: ReducedModel, source: str = "") -> ModelArrays:
+    """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes.
+
+    Args:
+        model: the model.
+        source: name of the scene file, for messages.
+
+    Raises:
+        SceneError: a follower pressure acts on the model, for which equation (1) has no term.
+    """
+    if model.pressure.numbers.size:
+        key = f"loads[{int(model.pressure.numbers[0])}].follower"
+        raise SceneError(
+            f"{source}{': ' if source else ''}{key} = true: not allowed in a model for another "
+            "program, whose arrays describe conservative forces only",
+            kind=ErrorKind.CONFLICT,
+            key=key,
+            source=source,
+        )
+    n = model.size
+    quadratic, cubic = full_tensors(model.elastic)
+    velocity = model.velocity_matrix if model.velocity_forces else np.zeros((n, n))
+    return ModelArrays(
+        mass=model.mass.copy(),
+        damping=model.damping * model.mass + 0.5 * (velocity + velocity.T),
+        gyroscopic=0.5 * (velocity - velocity.T),
+        force=model.elastic.force.copy(),
+        stiffness=model.elastic.stiffness.copy(),
+        quadratic=quadratic,
+        cubic=cubic,
+        loads=model.loads.copy(),
+        contact_rows=model.contact_rows.copy(),
+        contact_offset=model.contact_offset.copy(),
+        probe_rows=model.probe.copy(),
+        probe_offset=model.probe_offset.copy(),
+    )
+
+
+def full_tensors(elastic: ElasticPolynomial) -> tuple[Array, Array]:
+    """Expand the paired coefficients to A (n, n, n) and B (n, n, n, n); zero for a linear model."""
+    n = elastic.stiffness.shape[0]
+    if elastic.cubic.shape[0] == 0:
+        return np.zeros((n, n, n)), np.zeros((n, n, n, n))
+    first, second = pairs(n)
+    pair = np.zeros((n, n), dtype=np.int64)  # the number of the pair (i, j), in either order
+    pair[first, second] = pair[second, first] = np.arange(first.size)
+    # the program stores B / 2 with the columns k < l doubled
+    both = elastic.cubic * np.where(first == second, 2.0, 1.0)
+    return elastic.quadratic[pair], both[pair[:, :, None, None], pair[None, None, :, :]]
+
+
+def load_factors(model: ReducedModel, time: float) -> Array:
+    """The factors s(t) (k,) of the loads at a time in s, in the unit of each load."""
+    return factors(model.load_histories, time)

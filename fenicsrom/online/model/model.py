@@ -1,0 +1,375 @@
+"""The reduced model in coordinates q."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.compliance import Compliance, compliance_of
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.kernels.compiled import compile_methods
+from fenicsrom.online.kernels.dense import (
+    add_times,
+    inner,
+    negative_eigenvalues,
+    times,
+    write_times,
+)
+from fenicsrom.online.model.effective_stiffness import factorise_effective, write_effective_solution
+from fenicsrom.online.model.loads import LoadHistories, static_factors, write_factors
+from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean
+from fenicsrom.online.model.pressure import (
+    PressurePolynomial,
+    no_pressure,
+    subtract_pressure,
+    subtract_pressure_at_end,
+    unit_tangent,
+    work_of_pressure,
+    write_pressure_factors,
+)
+
+
+class Tangent(NamedTuple):
+    """The derivative of the mean elastic force of a step by dq.
+
+    Attributes:
+        matrix: (n, n), N/m.
+        coefficient: sum of w_g s_g, the factor of the stiffness in `matrix` for a linear model.
+    """
+
+    matrix: Array
+    coefficient: float
+
+
+class Workspace(NamedTuple):
+    """The results of a `ReducedModel` of n coordinates and m contact displacements.
+
+    The results are valid until the next call of the model. In models of this size a new array costs
+    compiled code more than the arithmetic on it.
+
+    Attributes:
+        columns: (n, p) the columns of the quadratic coefficients; they are combined faster than the
+            rows.
+        points: (2, n) coordinates.
+        products: (3, 2, p) see `elastic_products`.
+        force: (n,) elastic force.
+        tangent: (n, n) its derivative.
+        factor: (n, n) factors of the last effective stiffness.
+        pivots: (n,)
+        key: (3,) mass, velocity and tangent coefficient of the factor, by which a linear model
+            keeps it; the first is NaN if the matrix is singular.
+        compliance: the response to contact forces; its array `unit` holds right-hand sides and
+            solutions.
+        contact_columns: (n, m) the columns of the contact rows.
+        contact: (m,) contact displacement.
+        mass_product: (n,) M v.
+        velocity_product: (n,) D v.
+        factors: (loads,) time factors of the loads.
+        load_vector: (n,) load vector, N.
+        pressure_factors: (2, k) factors of the follower pressures at the start and at the end of
+            the step.
+        pressure_vectors: (2, n) coordinates and a force of a follower pressure.
+        pressure_tangent: (n, n) its derivative.
+    """
+
+    columns: Array
+    points: Array
+    products: Array
+    force: Array
+    tangent: Array
+    factor: Array
+    pivots: NDArray[np.int64]
+    key: Array
+    compliance: Compliance
+    contact_columns: Array
+    contact: Array
+    mass_product: Array
+    velocity_product: Array
+    factors: Array
+    load_vector: Array
+    pressure_factors: Array
+    pressure_vectors: Array
+    pressure_tangent: Array
+
+
+class ReducedModel(NamedTuple):
+    """Everything the online stage needs of n coordinates and m contact displacements.
+
+    Attributes:
+        mass: (n, n), kg.
+        damping: alpha in C = alpha M, 1/s.
+        elastic: coefficients of the elastic force.
+        loads: (n, loads), unit loads projected on the basis.
+        load_histories: time factors of the loads.
+        points: the contact points.
+        contact_rows: (m, n) B^T R, contact displacements by coordinates; m = 0 without contact.
+        contact_offset: (m,) contact displacement at q = 0 (the equilibrium), m.
+        probe: (d, n) rows that give the displacement of the probe, in global axes.
+        probe_offset: (d,) displacement of the probe at q = 0, m.
+        velocity_matrix: (n, n) D of the forces D v besides alpha M v, kg/s: gyroscopic matrix and
+            viscous damping; (0, 0) of a model without.
+        pressure: coefficients of the follower pressures; their forces are part of those that
+            `elastic_over_step` and `elastic_at` give.
+        work: arrays for the results.
+    """
+
+    mass: Array
+    damping: float
+    elastic: ElasticPolynomial
+    loads: Array
+    load_histories: LoadHistories
+    points: ContactPoints
+    contact_rows: Array
+    contact_offset: Array
+    probe: Array
+    probe_offset: Array
+    velocity_matrix: Array
+    pressure: PressurePolynomial
+    work: Workspace
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates n."""
+        return self.mass.shape[0]
+
+    @property
+    def linear(self) -> bool:
+        """Whether the elastic force is linear."""
+        return self.elastic.cubic.shape[0] == 0
+
+    @property
+    def exact_newton(self) -> bool:
+        """`solve_effective` solves with S itself."""
+        return True
+
+    @property
+    def velocity_forces(self) -> bool:
+        """Whether there are forces D v."""
+        return self.velocity_matrix.shape[0] > 0
+
+    @property
+    def gauss_points(self) -> int:
+        """Gauss points that integrate a force along a step exactly: 2 if cubic, 1 if linear."""
+        return 1 if self.linear else 2
+
+    def rest_stiffness(self) -> Array:
+        """The tangent (n, n) at q = 0 with the static follower pressures, N/m."""
+        factors, found = static_factors(self.load_histories), self.elastic.stiffness.copy()
+        for k, number in enumerate(self.pressure.numbers):
+            found -= factors[number] * unit_tangent(self.pressure, k, np.zeros(self.size))
+        return found
+
+    def set_at_rest(self) -> None:
+        """Let only the static follower pressures act in the operations that follow."""
+        factors = static_factors(self.load_histories)
+        self.work.pressure_factors[:] = factors[self.pressure.numbers]
+
+    # The operations of `fenicsrom.online.model.operations.Model`, which compiled code calls too.
+
+    def set_interval(self, begin: float, end: float) -> None:
+        """Set the start and the end of the step, in s, for the operations that follow."""
+        if self.pressure.numbers.shape[0] > 0:
+            write_pressure_factors(self.pressure, self.load_histories, begin, end, self.work)
+
+    def pressure_work(self, q0: Array, dq: Array) -> float:
+        """Work of the follower pressures, without their constant part, over a step, J."""
+        if self.pressure.numbers.shape[0] > 0:
+            return work_of_pressure(self.pressure, self.work, q0, dq)
+        return 0.0
+
+    def elastic_over_step(
+        self, start: Array, q0: Array, dq: Array, start_weight: float, points: Array, weights: Array
+    ) -> tuple[Array, Tangent]:
+        """Mean elastic force over a step and its derivative by dq."""
+        coefficient = elastic_mean(
+            self.elastic,
+            self.work.columns,
+            self.work.points,
+            self.work.products,
+            start,
+            q0,
+            dq,
+            start_weight,
+            points,
+            weights,
+            self.work.force,
+            self.work.tangent,
+        )
+        if self.pressure.numbers.shape[0] > 0:
+            subtract_pressure(self.pressure, self.work, q0, dq, points, weights)
+        return self.work.force, Tangent(self.work.tangent, coefficient)
+
+    def elastic_at(self, q: Array) -> tuple[Array, float]:
+        """Elastic force (n,) and energy at q."""
+        energy = elastic_force_with(
+            self.elastic,
+            self.work.columns,
+            self.work.points,
+            self.work.products,
+            q,
+            self.work.force,
+            self.work.tangent,
+        )
+        if self.pressure.numbers.shape[0] > 0:
+            subtract_pressure_at_end(self.pressure, self.work, q)
+        return self.work.force, energy
+
+    def solve_effective(
+        self,
+        mass_coefficient: float,
+        velocity_coefficient: float,
+        tangent: Tangent,
+        residual: Array,
+        directions: NDArray[np.int64],
+    ) -> tuple[Array, Array, Compliance]:
+        """Solve S [y, Z] = [-residual, B] for the r given contact directions B.
+
+        S = mass_coefficient M + velocity_coefficient D + tangent. A linear model keeps its
+        factor while the three coefficients are the same. A singular S gives NaN.
+
+        Returns:
+            y (n,), Z (n, r) and the `Compliance` B^T Z.
+        """
+        work, unit = self.work, self.work.compliance.unit
+        factorise_effective(
+            self.mass,
+            self.velocity_matrix,
+            self.elastic.cubic.shape[0] == 0,
+            mass_coefficient,
+            velocity_coefficient,
+            tangent.matrix,
+            tangent.coefficient,
+            work.factor,
+            work.pivots,
+            work.key,
+        )
+        write_effective_solution(
+            self.contact_rows,
+            directions,
+            self.points.frame.shape[2],
+            residual,
+            work.factor,
+            work.pivots,
+            work.key,
+            work.compliance,
+        )
+        return unit[:, directions.size], unit[:, : directions.size], work.compliance
+
+    def negative_directions(self, tangent: Tangent) -> int:
+        """Number of negative eigenvalues of a stiffness as `elastic_over_step` gives it."""
+        return negative_eigenvalues(tangent.matrix)
+
+    def contact_displacement(self, q: Array) -> Array:
+        """Contact displacement (m,) at q, m."""
+        work = self.work
+        add_times(self.contact_offset, self.contact_rows, work.contact_columns, q, work.contact)
+        return work.contact
+
+    def probe_displacement(self, q: Array) -> Array:
+        """Displacement (d,) of the probe at q, m."""
+        return self.probe_offset + times(self.probe, q)
+
+    def mass_times(self, v: Array) -> Array:
+        """M v (n,)."""
+        write_times(self.mass, v, self.work.mass_product)
+        return self.work.mass_product
+
+    def velocity_times(self, v: Array) -> Array:
+        """D v (n,)."""
+        write_times(self.velocity_matrix, v, self.work.velocity_product)
+        return self.work.velocity_product
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Inner product of two vectors (n,)."""
+        return inner(a, b)
+
+    def load(self, time: float) -> Array:
+        """Load vector (n,) at a time, N."""
+        write_factors(self.load_histories, time, self.work.factors)
+        write_times(self.loads, self.work.factors, self.work.load_vector)
+        return self.work.load_vector
+
+
+def reduced_model(
+    mass: Array,
+    damping: float,
+    elastic: ElasticPolynomial,
+    loads: Array,
+    load_histories: LoadHistories,
+    points: ContactPoints,
+    contact_rows: Array,
+    contact_offset: Array,
+    probe: Array,
+    probe_offset: Array,
+    velocity_matrix: Array | None = None,
+    pressure: PressurePolynomial | None = None,
+) -> ReducedModel:
+    """A `ReducedModel` with its workspace; arguments as its attributes."""
+    n, m = mass.shape[0], contact_rows.shape[0]
+    velocity_matrix = np.zeros((0, 0)) if velocity_matrix is None else velocity_matrix
+    pressure = no_pressure(n) if pressure is None else pressure
+    arrays = mass, loads, contact_rows, contact_offset, probe, probe_offset, velocity_matrix
+    tidy = [np.ascontiguousarray(a, dtype=np.float64) for a in arrays]
+    coefficients = ElasticPolynomial(*(np.ascontiguousarray(a, dtype=np.float64) for a in elastic))
+    where = ContactPoints(
+        np.ascontiguousarray(points.contact, dtype=np.int64), *map(np.ascontiguousarray, points[1:])
+    )
+    return ReducedModel(
+        tidy[0],
+        float(damping),
+        coefficients,
+        tidy[1],
+        load_histories,
+        where,
+        tidy[2],
+        tidy[3],
+        tidy[4],
+        tidy[5],
+        tidy[6],
+        PressurePolynomial(
+            np.ascontiguousarray(pressure.numbers, dtype=np.int64),
+            np.ascontiguousarray(pressure.linear, dtype=np.float64),
+            np.ascontiguousarray(pressure.quadratic, dtype=np.float64),
+        ),
+        work=Workspace(
+            columns=np.ascontiguousarray(coefficients.quadratic.T),
+            points=np.zeros((2, n)),
+            products=np.zeros((3, 2, coefficients.cubic.shape[0])),
+            force=np.zeros(n),
+            tangent=np.zeros((n, n)),
+            factor=np.zeros((n, n)),
+            pivots=np.zeros(n, dtype=np.int64),
+            key=np.full(3, np.nan),
+            compliance=compliance_of(tidy[2]),
+            contact_columns=np.ascontiguousarray(tidy[2].T),
+            contact=np.zeros(m),
+            mass_product=np.zeros(n),
+            velocity_product=np.zeros(n),
+            factors=np.zeros(loads.shape[1]),
+            load_vector=np.zeros(n),
+            pressure_factors=np.zeros((2, pressure.numbers.size)),
+            pressure_vectors=np.zeros((2, n)),
+            pressure_tangent=np.zeros((n, n) if pressure.numbers.size else (0, 0)),
+        ),
+    )
+
+
+compile_methods(
+    ReducedModel,
+    (
+        "set_interval",
+        "pressure_work",
+        "elastic_over_step",
+        "elastic_at",
+        "solve_effective",
+        "contact_displacement",
+        "probe_displacement",
+        "mass_times",
+        "velocity_times",
+        "dot",
+        "load",
+    ),
+)

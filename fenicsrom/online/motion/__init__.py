@@ -1,0 +1,1 @@
+"""What a time integration returns, its energy balance, and numbers computed from it."""

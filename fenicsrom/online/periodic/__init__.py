@@ -1,0 +1,1 @@
+"""Periodic motions: the period map, shooting, and the tendency of a march."""

@@ -1,0 +1,231 @@
+"""The period map of the time stepping and its derivative (the monodromy matrix).
+
+The map takes the start of a period to its end by the compiled loop of `fenicsrom.online.step.loop`. Its
+variables are z = (q, v, a, w): coordinates, velocities, accelerations and the sliders of the
+contact points. The discrete gradient has no accelerations. The normal component of a slider before
+a plane has no meaning and is left out. The derivative is carried over the recorded steps
+(`fenicsrom.online.derivative.period_sensitivity`), so that one march gives the end and its derivatives by z
+and by one parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.surfaces import PLANE, Contacts
+from fenicsrom.online.derivative.period_sensitivity import REST, carry_derivatives
+from fenicsrom.online.derivative.sensitivity import Drift, no_drift, no_sensitivity
+from fenicsrom.online.kernels.complex_step import STEP as COMPLEX_STEP
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.step.loop import DONE, compiled_march
+from fenicsrom.online.step.scheme import Control, Scheme
+from fenicsrom.online.step.state import LAST_STEP, STEP, Record, State, no_record, no_state
+from fenicsrom.online.step.step import measure
+
+SINGULAR = 3
+"""Status of a period in which the matrix of a step is singular; the others are of `loop`."""
+EQUAL = 1e-9  # intervals that differ by less than this part are one grid
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodEnd:
+    """Where a period ends.
+
+    Attributes:
+        z: (N,) variables at the end.
+        matrix: (N, N) monodromy matrix dP/dz; (0, 0) if it was not asked for.
+        by_parameter: (N,) dP/dp; (0,) likewise.
+        record: rows of the accepted steps.
+        guess: (2, n) mean velocity of the last step and its growth.
+        last_step: size of the last step, s.
+    """
+
+    z: Array
+    matrix: Array
+    by_parameter: Array
+    record: Record
+    guess: Array
+    last_step: float
+
+
+class PeriodMap:
+    """The period map of one model with one scheme on one grid of times."""
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        contacts: Contacts,
+        plan: Scheme,
+        dimension: int,
+        fractions: Array,
+    ):
+        """Make the arrays.
+
+        Args:
+            model: gives the sizes; values may change from call to call.
+            contacts: of P points, likewise.
+            plan: the weights of the scheme.
+            dimension: d, of space.
+            fractions: (N + 1,) instants on which the steps land, from 0 to the number of periods.
+        """
+        self.plan, self.fractions, self.dimension = plan, np.asarray(fractions, float), dimension
+        n, points = model.size, contacts.preload.size
+        self.n, self.points = n, points
+        kinds = np.repeat(contacts.kind, dimension)
+        axis = np.tile(np.arange(dimension), points)
+        self.memory = np.flatnonzero((kinds != PLANE) | (axis > 0))
+        self.blocks = 2 if plan.discrete_gradient else 3
+        self.size = self.blocks * n + self.memory.size
+        self._state = no_state(n, points, dimension)
+        self._record = no_record(4 * self.fractions.size, points, dimension, 3 * n)
+        self._sensitivity = no_sensitivity(
+            n, self.size + 1, contacts, model.load_histories, dimension
+        )
+        # (first, last) instant of each run of equal intervals
+        intervals = np.diff(self.fractions)
+        changes = np.flatnonzero(np.abs(np.diff(intervals)) > EQUAL * intervals[1:]) + 1
+        self._grids = list(zip([0, *changes], [*changes, intervals.size], strict=True))
+
+    @property
+    def state(self) -> State:
+        """The state at the end of the last call; the next call overwrites it."""
+        return self._state
+
+    def pack(self, q: Array, v: Array, a: Array, sliders: Array) -> Array:
+        """The variables z (N,) of coordinates, velocities, accelerations and sliders (P, d)."""
+        parts = [q, v, a][: self.blocks]
+        return np.concatenate([*parts, sliders.reshape(-1)[self.memory]])
+
+    def coordinates(self, z: Array) -> Array:
+        """Coordinates, velocities and accelerations (3, n) of variables z."""
+        found = np.zeros((3, self.n))
+        found[: self.blocks] = z[: self.blocks * self.n].reshape(self.blocks, self.n)
+        return found
+
+    def sliders(self, z: Array) -> Array:
+        """Sliders (P, d) of variables z; zero where they have no meaning."""
+        found = np.zeros(self.points * self.dimension)
+        found[self.memory] = z[self.blocks * self.n :]
+        return found.reshape(self.points, self.dimension)
+
+    def __call__(
+        self,
+        model: ReducedModel,
+        contacts: Contacts,
+        period: float,
+        z: Array,
+        *,
+        drift: Drift | None = None,
+        derive: bool = True,
+        guess: Array | None = None,
+        last_step: float = 0.0,
+    ) -> tuple[int, PeriodEnd]:
+        """March over the period from z.
+
+        Args:
+            model: the model.
+            contacts: parameters of the contact points.
+            period: s.
+            z: (N,) variables at the start.
+            drift: derivatives of the data by the parameter; none if not given.
+            derive: whether to find the derivatives.
+            guess: (2, n) mean velocity of the step before the start and its growth; zero if not
+                given.
+            last_step: size of that step, s.
+
+        Returns:
+            The status (DONE, or why the march stopped) and the end.
+        """
+        s, sliders = self._sensitivity, self.sliders(z)
+        drift = no_drift(contacts, model.load_histories) if drift is None else drift
+        plan = self.plan._replace(damping=float(model.damping))
+        self._begin(model, contacts, z, sliders, guess, last_step)
+        if derive:
+            self._begin_derivatives()
+        status, count = self._march(model, contacts, plan, period)
+        if derive and status == DONE:
+            s.histories.sines[:] = model.load_histories.sines + 1j * COMPLEX_STEP * drift.sines
+            model.work.key[:] = np.nan
+            if not carry_derivatives(
+                model,
+                contacts,
+                plan,
+                drift,
+                self._record,
+                count,
+                last_step,
+                REST,
+                sliders,
+                self.memory,
+                s,
+            ):
+                status = SINGULAR
+        return status, self._end(count, derive=derive)
+
+    def _begin(
+        self,
+        model: ReducedModel,
+        contacts: Contacts,
+        z: Array,
+        sliders: Array,
+        guess: Array | None,
+        last_step: float,
+    ) -> None:
+        """Set the state; arguments as the call."""
+        state = self._state
+        # a new factor is due where a linear model or its step has changed
+        model.work.key[:] = np.nan
+        state.scalars[:] = 0.0
+        state.scalars[LAST_STEP] = last_step
+        state.q[:], state.v[:], state.a[:] = self.coordinates(z)
+        state.mean_velocity[:], state.mean_acceleration[:] = (0.0, 0.0) if guess is None else guess
+        state.load_vector[:] = model.load(0.0)
+        x = model.contact_displacement(state.q).reshape(self.points, self.dimension).copy()
+        state.friction_dissipation[:] = 0.0
+        at_rest(contacts, x, sliders, 0.0, state.contact, state.trial.scratch)
+        measure(model, contacts, state)
+
+    def _begin_derivatives(self) -> None:
+        """Set the values at the start of the derivatives to those of the state."""
+        state, s = self._state, self._sensitivity
+        s.before[:5] = state.q, state.v, state.a, state.mean_velocity, state.mean_acceleration
+        s.x0[:], s.w0[:] = state.contact.x, state.contact.slider
+        s.normal_force[:] = np.maximum(state.contact.trial_normal_force, 0.0)
+
+    def _march(
+        self, model: ReducedModel, contacts: Contacts, plan: Scheme, period: float
+    ) -> tuple[int, int]:
+        """March over the period; returns the status and the number of steps."""
+        status, count, rest = DONE, 0, self._record
+        for first, last in self._grids:
+            begin, end = (float(period * self.fractions[k]) for k in (first, last))
+            control = Control((end - begin) / float(last - first), 0.0, 0.0)
+            self._state.scalars[STEP] = control.grid
+            if count:
+                rest = Record._make(array[count:] for array in self._record)
+            status, rows = compiled_march(
+                model, contacts, plan, control, self._state, begin, end, rest
+            )
+            count += rows
+            if status != DONE:
+                break
+        return status, count
+
+    def _end(self, count: int, *, derive: bool) -> PeriodEnd:
+        """The end of a period of `count` steps."""
+        s, state = self._sensitivity, self._state
+        derivative: Array = np.zeros((0, 1))
+        if derive:
+            derivative = np.concatenate([*[s.q, s.v, s.a][: self.blocks], s.w[self.memory]])
+        return PeriodEnd(
+            self.pack(state.q, state.v, state.a, state.contact.slider),
+            derivative[:, :-1],
+            derivative[:, -1],
+            Record._make(array[:count].copy() for array in self._record),
+            np.array([state.mean_velocity, state.mean_acceleration]),
+            float(state.scalars[LAST_STEP]),
+        )

@@ -1,0 +1,395 @@
+"""Periodic motions by shooting: Newton's method on the period map of the time stepping.
+
+A periodic motion is a root of r(z) = P(z) - z, with P the map of `fenicsrom.online.periodic.period_map`. The
+eigenvalues of dP/dz are its Floquet multipliers: the motion is stable if all lie inside the unit
+circle, and loses stability by a fold where a real multiplier passes +1, by period doubling where
+one passes -1, and by a torus bifurcation where a complex pair leaves the circle.
+
+A point that sticks all the time keeps its slider, whatever it is: a multiplier is exactly 1 and
+the motion belongs to a family. In Newton's equation such a slider rests where it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.contact.state import STICK
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.derivative.sensitivity import Drift
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
+from fenicsrom.online.step.loop import DONE
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import Checkpoint, Record
+from fenicsrom.scene.rules import counted
+
+TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
+ITERATIONS = 60
+PATIENCE = 12
+LONGEST = 0.3  # Newton step relative to the variables; a longer one is shortened
+SINGULAR = 1e-8  # residual in parts of the Newton step, below which the equation is singular
+STAYS = 1e-12  # largest derivative of the change of a slider that sticks: rounding
+STABLE_WITHIN = 1e-8  # a multiplier outside the unit circle by less counts as on it
+FALLBACK_STEPS = 200  # of a period, where the scene asks for an adaptive step
+
+
+class Stopped(Exception):
+    """Newton's method was asked to stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicMotion:
+    """A periodic motion.
+
+    Attributes:
+        z: (N,) variables at the start of the period: see `PeriodMap`.
+        period: of the motion, m times that of the loads, s.
+        residuals: relative residual of each Newton iteration.
+        multipliers: (N,) Floquet multipliers, the largest first.
+        verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
+        free_sliders: number of slider components that are not unique.
+        stuck_points: points that stick during the whole period.
+        record: rows of the period.
+        end: the end of the period.
+    """
+
+    z: Array
+    period: float
+    residuals: tuple[float, ...]
+    multipliers: NDArray[np.complex128]
+    verdict: str
+    free_sliders: int
+    stuck_points: tuple[int, ...]
+    record: Record
+    end: PeriodEnd
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is stable."""
+        return self.verdict == "stable"
+
+    @property
+    def displacement(self) -> Array:
+        """(rows, P, d) contact displacement, or (rows, 1, d) of the probe without contact, m."""
+        found: Array = self.record.displacement
+        return found if found.shape[1] else self.record.probe[:, None, :]
+
+    @property
+    def amplitude(self) -> Array:
+        """(P, d) half of peak-to-peak of the displacement, m."""
+        return np.asarray(np.ptp(self.displacement, axis=0) / 2.0)
+
+
+def settled_contacts(contacts: Contacts) -> Contacts:
+    """The contacts after their surfaces have approached the body."""
+    if contacts.times.size == 0:
+        return contacts
+    return contacts._replace(
+        times=contacts.times[-1:].copy(), approach=np.ascontiguousarray(contacts.approach[:, -1:])
+    )
+
+
+class Shooting:
+    """The equation of a periodic motion in scaled variables s = (L^T q, L^T v / omega, .., w).
+
+    M = L L^T. Accelerations are scaled by the square of the shortest step h, L^T a h^2, as the step
+    uses them: scaled by omega, the fast modes would make dP/dz - I seem singular. A slider
+    component is scaled by the square root of the mass that its direction feels,
+    1 / (b^T M^-1 b), so that the norm has the same unit in all components.
+
+    Attributes:
+        omega: that of the scales, 1/s.
+        guess: (2, n) mean velocity of the step before the period and its growth, or None, and the
+            size of that step, s: the first guess of the first step is extrapolated from them.
+        stop: asked before each march, which raises `Stopped` if it returns True; None asks nobody.
+    """
+
+    stop: Callable[[], bool] | None = None
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        contacts: Contacts,
+        settings: Any,
+        period: float,
+        m: int = 1,
+        fractions: Array | None = None,
+    ):
+        """Make the map and the scales.
+
+        Args:
+            model: the model.
+            contacts: parameters of the contact points.
+            settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+            period: of the loads, s.
+            m: number of periods of the loads in one of the motion.
+            fractions: instants on which the steps land, from 0 to m; equal steps if not given.
+        """
+        steps = settings.steps_per_period or FALLBACK_STEPS
+        grid = np.arange(m * steps + 1) / steps if fractions is None else fractions
+        plan = scheme(settings.scheme, model, settings.spectral_radius or 0.8)
+        self.m, self.model, self.contacts, self.period = m, model, contacts, period
+        self.map = PeriodMap(model, contacts, plan, contacts.centre.shape[1], grid)
+        n, omega = model.size, 2.0 * np.pi / period
+        self.omega = omega
+        root = np.linalg.cholesky(model.mass).T
+        give = np.sum(model.contact_rows * np.linalg.solve(model.mass, model.contact_rows.T).T, 1)
+        slider = 1.0 / np.sqrt(np.maximum(give, 1e-300))
+        self._scale = np.zeros((self.map.size, self.map.size))
+        self._unscale = np.zeros_like(self._scale)
+        inverse = np.linalg.inv(root)
+        rates = 1.0, omega, (period * float(np.min(np.diff(grid)))) ** -2
+        for k in range(self.map.blocks):
+            part = slice(k * n, (k + 1) * n)
+            self._scale[part, part] = root / rates[k]
+            self._unscale[part, part] = inverse * rates[k]
+        rest = np.arange(self.map.blocks * n, self.map.size)
+        self._scale[rest, rest] = slider[self.map.memory]
+        self._unscale[rest, rest] = 1.0 / slider[self.map.memory]
+        self.guess: tuple[Array | None, float] = (None, 0.0)
+
+    @property
+    def sliders(self) -> NDArray[np.int64]:
+        """The variables that are sliders."""
+        return np.arange(self.map.blocks * self.map.n, self.map.size)
+
+    def scaled(self, z: Array) -> Array:
+        """Scaled variables s."""
+        return np.asarray(self._scale @ z)
+
+    def unscaled(self, s: Array) -> Array:
+        """Variables z."""
+        return np.asarray(self._unscale @ s)
+
+    def scaled_matrix(self, matrix: Array) -> Array:
+        """A matrix (N, N) between variables z as one between scaled variables."""
+        return np.asarray(self._scale @ matrix @ self._unscale)
+
+    def march(
+        self,
+        s: Array,
+        model: ReducedModel | None = None,
+        contacts: Contacts | None = None,
+        period: float | None = None,
+        drift: Drift | None = None,
+        *,
+        derive: bool = True,
+    ) -> tuple[Array, Array, Array, PeriodEnd] | None:
+        """The residual P(s) - s, dP/ds, dP/dp and the end of the period; None if a step failed.
+
+        Raises:
+            Stopped: `stop` returned True.
+        """
+        if self.stop is not None and self.stop():
+            raise Stopped
+        guess, last_step = self.guess
+        status, end = self.map(
+            self.model if model is None else model,
+            self.contacts if contacts is None else contacts,
+            self.period if period is None else period,
+            self.unscaled(s),
+            drift=drift,
+            derive=derive,
+            guess=guess,
+            last_step=last_step,
+        )
+        if status != DONE or not np.isfinite(end.z).all() or not np.isfinite(end.matrix).all():
+            return None
+        self.guess = end.guess, end.last_step
+        residual = self._scale @ end.z - s
+        if not derive:
+            return residual, end.matrix, end.by_parameter, end
+        return (
+            residual,
+            self.scaled_matrix(end.matrix),
+            self._scale @ end.by_parameter,
+            end,
+        )
+
+
+def start_variables(shooting: Shooting, start: Any) -> Array:
+    """The variables z of a start: a `Checkpoint`, (q, v, sliders), or z itself."""
+    pmap = shooting.map
+    if isinstance(start, Checkpoint):
+        state = start.state
+        shooting.guess = np.stack([state.mean_velocity, state.mean_acceleration]), 0.0
+        return pmap.pack(state.q, state.v, state.a, state.contact.slider)
+    if isinstance(start, tuple):
+        q, v, sliders = start
+        return pmap.pack(q, v, np.zeros_like(q), sliders)
+    return np.array(start, dtype=np.float64)
+
+
+def hold_sliders(jacobian: Array, sliders: NDArray[np.int64]) -> int:
+    """Let sliders rest that stick during the whole period, whatever their place; their number.
+
+    The equation 0 = 0 of such a slider becomes: minus its change is its residual.
+
+    Args:
+        jacobian: (n, n) or (n, n + 1); the rows of these sliders are replaced.
+        sliders: the equations and unknowns that are sliders.
+    """
+    sizes = np.max(np.abs(jacobian[sliders]), axis=1, initial=0.0)
+    free = sliders[sizes <= STAYS]
+    jacobian[free, free] = -1.0
+    return free.size
+
+
+def judged(multipliers: NDArray[np.complex128], free: int) -> NDArray[np.complex128]:
+    """The multipliers, the largest first, without those that belong to `free` slider components.
+
+    A slider that is not unique has the multiplier 1, so the `free` ones nearest to 1 are left out.
+    """
+    if not free:
+        return multipliers
+    return np.delete(multipliers, np.argsort(np.abs(multipliers - 1.0))[:free])
+
+
+def floquet(eigenvalues: Any, free: int) -> tuple[NDArray[np.complex128], str]:
+    """Multipliers (N,), the largest first, and the verdict, from those of a monodromy matrix.
+
+    The `free` multipliers nearest to 1 belong to sliders that are not unique and do not count.
+    """
+    found = np.asarray(eigenvalues, dtype=np.complex128)
+    found = found[np.argsort(-np.abs(found))]
+    worst = largest_multiplier(found, free)
+    if abs(worst) <= 1.0 + STABLE_WITHIN:
+        return found, "stable"
+    if abs(worst.imag) > 1e-9 * abs(worst):
+        return found, "torus"
+    return found, "fold" if worst.real > 0.0 else "period doubling"
+
+
+def largest_multiplier(multipliers: NDArray[np.complex128], free: int) -> complex:
+    """The largest multiplier without the `free` ones nearest to 1; 0 if none is left."""
+    deciding = judged(multipliers, free)
+    return complex(deciding[np.argmax(np.abs(deciding))]) if deciding.size else 0j
+
+
+def stuck_points(record: Record) -> tuple[int, ...]:
+    """Points that stick during the whole period."""
+    return tuple(int(p) for p in np.flatnonzero(np.all(record.state == STICK, axis=0)))
+
+
+def periodic_motion(
+    model: ReducedModel,
+    contacts: Contacts,
+    settings: Any,
+    period: float,
+    start: Any,
+    m: int = 1,
+    *,
+    tolerance: float = TOLERANCE,
+    fractions: Array | None = None,
+) -> PeriodicMotion:
+    """Find a periodic motion near a start by Newton's method.
+
+    Args:
+        model: the model.
+        contacts: parameters of the P contact points; surfaces are where their approach ends.
+        settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
+        period: of the loads, s.
+        start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
+            (q (n,), v (n,), sliders (P, d)) or variables z (N,).
+        m: number of periods of the loads in one of the motion.
+        tolerance: of the residual relative to the variables.
+        fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
+            steps if not given.
+
+    Raises:
+        ConvergenceError: no periodic motion was found; `partial` holds the residuals.
+    """
+    shooting = Shooting(model, settled_contacts(contacts), settings, period, m, fractions)
+    return solve(shooting, shooting.scaled(start_variables(shooting, start)), tolerance)
+
+
+def solve(
+    shooting: Shooting,
+    s: Array,
+    tolerance: float = TOLERANCE,
+    iterations: int = ITERATIONS,
+    found: tuple[Array, Array, Array, PeriodEnd] | None = None,
+    step_tolerance: float = 0.0,
+) -> PeriodicMotion:
+    """Find a periodic motion by Newton's method with bounded steps.
+
+    Where many contact points change their state in a step, the first steps must make the residual
+    larger. So it may grow, but a step is at most `LONGEST` times the variables; without contact,
+    only one that makes the residual larger. The iteration ends if the steps did not become shorter
+    for `PATIENCE` iterations.
+
+    The last march of `shooting` is that of the motion.
+
+    Args:
+        shooting: the equation.
+        s: (N,) scaled variables of the start.
+        tolerance: of the residual relative to the variables.
+        iterations: largest number of iterations.
+        found: `shooting.march(s)`, if the caller has it.
+        step_tolerance: of the Newton step relative to the variables: the iteration also ends where
+            the next step would be at most so large.
+
+    Raises:
+        ConvergenceError: no periodic motion was found; `partial` holds the residuals.
+    """
+    found = shooting.march(s) if found is None else found
+    residuals: list[float] = []
+    lengths: list[float] = []
+    for _ in range(iterations):
+        if found is None:
+            break
+        residual, matrix, _, end = found
+        size = max(float(np.linalg.norm(s)), 1e-300)
+        residuals.append(float(np.linalg.norm(residual)) / size)
+        jacobian = matrix - np.eye(s.size)
+        free = hold_sliders(jacobian, shooting.sliders)
+        if residuals[-1] <= tolerance:
+            return _motion(shooting, s, matrix, free, end, residuals)
+        try:
+            step = np.linalg.solve(jacobian, -residual)
+        except np.linalg.LinAlgError:
+            break
+        length = float(np.linalg.norm(step)) / size
+        if length * SINGULAR > residuals[-1]:
+            break
+        if length <= step_tolerance:
+            return _motion(shooting, s, matrix, free, end, residuals)
+        lengths.append(length)
+        if int(np.argmin(lengths)) < len(lengths) - PATIENCE:
+            break
+        bound = min(1.0, LONGEST * max(1.0, residuals[-1]) / length)
+        ahead = None if shooting.map.points and bound < 1.0 else shooting.march(s + step)
+        if bound < 1.0 and (ahead is None or np.linalg.norm(ahead[0]) > residuals[-1] * size):
+            step *= bound
+            ahead = shooting.march(s + step)
+        s, found = s + step, ahead
+    raise ConvergenceError(
+        f"no periodic motion of {counted(shooting.m, 'period')} was found near the start: relative "
+        f"residual {residuals[-1] if residuals else np.inf:.3g} after "
+        f"{counted(len(residuals), 'Newton iteration')}",
+        residuals,
+    )
+
+
+def _motion(
+    shooting: Shooting, s: Array, matrix: Array, free: int, end: PeriodEnd, residuals: list[float]
+) -> PeriodicMotion:
+    multipliers, verdict = floquet(np.linalg.eigvals(matrix), free)
+    return PeriodicMotion(
+        shooting.unscaled(s),
+        shooting.m * shooting.period,
+        tuple(residuals),
+        multipliers,
+        verdict,
+        free,
+        stuck_points(end.record),
+        end.record,
+        end,
+    )

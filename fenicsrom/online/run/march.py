@@ -1,0 +1,351 @@
+"""Time integration: one statement of the algorithm, for every model.
+
+A one-step scheme balances weighted means of the forces over a step h, with dq = q1 - q0:
+
+    M [(1 - am) a1 + am a0] + alpha M [(1 - af) v1 + af v0] + f_mean(q0, q1) + B F_mean
+        = (1 - af) p1 + af p0                                                                   (1)
+    a1 = dq/(beta h^2) - v0/(beta h) - (1/(2 beta) - 1) a0                                      (2)
+    v1 = v0 + h ((1 - gamma) a0 + gamma a1)                                                     (3)
+
+Average acceleration (am = af = 0) and generalised-alpha (Chung and Hulbert 1993) weight the elastic
+and contact forces at the ends of the step. The discrete gradient (am = af = 1/2, beta = 1/4,
+gamma = 1/2; Simo and Tarnow 1992, Gonzalez 1996) takes the elastic force averaged along the
+straight line from q0 to q1, int_0^1 f(q0 + s dq) ds, by Gauss points that are exact for the model.
+It takes the discrete gradient of the normal contact energy as the normal force. Work and energy
+then balance exactly, whatever the step. The friction law is that of
+`fenicsrom.online.contact.law`: it dissipates in every step. The forces D v, gyroscopic
+and viscous, join those of the mass-proportional damping.
+
+Each Newton iteration solves the structure for the residual and for unit contact forces at the
+points that may touch (`fenicsrom.online.contact.candidates`), and then the contact problem in full
+in the few contact coordinates (`fenicsrom.online.contact.problem.solve_contact`): the iteration
+over the structure meets no kink.
+This iteration stops when the predicted Newton decrement |r . dq| falls below `NEWTON_TOLERANCE`
+squared times the energy in the system, a test that does not depend on units. A step that does not
+converge is halved.
+
+The loop over the steps is in `fenicsrom.online.step.loop`, and the state before the first step in
+`fenicsrom.online.run.march_setup`.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.energy import check_scheme
+from fenicsrom.online.motion.motion import Interrupted, Motion
+from fenicsrom.online.periodic.shooting import Stopped
+from fenicsrom.online.periodic.steady import (
+    FIRST_ATTEMPT,
+    attempt,
+    change_of,
+    continued,
+    fractions_of,
+    is_due,
+    prepare,
+)
+from fenicsrom.online.run.march_records import copied_rows, joined_rows, last_coordinates
+from fenicsrom.online.run.march_setup import MarchRun, mass_norm, set_up_run
+from fenicsrom.online.step.loop import (
+    DONE,
+    FAILED,
+    FULL,
+    SMALLEST_STEP,
+    compiled_march,
+    march,
+    write,
+)
+from fenicsrom.online.step.scheme import scheme
+from fenicsrom.online.step.state import (
+    ITERATIONS,
+    REJECTED,
+    SIZE,
+    STEPS,
+    TIME,
+    Checkpoint,
+    Record,
+)
+from fenicsrom.progress import tell
+
+
+def integrate(
+    model: Any,
+    contacts: Contacts,
+    settings: Any,
+    period: float | None,
+    *,
+    dimension: int,
+    start: tuple[Array, ...] | None = None,
+    resume: Checkpoint | None = None,
+    keep_coordinates: bool = False,
+    compiled: bool = True,
+    progress: Callable[[float, float], None] | None = None,
+    checkpoint: Callable[[Checkpoint], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Motion:
+    """Integrate a model to its steady state, or to the given time.
+
+    With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
+    code (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given `start`.
+
+    Args:
+        model: a `ReducedModel` or any `Model`.
+        contacts: parameters of the P contact points, in the order of the model's contact
+            displacements.
+        settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
+            tolerance and way to the steady state, or duration.
+        period: period of the loads, s; None runs for `settings.duration`.
+        dimension: d, of space.
+        start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
+            points; by default the run starts at rest in the equilibrium under static loads and
+            preload (`fenicsrom.online.step.equilibrium`).
+        resume: continue from this checkpoint; the result equals that of an uninterrupted run, bit
+            for bit.
+        keep_coordinates: whether to keep the coordinates of the last period.
+        compiled: False runs a `ReducedModel` in plain Python, the slow twin of the compiled loop.
+        progress: called after each period with the completed fraction of the run and the change
+            since the last period.
+        checkpoint: called with a checkpoint after each period, or without a period after each
+            `ROWS` steps. Its arrays are overwritten afterwards.
+        stop: called at the same instants, and while Newton's method marches; the run ends when it
+            returns True.
+
+    Returns:
+        The motion, steady or at the end of the periods (`Motion.steady` says which); the motion of
+        a resumed run starts with the last period before it was resumed.
+
+    Raises:
+        ConvergenceError: Newton's method did not converge at the smallest step; `partial` holds the
+            motion up to this step.
+        AccuracyError: the energy balance is off (`fenicsrom.online.motion.energy`); `partial` holds the
+            motion.
+        Interrupted: `stop` returned True; `partial` holds the motion so far.
+    """
+    plan = scheme(settings.scheme, model, settings.spectral_radius)
+    advance = compiled_march if compiled and isinstance(model, ReducedModel) else march
+    run = set_up_run(
+        model, contacts, settings, period, dimension, plan, advance, start, resume, keep_coordinates
+    )
+    if advance is not march:  # compile before the clock starts, by a call without a step
+        advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
+    spans = settings.periods if period is not None else 1
+    by_newton = advance is compiled_march and bool(settings.steady_tolerance)
+    by_newton = by_newton and settings.steady == "newton"
+    if by_newton and (spans > FIRST_ATTEMPT or start is not None):
+        prepare(model, contacts, settings, run.horizon)
+    begin = clock.perf_counter()
+    steady, stopped, status, done = False, False, DONE, run.done
+    try:
+        for span in range(run.done + 1, spans + 1):
+            at_start = start is not None and span == 1
+            if by_newton and not run.found and (is_due(span - 1) or at_start):
+                _try_newton(run, settings, span - 1, stop)
+            q0, done = run.state.q.copy(), span
+            status, stopped = _run_span(run, span, spans, checkpoint, stop)
+            if status == FAILED or period is None:
+                break
+            change = _change(run, settings.steady_tolerance, period, q0)
+            steady = change <= settings.steady_tolerance and not run.approaching(period)
+            if steady and by_newton and not run.found:
+                steady = _confirm(run, settings, span, stop, last=span == spans)
+            if progress is not None:
+                progress(span / spans, change)
+            if checkpoint is not None:
+                checkpoint(run.checkpoint(span))
+            stopped = not steady and span < spans and stop is not None and stop()
+            if steady or stopped:
+                break
+    except Stopped:
+        steady, stopped = False, True
+    run.seconds = clock.perf_counter() - begin
+    motion = _motion(run, steady, done)
+    _require_convergence(run, status, motion, settings.scheme)
+    if stopped:
+        raise Interrupted(motion)
+    check_scheme(motion, settings.scheme)
+    return motion
+
+
+def _change(run: MarchRun, tolerance: float, period: float, q0: Array) -> float:
+    """The relative change of the motion since the period before.
+
+    Args:
+        run: the run.
+        tolerance: below which the motion counts as steady.
+        period: of the loads, s.
+        q0: (n,) coordinates a period ago.
+    """
+    before = run.history[-2] if run.reference is None else run.reference
+    found = change_of([*run.history[:-2], before, run.history[-1]], period, run.multiple)
+    run.reference = None
+    if found <= tolerance and run.multiple == 1:
+        # the contact points repeat; check the whole state too
+        size = max(run.state.scalars[SIZE], 1e-300)
+        found = max(found, mass_norm(run.model, run.state.q - q0) / size)
+    return found
+
+
+def _run_span(
+    run: MarchRun,
+    span: int,
+    spans: int,
+    checkpoint: Callable[[Checkpoint], None] | None,
+    stop: Callable[[], bool] | None,
+) -> tuple[int, bool]:
+    """Run one period, or the whole duration, and append its rows to the history.
+
+    Returns:
+        The status of the last call of `advance`, and whether `stop` ended a run that has no period.
+    """
+    pieces: list[Record] = []
+    counts: list[int] = []
+    status, stopped = DONE, False
+    origin = (span - 1) * run.horizon
+    stops = run.stops(span)
+    for end in stops:
+        status = FULL
+        while status == FULL and not stopped:
+            status, count = run.advance(
+                run.model, run.contacts, run.plan, run.control, run.state, origin, end, run.record
+            )
+            pieces.append(copied_rows(run.record, count))
+            counts.append(count)
+            tell((run.state.scalars[TIME] / run.horizon - run.done) / (spans - run.done))
+            if run.period is None and count:
+                if checkpoint is not None:
+                    checkpoint(run.checkpoint(0, joined_rows(pieces[-1:], [count])))
+                is_over = status == FAILED or (status == DONE and end == stops[-1])
+                stopped = not is_over and stop is not None and stop()
+        if status == FAILED or stopped:
+            break
+    # of the span before the last period, only the coordinates at its end are needed
+    k = max(len(run.history) - run.multiple, 0)
+    run.history[k] = run.history[k]._replace(coordinates=run.history[k].coordinates[-1:])
+    run.history.append(pieces[0] if len(pieces) == 1 else joined_rows(pieces, counts))
+    return status, stopped
+
+
+def _require_convergence(run: MarchRun, status: int, motion: Motion, scheme_name: str) -> None:
+    """Raise ConvergenceError if the smallest step did not converge."""
+    if status != FAILED and np.all(np.isfinite(motion.kinetic)):
+        return
+    names = {-1: "open", 0: "slip", 1: "stick"}
+    states = [
+        f"point {p + 1} {names[int(state)]}" for p, state in enumerate(run.state.contact.state)
+    ]
+    raise ConvergenceError(
+        f"time integration stopped at t = {run.state.scalars[TIME]:.6g} s: no convergence with the "
+        f"smallest step {SMALLEST_STEP * run.control.grid:.3g} s "
+        f"({', '.join(states) or 'no contact'}; scheme {scheme_name})",
+        motion,
+    )
+
+
+def _try_newton(run: MarchRun, settings: Any, done: int, stop: Callable[[], bool] | None) -> None:
+    """Try Newton's method after so many periods; an accepted motion replaces the marched one.
+
+    The last row of the record becomes that of the periodic motion.
+
+    Raises:
+        Stopped: `stop` returned True; nothing has changed.
+    """
+    assert run.period is not None
+    if run.approaching():
+        return
+    if run.search is not None and run.search.marched == done:
+        return  # tried already
+    fractions = fractions_of(run.history[-1], run.period) if settings.tolerance else None
+    before = run.checkpoint(done)
+    found = attempt(
+        run.model, run.contacts, settings, run.period, before, done, run.search, fractions, stop
+    )
+    run.search = found.search
+    if found.state is None:
+        return
+    run.search = found.search._replace(time=float(run.state.scalars[TIME]))
+    run.state = continued(found.state, run.state)
+    write(run.model, run.contacts, run.state, run.record, 0)
+    last = run.history[-1]
+    run.history[-1] = joined_rows([last, run.record], [last.time.size - 1, 1])
+    if done == 0 and found.record is not None and found.search.periods == 1:
+        run.reference = found.record._replace(time=found.record.time - run.period)
+
+
+def _confirm(
+    run: MarchRun, settings: Any, span: int, stop: Callable[[], bool] | None, *, last: bool
+) -> bool:
+    """Whether a march that repeats is steady.
+
+    A motion that decays slowly seems to repeat, and so does an unstable one at first. Newton's
+    method decides; the march is believed where it finds no motion, or after the last period. Where
+    it found a motion to which the march did not tend, the next attempt is the one that is due: each
+    looks ahead over many periods, and one in every period would cost the square of their number.
+    """
+    if run.search is not None and run.search.verdict != "not found" and not last:
+        return False
+    kept = run.state, run.history[-1]
+    _try_newton(run, settings, span, stop)
+    if run.found and last:
+        assert run.search is not None
+        (run.state, run.history[-1]), run.search = kept, run.search._replace(time=None)
+        return True
+    return run.search is None or run.search.verdict == "not found"
+
+
+def _motion(run: MarchRun, steady: bool, span: int) -> Motion:
+    """The motion of a run that ended after a span."""
+    history, s = run.history, run.state.scalars
+    kept: list[Any] = [None] * 3
+    if history[-1].coordinates.size:
+        kept = np.split(last_coordinates(history), 3, axis=1)
+    whole = joined_rows(
+        [r._replace(coordinates=r.coordinates[:0]) for r in history], [r.time.size for r in history]
+    )
+    work, damping_dissipation, friction_dissipation, kinetic, elastic, contact_energy = (
+        whole.energies.T
+    )
+    end = run.checkpoint(span)
+    return Motion(
+        time=whole.time,
+        period=None if run.period is None else run.period * run.multiple,
+        displacement=whole.displacement if whole.displacement.shape[1] else whole.probe[:, None, :],
+        force=whole.force,
+        mean_force=whole.mean_force,
+        gap=whole.gap,
+        state=whole.state,
+        kinetic=kinetic,
+        elastic=elastic,
+        contact_energy=contact_energy,
+        work=work,
+        damping_dissipation=damping_dissipation,
+        friction_dissipation=friction_dissipation,
+        point_friction_dissipation=whole.friction_dissipation,
+        steady=steady,
+        periods=end.spans if run.period is not None else 0,
+        steps=int(s[STEPS]),
+        rejected=int(s[REJECTED]),
+        newton_iterations=int(s[ITERATIONS]),
+        seconds=run.seconds,
+        coordinates=kept[0],
+        velocity=kept[1],
+        acceleration=kept[2],
+        coordinate_time=whole.time[-kept[0].shape[0] :] if kept[0] is not None else None,
+        end=end,
+        buckled=end.buckled,
+        search=run.search,
+    )
+
+
+def end_of(motion: Motion) -> tuple[Array, Array, Array]:
+    """Coordinates and velocity (n,) and sliders (P, d) at the end of a motion."""
+    assert motion.end is not None
+    state = motion.end.state
+    return state.q.copy(), state.v.copy(), state.contact.slider.copy()

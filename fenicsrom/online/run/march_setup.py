@@ -1,0 +1,232 @@
+"""The state of a time integration before its first step, and while it runs."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.model.loads import largest
+from fenicsrom.online.periodic.steady import periods_of
+from fenicsrom.online.run.march_records import joined_rows
+from fenicsrom.online.step.equilibrium import equilibrium
+from fenicsrom.online.step.loop import write
+from fenicsrom.online.step.scheme import Control, Scheme
+from fenicsrom.online.step.state import (
+    SIZE,
+    STEP,
+    TIME,
+    Checkpoint,
+    PeriodicSearch,
+    Record,
+    State,
+    no_record,
+    no_state,
+)
+from fenicsrom.online.step.step import measure
+from fenicsrom.online.step.step_limits import landings, longest_step
+
+ROWS = 4096  # of a record
+
+
+def initial_state(
+    model: Any,
+    contacts: Contacts,
+    scheme: Scheme,
+    dimension: int,
+    q: Array,
+    v: Array,
+    sliders: Array | None = None,
+) -> State:
+    """The state at t = 0, with the acceleration that balances the forces.
+
+    Args:
+        model: the model.
+        contacts: parameters of the contact points.
+        scheme: the weights of the scheme.
+        dimension: d, of space.
+        q: (n,) displacement.
+        v: (n,) velocity.
+        sliders: (P, d) positions of the sliders; those of the points if None.
+    """
+    x = model.contact_displacement(q).reshape(-1, dimension).copy()
+    state = no_state(q.size, x.shape[0], dimension)
+    sliders = x.copy() if sliders is None else sliders
+    at_rest(contacts, x, sliders, 0.0, state.contact, state.trial.scratch)
+    zero, force = np.zeros_like(q), model.load(0.0).copy()
+    state.q[:], state.v[:], state.mean_velocity[:], state.load_vector[:] = q, v, v, force
+    measure(model, contacts, state)
+    if not scheme.discrete_gradient:
+        _, nothing = model.elastic_over_step(zero, q, zero, 0.0, np.ones(1), np.zeros(1))
+        residual = state.elastic_force + scheme.damping * model.mass_times(v) - force
+        if scheme.velocity_forces:
+            residual += model.velocity_times(v)
+        directions = state.trial.scratch.directions
+        y, unit, _ = model.solve_effective(1.0, 0.0, nothing, residual, directions)
+        state.a[:] = y - unit @ (state.contact.normal + state.contact.friction).reshape(-1)
+        state.mean_acceleration[:] = state.a
+    return state
+
+
+def static_size(model: Any, contacts: Contacts, dimension: int, q: Array) -> float:
+    """A scale for errors: size in the mass norm of the linear response to the largest loads.
+
+    The loads include the preload of the contacts.
+    """
+    _, tangent = model.elastic_over_step(
+        np.zeros_like(q), q, np.zeros_like(q), 0.0, np.ones(1), np.ones(1)
+    )
+    force = np.abs(model.loads) @ largest(model.load_histories)
+    preload = np.zeros((contacts.preload.size, dimension))
+    y, unit, _ = model.solve_effective(0.0, 0.0, tangent, -force, np.arange(preload.size))
+    preload[:, 0] = contacts.preload
+    return mass_norm(model, np.abs(y) + np.abs(unit) @ preload.reshape(-1))
+
+
+def mass_norm(model: Any, vector: Array) -> float:
+    """Size of a vector (n,) in the mass norm."""
+    return float(np.sqrt(model.dot(vector, model.mass_times(vector))))
+
+
+@dataclass
+class MarchRun:
+    """A time integration under way.
+
+    Attributes:
+        model: the model.
+        contacts: parameters of the contact points.
+        plan: the weights of the scheme.
+        advance: `march`, plain or compiled.
+        period: period of the loads, s; None without a period.
+        horizon: length of a span: the period, or the whole duration, s.
+        control: how the step is chosen.
+        state: the last accepted state.
+        record: rows for `advance`.
+        done: periods that a resumed run had completed before.
+        buckled: as in `Motion`.
+        history: the rows of each span; the first entry is the initial state.
+        seconds: run time so far, compilation excluded.
+        search: what Newton's method found; None before its first attempt.
+        reference: rows of the period before the start, of a run that starts in a periodic motion.
+    """
+
+    model: Any
+    contacts: Contacts
+    plan: Scheme
+    advance: Callable[..., tuple[int, int]]
+    period: float | None
+    horizon: float
+    control: Control
+    state: State
+    record: Record
+    done: int
+    buckled: int
+    history: list[Record] = field(default_factory=list)
+    seconds: float = 0.0
+    search: PeriodicSearch | None = None
+    reference: Record | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether Newton's method has replaced the marched motion by the periodic one."""
+        return self.search is not None and self.search.time is not None
+
+    def approaching(self, before: float = 0.0) -> bool:
+        """Whether a rigid surface still approached so many seconds ago."""
+        times, slack = self.contacts.times, 1e-9 * self.horizon
+        return times.size > 1 and self.state.scalars[TIME] - before < times[-1] - slack
+
+    @property
+    def multiple(self) -> int:
+        """Number of periods of the loads in one of the motion, as far as it is known."""
+        return self.search.periods if self.search is not None and self.found else 1
+
+    def stops(self, span: int) -> Array:
+        """The times in s on which the steps of a span land, the last at its end."""
+        begin, end = (span - 1) * self.horizon, span * self.horizon
+        if not self.control.tolerance:
+            return np.array([end])
+        return landings(self.model.load_histories, self.contacts, begin, end)
+
+    def checkpoint(self, span: int, last: Record | None = None) -> Checkpoint:
+        """The checkpoint of the run after a span."""
+        if last is None:
+            last = self.history[-1]
+            if self.multiple > 1 and self.period is not None:
+                last = periods_of(self.history, self.period, self.multiple)
+        return Checkpoint(
+            self.state, last, float(self.control.size), span, self.buckled, self.search
+        )
+
+
+# Longer than 60 lines because of its many arguments and fields; the body is one straight path.
+def set_up_run(
+    model: Any,
+    contacts: Contacts,
+    settings: Any,
+    period: float | None,
+    dimension: int,
+    plan: Scheme,
+    advance: Callable[..., tuple[int, int]],
+    start: tuple[Array, ...] | None,
+    resume: Checkpoint | None,
+    keep_coordinates: bool,
+) -> MarchRun:
+    """The run before its first step; arguments as those of `integrate`."""
+    horizon = float(period if period is not None else settings.duration)
+    tolerance = settings.tolerance or 0.0
+    step = settings.step
+    if period is not None and not tolerance:
+        step = period / settings.steps_per_period
+    grid = step
+    if tolerance:  # adaptive steps must not miss a load or a surface
+        longest = longest_step(model.load_histories, contacts, tolerance)
+        grid = horizon / np.ceil(max(horizon / longest, 1.0))
+    done, buckled, search = 0, 0, None
+    if resume is not None:
+        state, size, buckled = copy.deepcopy(resume.state), resume.size, resume.buckled
+        search = resume.search
+        done = resume.spans if period is not None else 0
+    else:
+        if start is None:
+            q, buckled = equilibrium(model, contacts, dimension)
+            start = (q, np.zeros_like(q))
+        state = initial_state(model, contacts, plan, dimension, *start)
+        state.scalars[STEP] = step
+        if tolerance:
+            first = landings(model.load_histories, contacts, 0.0, horizon)[0]
+            state.scalars[STEP] = 1e-4 * min(grid, first)
+        size = state.scalars[SIZE]
+        if tolerance:
+            size = max(size, static_size(model, contacts, dimension, start[0]))
+    rows, width = ROWS, 3 * state.q.size if keep_coordinates else 0
+    if keep_coordinates and not tolerance:
+        rows = min(rows, round(horizon / step) + 1)
+    record = no_record(rows, state.contact.x.shape[0], dimension, width)
+    write(model, contacts, state, record, 0)
+    first = joined_rows([record], [1])
+    if resume is not None:
+        coordinates = np.repeat(first.coordinates, resume.last.time.size, axis=0)
+        first = resume.last._replace(coordinates=coordinates)
+    control = Control(grid, tolerance, size)
+    return MarchRun(
+        model,
+        contacts,
+        plan,
+        advance,
+        period,
+        horizon,
+        control,
+        state,
+        record,
+        done,
+        buckled,
+        [first],
+        search=search,
+    )

@@ -1,0 +1,142 @@
+"""Integrate a model as its scene says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.kernels.stored_code import load_code_only
+from fenicsrom.online.model.loads import LoadHistories
+from fenicsrom.online.model.support_motion import histories_of
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.march import end_of, integrate
+from fenicsrom.scene import Scene
+
+TOUCH = 1e-9
+"""Smaller distances of a round surface, relative to its radius, are rounding errors."""
+
+
+def load_histories(scene: Scene) -> LoadHistories:
+    """The time factors of a scene's loads."""
+    return histories_of(scene.loads)
+
+
+def simulate(
+    model: Any,
+    scene: Scene,
+    *,
+    start: Motion | tuple[Array, ...] | None = None,
+    **options: Any,
+) -> Motion:
+    """Integrate a model (stored, reduced, full or beam) under a scene.
+
+    A stored model runs under the loads, damping, contacts and time integration of the scene, as
+    `fenicsrom.online.store.archive.StoredModel.simulate` does. Any other model must have the loads, the
+    damping and the number of contacts of the scene; the parameters of the contacts and the table
+    [time] are those of the scene.
+
+    Args:
+        model: the model.
+        scene: the scene.
+        start: a motion whose end is the state at t = 0, or this state as displacement and velocity
+            (n,) and sliders (P, d); by default the run starts at rest in the equilibrium.
+        options: `resume`, `keep_coordinates`, `progress` and `checkpoint` of
+            `fenicsrom.online.run.march.integrate`.
+
+    Raises:
+        SceneError: the model does not belong to the scene; all loads are static, and there is no
+            duration; or a round surface of a given radius has a preload and a distance from the
+            undeformed body.
+        ConvergenceError: the smallest step did not converge.
+        AccuracyError: the energy balance is off.
+    """
+    from fenicsrom.online.store.archive import StoredModel
+
+    load_code_only()
+    if isinstance(model, StoredModel):
+        model = model.with_scene(scene).model
+    contacts = checked_contacts(model, scene)
+    return integrate(
+        model,
+        contacts,
+        scene.time,
+        scene.period,
+        dimension=scene.geometry.dimension,
+        start=end_of(start) if isinstance(start, Motion) else start,
+        **options,
+    )
+
+
+def checked_contacts(model: Any, scene: Scene) -> Contacts:
+    """The contacts of a scene at the points of a model that can move under the scene.
+
+    Raises:
+        SceneError: as `simulate`.
+    """
+    _require_fit(model, scene)
+    if scene.static_only:
+        raise SceneError(
+            f"{scene.source}: all loads are static, so nothing moves; give time.duration",
+            kind=ErrorKind.MISSING,
+            key="time.duration",
+            source=scene.source,
+        )
+    contacts = contacts_of(scene, model.points)
+    _require_touch(contacts, model.points, scene)
+    return contacts
+
+
+def _require_fit(model: Any, scene: Scene) -> None:
+    """Check that a model has the loads, the damping and the number of contacts of a scene.
+
+    Raises:
+        SceneError: it has others; the error names the first key that differs.
+    """
+    pairs = zip(model.load_histories, load_histories(scene), strict=True)
+    agreements = {
+        "loads": all(np.array_equal(mine, wanted) for mine, wanted in pairs),
+        "material.mass_damping": model.damping == scene.material.mass_damping,
+        "contacts": np.array_equal(np.unique(model.points.contact), np.arange(len(scene.contacts))),
+    }
+    for key, agrees in agreements.items():
+        if not agrees:
+            raise SceneError(
+                f"{scene.source}: {key} of the scene and of the model differ; build the model from "
+                "this scene, or run a StoredModel",
+                kind=ErrorKind.MISMATCH,
+                key=key,
+                source=scene.source,
+            )
+
+
+def _require_touch(contacts: Contacts, points: ContactPoints, scene: Scene) -> None:
+    """Check that round surfaces with a preload touch the undeformed body.
+
+    A preload is the force at the undeformed position. Keys that give a gap are checked with the
+    scene; the distance from a surface of a given radius is known only with the mesh.
+
+    Raises:
+        SceneError: a surface with a preload does not touch; the error names its radius.
+    """
+    for k, contact in enumerate(scene.contacts):
+        if contact.surface is None or not contact.preload:
+            continue
+        gaps = []
+        for p in np.flatnonzero(points.contact == k):
+            across = contacts.axes[p, : contacts.kind[p]] @ contacts.centre[p]
+            gaps.append(contacts.side[p] * (contacts.radius[p] - float(np.linalg.norm(across))))
+        if min(gaps) > TOUCH * contacts.radius[points.contact == k][0]:
+            key = f"contacts[{k}].surface.radius"
+            raise SceneError(
+                f"{scene.source}: {key} = {contact.surface.radius:.9g}: not allowed with a "
+                "preload, which is the force at the undeformed position: the surface is "
+                f"{min(gaps):.3g} m from the nearest contact point",
+                kind=ErrorKind.CONFLICT,
+                key=key,
+                source=scene.source,
+            )

@@ -1,0 +1,262 @@
+"""The equilibrium in which a motion starts: under the static loads and the preload of the contacts.
+
+Newton's method adds the pressure of the contacts in load steps. In each iteration the contact
+is solved in full as in a time step, but without friction: the sliders end at the points. An
+equilibrium may be unstable: a beam that is pressed beyond its buckling load is an example. The
+model is then displaced along its softest direction and follows
+
+    M (q1 - q0)/tau + f(q1) + B N(q1) = f(0)
+
+downhill in its energy, with tau short enough for the unstable direction to grow, to the buckled
+equilibrium.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ConvergenceError, ErrorKind
+from fenicsrom.online.contact.compliance import delassus_of
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.problem import solve_contact
+from fenicsrom.online.contact.state import Interval, contact_scratch, zero_contact_state
+from fenicsrom.online.contact.surfaces import Contacts
+from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.model.loads import largest
+from fenicsrom.online.step.newton import Correction, in_load_steps, newton
+
+TOLERANCE = 1e-14  # largest root of the relative Newton decrement
+ROUNDING = 1e-13  # a smaller relative decrement that stops decreasing is rounding
+CONTACT_ROUNDING = 1e-14  # the same, relative to contact forces times displacements
+ITERATIONS = 25
+DIVERGENCE = 1e8  # growth of the decrement at which the iteration stops
+SMALLEST_PART = 1e-4  # smallest load step, as a part of the contacts' pressure
+BUCKLING_PUSH = 1e-3  # displacement along an unstable direction, relative to the deflection
+DOWNHILL_STEPS = 400
+INVERSE_ITERATIONS = 8
+
+
+def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, int]:
+    """Equilibrium of a model, nearest to q = 0 if that is stable.
+
+    Args:
+        model: a `fenicsrom.online.model.operations.Model` whose q = 0 is its equilibrium under the static
+            loads.
+        contacts: parameters of the P contact points.
+        dimension: d, of space.
+
+    Returns:
+        q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
+        0 unless another equilibrium is returned.
+
+    Raises:
+        ConvergenceError: no equilibrium was found.
+    """
+    problem = _Statics(model, contacts, dimension)
+    q = np.zeros_like(problem.static_force)
+    if not problem.touches(q):
+        is_free = model.linear or not contacts.preload.size
+        unstable = 0 if is_free else problem.unstable(q)
+        return (problem.downhill(q), unstable) if unstable else (q, 0)
+    q, reached = in_load_steps(q, lambda q, part: problem.newton(q, part, 0.0), SMALLEST_PART)
+    if reached < 1.0:
+        raise ConvergenceError(
+            f"equilibrium under the preload: Newton's method converged up to "
+            f"{100.0 * reached:.4g} % of the preload, and then failed even with a load step of at "
+            f"most {100.0 * SMALLEST_PART:g} %",
+            None,
+        )
+    unstable = problem.unstable(q)
+    return (problem.downhill(q), unstable) if unstable else (q, 0)
+
+
+class _Statics:
+    """The equations of equilibrium of a model and its contacts."""
+
+    def __init__(self, model: Any, contacts: Contacts, dimension: int):
+        count = contacts.preload.size
+        self.model, self.d = model, dimension
+        self.contacts = contacts._replace(friction=np.zeros(count))
+        self.scratch = contact_scratch(count, dimension)
+        self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
+        # (P,) normal forces at q = 0, N: the pressure of the contacts that is added in parts
+        self.pressed: Array = np.zeros(count)
+        zero = np.zeros_like(model.load(0.0))
+        model.set_at_rest()
+        self.static_force = model.elastic_at(zero)[0].copy()
+        self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
+
+    def touches(self, q: Array) -> bool:
+        """Whether a contact presses at q (n,), where the load steps of its pressure start."""
+        self._close(q, self.contacts)
+        self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
+        return bool(np.any(self.pressed > 0.0))
+
+    def _close(self, q: Array, contacts: Contacts) -> None:
+        """Write the contact state at q (n,) to `start`."""
+        x = self.model.contact_displacement(q).reshape(-1, self.d).copy()
+        at_rest(contacts, x, x.copy(), 0.0, self.start, self.scratch)
+
+    def _tangent(self, q: Array) -> Any:
+        """The tangent of the model at q (n,)."""
+        zero, one = np.zeros_like(q), np.ones(1)
+        return self.model.elastic_over_step(zero, q, zero, 0.0, one, one)[1]
+
+    def newton(self, q0: Array, part: float, mass_coefficient: float) -> Array | None:
+        """Equilibrium near q0 (n,), or a step downhill from q0; None without convergence.
+
+        Args:
+            q0: (n,).
+            part: the part of the contacts' pressure that acts.
+            mass_coefficient: 1/tau, or 0 for the equilibrium.
+        """
+        model, scratch, d = self.model, self.scratch, self.d
+        preload = self.contacts.preload - (1.0 - part) * self.pressed
+        contacts = self.contacts._replace(preload=preload)
+        zero, one = np.zeros_like(q0), np.ones(1)
+        self._close(q0, contacts)
+        self.end.x[:] = self.start.x
+        interval = Interval(0.0, 0.0, 0.0, False)
+
+        def correct(dq: Array) -> Correction | None:
+            elastic, tangent = model.elastic_over_step(zero, q0, dq, 0.0, one, one)
+            residual = elastic - self.static_force + mass_coefficient * model.mass_times(dq)
+            y, unit, compliance = model.solve_effective(
+                mass_coefficient, 0.0, tangent, residual, scratch.directions
+            )
+            before = self.end.x.copy()
+            free = model.contact_displacement(q0 + dq + y).reshape(-1, d).copy()
+            if not np.all(np.isfinite(free)):
+                return None
+            if before.size and not solve_contact(
+                contacts,
+                interval,
+                scratch.candidates,
+                compliance,
+                free,
+                self.start,
+                self.end,
+                scratch,
+            ):
+                return None
+            change = y - unit @ scratch.mean_force.reshape(-1)
+            contact_work = float(np.sum(scratch.mean_force * (self.end.x - before)))
+            return change, abs(model.dot(residual, change) + contact_work)
+
+        def converged(dq: Array, decrement: float, first: float, last: float) -> bool:
+            mean, x = scratch.mean_force, self.end.x
+            work = abs(model.dot(self.static_force, q0 + dq)) + float(
+                np.sum(np.abs(mean * (x - self.undeformed)))
+            )
+            scale = max(first, work)
+            # the decrement after the next iteration, where the convergence is quadratic
+            coming = decrement * (decrement / last) ** 2 if decrement < 1e-3 * last else decrement
+            carried = np.sum(np.abs(mean), axis=1) @ np.max(np.abs(x), axis=1, initial=0.0)
+            floor = max(ROUNDING * scale, CONTACT_ROUNDING * float(carried))
+            is_rounding = decrement <= floor and decrement > 0.1 * last
+            return bool(coming <= TOLERANCE**2 * scale or is_rounding)
+
+        dq = newton(zero, correct, converged, ITERATIONS, growth=DIVERGENCE)
+        return None if dq is None else np.asarray(q0 + dq)
+
+    def unstable(self, q: Array) -> int:
+        """Number of negative eigenvalues of the stiffness with the contacts that touch.
+
+        With the springs S = B sqrt(k) n, the inertia of the matrix [[K, S], [S^T, -I]] is the sum
+        of those of K and -(I + S^T K^-1 S), and of those of -I and K + S S^T (Haynsworth 1968,
+        Linear Algebra and its Applications 1, 73-81). So neg(K + S S^T) = neg(K) - neg(I + S^T
+        K^-1 S).
+        """
+        tangent = self._tangent(q)
+        found: int = self.model.negative_directions(tangent)
+        springs = self._springs(q)
+        if springs.shape[1]:
+            _, _, compliance = self.model.solve_effective(
+                0.0, 0.0, tangent, np.zeros_like(q), self.scratch.directions
+            )
+            found -= negative_eigenvalues(
+                np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
+            )
+        return found
+
+    def _springs(self, q: Array) -> Array:
+        """(m, closed) sqrt(k) n of each contact that touches at q."""
+        self._close(q, self.contacts)
+        columns = []
+        for p in np.flatnonzero(self.start.trial_normal_force > 0.0):
+            column = np.zeros((self.start.trial_normal_force.size, self.d))
+            column[p] = self.start.normal[p] / np.linalg.norm(self.start.normal[p])
+            columns.append(np.sqrt(self.contacts.normal_stiffness[p]) * column.reshape(-1))
+        return np.array(columns).T if columns else np.zeros((self.start.x.size, 0))
+
+    def _soften(self, q: Array, shape: Array) -> tuple[Array, float]:
+        """The softest direction, M-normalised, by inverse iteration from a shape (n,).
+
+        Returns:
+            The direction (n,), and its eigenvalue in 1/s^2.
+        """
+        model, zero = self.model, np.zeros_like(q)
+        springs = self._springs(q)
+        rate = 0.0
+        for _ in range(INVERSE_ITERATIONS):
+            shape = shape / np.sqrt(model.dot(shape, model.mass_times(shape)))
+            inertia = model.mass_times(shape).copy()
+            y, unit, compliance = model.solve_effective(
+                0.0, 0.0, self._tangent(q), -inertia, self.scratch.directions
+            )
+            inner = np.eye(springs.shape[1]) + springs.T @ delassus_of(compliance) @ springs
+            x = model.contact_displacement(y).copy() - model.contact_displacement(zero)
+            new = y - unit @ (springs @ np.linalg.solve(inner, springs.T @ x))
+            rate = 1.0 / model.dot(inertia, new)
+            shape = new
+        return shape / np.sqrt(model.dot(shape, model.mass_times(shape))), rate
+
+    def downhill(self, q: Array) -> Array:
+        """A stable equilibrium with less energy than an unstable one."""
+        model = self.model
+        seed, force = self._seed(q)
+        shape, rate = self._soften(q, seed)
+        if model.dot(force, shape) < 0.0:  # towards the side to which the loads push
+            shape = -shape
+        mass_coefficient = 2.0 * abs(rate)
+        size = np.sqrt(
+            max(model.dot(q, model.mass_times(q)), model.dot(seed, model.mass_times(seed)))
+        )
+        here = q + BUCKLING_PUSH * size * shape
+        stable = False
+        for _ in range(DOWNHILL_STEPS):
+            trial = self.newton(here, 1.0, mass_coefficient)
+            if trial is None:
+                mass_coefficient *= 2.0
+                continue
+            here = trial
+            stable = stable or self.unstable(here) == 0
+            if stable:
+                found = self.newton(here, 1.0, 0.0)
+                if found is not None and self.unstable(found) == 0:
+                    return found
+                mass_coefficient *= 0.5
+        raise ConvergenceError(
+            "the equilibrium under the preload is unstable, and no stable one was found below it",
+            here,
+            kind=ErrorKind.INSTABILITY,
+        )
+
+    def _seed(self, q: Array) -> tuple[Array, Array]:
+        """The response to the largest loads; it contains every mode that the loads excite.
+
+        Returns:
+            The response (n,) to the loads, or to unit contact forces if there are no loads; and the
+            loads (n,), N.
+        """
+        model = self.model
+        force = model.loads @ largest(model.load_histories)
+        y, unit, _ = model.solve_effective(
+            0.0, 0.0, self._tangent(q), -force, self.scratch.directions
+        )
+        if model.dot(y, model.mass_times(y)) > 0.0:
+            return y.copy(), force
+        return np.asarray(unit.sum(axis=1)), force

@@ -1,0 +1,231 @@
+"""The state of a time integration, its record and its checkpoint."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.state import (
+    ContactScratch,
+    ContactState,
+    contact_scratch,
+    zero_contact_state,
+)
+
+SCALARS = 14
+(
+    TIME,
+    STEP,
+    LAST_STEP,
+    WORK,
+    DAMPING_DISSIPATION,
+    FRICTION_DISSIPATION,
+    KINETIC,
+    ELASTIC,
+    CONTACT,
+    ENERGY_SCALE,
+    SIZE,
+    STEPS,
+    REJECTED,
+    ITERATIONS,
+) = range(SCALARS)
+LEDGER = slice(WORK, CONTACT + 1)
+"""The six energies of a row of the record, in the order of `State.scalars`."""
+
+
+class Trial(NamedTuple):
+    """The step that is being tried.
+
+    Attributes:
+        dq: (n,) the step.
+        change: (n,) its last change in the iteration; after acceptance, the new velocity.
+        residual: (n,) of the equations of motion.
+        inertia_offset: (n,) M times this is the part of the inertia and damping forces that does
+            not depend on dq.
+        external_force: (n,) mean load, N.
+        vector: (n,) scratch argument of the model's operations.
+        contact: the contact points at the end of the step.
+        displacement_before: (P, d) their displacement before the iteration, m.
+        free_displacement: (P, d) their displacement without contact forces, m.
+        scratch: scratch arrays of the contact problem; they hold the mean contact force over the
+            step.
+    """
+
+    dq: Array
+    change: Array
+    residual: Array
+    inertia_offset: Array
+    external_force: Array
+    vector: Array
+    contact: ContactState
+    displacement_before: Array
+    free_displacement: Array
+    scratch: ContactScratch
+
+
+class State(NamedTuple):
+    """The last accepted state; only the acceptance of a step writes to it (except for `trial`).
+
+    Attributes:
+        q: (n,) displacement coordinates.
+        v: (n,) velocity.
+        a: (n,) acceleration of the scheme.
+        mean_velocity: (n,) dq/h of the last step.
+        mean_acceleration: (n,) rate at which the mean velocity changed from the step before. The
+            next step is extrapolated from both mean values; the distance of its solution from this
+            extrapolation estimates the error.
+        elastic_force: (n,) elastic force at q, N.
+        load_vector: (n,) load vector at the time, N.
+        contact: the contact points.
+        friction_dissipation: (P,) energy dissipated by friction at each point, J.
+        scalars: (SCALARS,) time, next step, last step, work of the loads and of moving surfaces,
+            energies dissipated by damping and friction, kinetic, elastic and contact energy,
+            energy and displacement scales of the run, counts of steps, rejected steps and
+            iterations.
+        trial: scratch of the next step, no part of the state.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    mean_velocity: Array
+    mean_acceleration: Array
+    elastic_force: Array
+    load_vector: Array
+    contact: ContactState
+    friction_dissipation: Array
+    scalars: Array
+    trial: Trial
+
+
+class Record(NamedTuple):
+    """Arrays (rows, ..) of what is kept of each accepted step.
+
+    Attributes:
+        time: (rows,) s.
+        displacement: (rows, P, d) of the contact points, m.
+        probe: (rows, d) displacement of the probe without contact points, m.
+        force: (rows, P, d) contact forces [N, T], N.
+        mean_force: (rows, P, d) mean contact force of the step, N.
+        gap: (rows, P) m.
+        blending: (rows, P) weight of the implicit blending in the step.
+        friction_dissipation: (rows, P) J.
+        state: (rows, P) OPEN, SLIP or STICK.
+        energies: (rows, 6) the entries `LEDGER` of the scalars, J.
+        coordinates: (rows, 3 n) q, v and a, or (rows, 0).
+    """
+
+    time: Array
+    displacement: Array
+    probe: Array
+    force: Array
+    mean_force: Array
+    gap: Array
+    blending: Array
+    friction_dissipation: Array
+    state: NDArray[np.int8]
+    energies: Array
+    coordinates: Array
+
+
+class PeriodicSearch(NamedTuple):
+    """What Newton's method found of the periodic motion to which a run tends.
+
+    Attributes:
+        verdict: "stable", "fold", "period doubling" or "torus" of the motion that was found: how
+            its stability was lost; "not found" without one.
+        tends: whether the run tends to this motion.
+        time: when the periodic motion replaced the marched one, s; None if it did not.
+        periods: number of periods of the loads in one of the motion.
+        marched: periods that were marched before the last attempt.
+        iterations: Newton iterations of all attempts.
+        residual: relative residual of the last attempt.
+        multipliers: (k,) Floquet multipliers, the largest first; empty without a motion.
+        free_sliders: number of slider components that are not unique.
+    """
+
+    verdict: str
+    tends: bool
+    time: float | None
+    periods: int
+    marched: int
+    iterations: int
+    residual: float
+    multipliers: NDArray[np.complex128]
+    free_sliders: int
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the periodic motion may replace the marched one."""
+        return self.verdict == "stable" and self.tends
+
+
+class Checkpoint(NamedTuple):
+    """The state of a run between two periods or steps, to continue the run bit for bit.
+
+    Attributes:
+        state: the state.
+        last: rows of the last period (of the motion, if that is known to last several periods of
+            the loads), with which the next period is compared to find a steady state; without a
+            period the last rows, at most 4096.
+        size: lower bound of the size of the motion in relative errors (`Control.size`).
+        spans: periods run.
+        buckled: as in `Motion`.
+        search: what Newton's method found; None before its first attempt.
+    """
+
+    state: State
+    last: Record
+    size: float
+    spans: int
+    buckled: int
+    search: PeriodicSearch | None = None
+
+
+def no_state(n: int, points: int, dimension: int) -> State:
+    """A state of zeros, of n coordinates and P contact points."""
+    trial = Trial(
+        dq=np.zeros(n),
+        change=np.zeros(n),
+        residual=np.zeros(n),
+        inertia_offset=np.zeros(n),
+        external_force=np.zeros(n),
+        vector=np.zeros(n),
+        contact=zero_contact_state(points, dimension),
+        displacement_before=np.zeros((points, dimension)),
+        free_displacement=np.zeros((points, dimension)),
+        scratch=contact_scratch(points, dimension),
+    )
+    return State(
+        q=np.zeros(n),
+        v=np.zeros(n),
+        a=np.zeros(n),
+        mean_velocity=np.zeros(n),
+        mean_acceleration=np.zeros(n),
+        elastic_force=np.zeros(n),
+        load_vector=np.zeros(n),
+        contact=zero_contact_state(points, dimension),
+        friction_dissipation=np.zeros(points),
+        scalars=np.zeros(SCALARS),
+        trial=trial,
+    )
+
+
+def no_record(rows: int, points: int, dimension: int, width: int = 0) -> Record:
+    """A record of zeros, of P contact points and coordinates (width,)."""
+    return Record(
+        time=np.zeros(rows),
+        displacement=np.zeros((rows, points, dimension)),
+        probe=np.zeros((rows, dimension)),
+        force=np.zeros((rows, points, dimension)),
+        mean_force=np.zeros((rows, points, dimension)),
+        gap=np.zeros((rows, points)),
+        blending=np.zeros((rows, points)),
+        friction_dissipation=np.zeros((rows, points)),
+        state=np.zeros((rows, points), dtype=np.int8),
+        energies=np.zeros((rows, 6)),
+        coordinates=np.zeros((rows, width)),
+    )

@@ -1,0 +1,1 @@
+"""Archives of reduced models, and checkpoints of runs."""

@@ -1,0 +1,395 @@
+"""Stored reduced models: everything the online stage needs, in one `.npz` file without dolfinx.
+
+With n coordinates, p = n (n + 1) / 2 pairs of coordinates (p = 0 in a linear model), P contact
+points in d dimensions and v normal modes, the file holds these arrays of float64, in SI units:
+
+    ==================== ============ ========== ================================================
+    name                 shape        unit       meaning
+    ==================== ============ ========== ================================================
+    mass                 (n, n)       kg         M
+    damping              ()           1/s        alpha of the damping matrix C = alpha M
+    force                (n,)         N          elastic force at q = 0
+    stiffness            (n, n)       N/m        K, the tangent at q = 0
+    quadratic            (p, n)       N/m^2      A by pairs (`fenicsrom.online.model.polynomial`)
+    cubic                (p, p)       N/m^3      B by pairs of pairs
+    velocity_matrix      (n, n)       kg/s       D, gyroscopic and viscous; (0, 0) without
+    loads                (n, loads)   1          projected unit loads, one column for each load
+    contact_rows         (P d, n)     1          local contact displacement = rows q + offset
+    contact_offset       (P d,)       m          local contact displacement at q = 0
+    probe                (d, n)       1          probe displacement = probe q + offset, global axes
+    probe_offset         (d,)         m          probe displacement at q = 0
+    point_contact        (P,) int64   -          contact of the scene that each point belongs to
+    point_tributary_area (P,)         m^(d-1)    area, length or number that a point stands for
+    point_position       (P, d)       m          place on the undeformed body
+    point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
+    frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
+    pressure_linear      (k, n, n)    m          G of k follower pressures
+    pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.model.pressure`), c = n, 0 in 2D
+    ==================== ============ ========== ================================================
+
+A model without follower pressures has no arrays of them. That of a body that static loads or its
+speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+
+A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
+
+A file may hold a larger model beside this one, which judges it
+(`fenicsrom.assess.errors.estimates.basis_errors`): its mass, force, stiffness, quadratic, cubic,
+velocity_matrix, loads, contact_rows, probe and pressures, under these names with the prefix
+`candidates_`. Its first n coordinates are those of the model.
+
+The entry `header` is JSON text: format, method, labels of the coordinates, number of unknowns of
+the mesh (`dofs`), scene with its source, units and provenance.
+
+`fenicsrom.online.store.scene_changes` states which keys may change when a stored model runs again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.files import read_archive, write_archive
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.model import ReducedModel, reduced_model
+from fenicsrom.online.model.polynomial import ElasticPolynomial
+from fenicsrom.online.model.pressure import PressurePolynomial
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.run.simulate import load_histories, simulate
+from fenicsrom.online.store.scene_changes import changed_key, changed_path
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
+from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
+
+FORMAT = "fenicsrom reduced model 5"
+CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
+PRESSURES = ("pressure_linear", "pressure_quadratic")
+ROUNDING = 1e-9  # relative deviation of a matrix from its kind that rounding may cause
+SUPERELEMENT = "superelement"  # the method of a model that was made of matrices
+EARLIER = "fenicsrom reduced model"  # start of the names of earlier formats
+UNITS = {
+    "mass": "kg",
+    "stiffness": "N/m",
+    "quadratic": "N/m^2",
+    "cubic": "N/m^3",
+    "force": "N",
+    "frequencies_hz": "Hz",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class StoredModel:
+    """A reduced model with its scene, as a file holds it.
+
+    Attributes:
+        model: the model, under the load histories and the damping of the scene.
+        scene: the scene from which the model was made, or under which it runs.
+        method: "rubin", "craig-bampton" or "superelement".
+        labels: (n,) labels of the coordinates.
+        dofs: number of free unknowns of the solid.
+        frequencies_hz: (v,) natural frequencies of the normal modes.
+        provenance: versions of the programs that made it, by name.
+        recovery: tables of the stresses and reactions, or None if the scene did not ask for them.
+        candidates: the larger model that judges the basis, whose first n coordinates are those of
+            the model; None if it was not made.
+        deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
+        file: the file from which it was read, for messages; "" if there is none.
+    """
+
+    model: ReducedModel
+    scene: Scene
+    method: str
+    labels: tuple[str, ...]
+    dofs: int
+    frequencies_hz: Array
+    provenance: dict[str, str]
+    recovery: Recovery | None = None
+    candidates: ReducedModel | None = None
+    deformation: Deformation | None = None
+    file: str = ""
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return self.model.size
+
+    def with_scene(self, scene: Scene) -> StoredModel:
+        """The same model under the loads, damping, contacts and time integration of a scene.
+
+        Args:
+            scene: a scene that agrees with the stored scene in all keys of the offline stage.
+
+        Raises:
+            SceneError: the scenes do not agree; the error names the first key that differs.
+        """
+        return self._with_scene(scene, scene.source)
+
+    def _with_scene(self, scene: Scene, source: str) -> StoredModel:
+        """As `with_scene`; messages name this source of the scene."""
+        if (key := changed_key(self.scene, scene)) is not None:
+            path = changed_path(self.scene, scene)
+            raise SceneError(
+                f"{source}: {path} cannot change on a stored reduced model; run the scene "
+                "again, without --from",
+                kind=ErrorKind.MISMATCH,
+                key=key,
+                source=source,
+            )
+        changes: dict[str, Any] = {
+            "load_histories": load_histories(scene),
+            "damping": float(scene.material.mass_damping),
+        }
+        candidates = self.candidates
+        return replace(
+            self,
+            model=self.model._replace(**changes),
+            scene=scene,
+            candidates=None if candidates is None else candidates._replace(**changes),
+        )
+
+    def with_overrides(self, overrides: str | Sequence[str]) -> StoredModel:
+        """The same model under its scene with other values.
+
+        Args:
+            overrides: as `--set` takes them, such as "loads.0.force=200"; one or several.
+
+        Raises:
+            SceneError: an override is wrong, or changes a key of the offline stage.
+        """
+        source = self.file or self.scene.source
+        return self._with_scene(changed_scene(self.scene, overrides, source), source)
+
+    def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
+        """Integrate the model under a scene: its loads, damping, contacts and time integration.
+
+        Args:
+            scene: the scene; by default the scene of the model.
+            options: as `fenicsrom.online.run.simulate.simulate`.
+
+        Raises:
+            SceneError: the scene differs in a key of the offline stage.
+            ConvergenceError: the smallest step did not converge.
+            AccuracyError: the error of the energy balance is too large.
+        """
+        run = self if scene is None else self.with_scene(scene)
+        return simulate(run.model, run.scene, **options)
+
+
+def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = "") -> Scene:
+    """A scene with other values, which its title names; its paths stay as they are.
+
+    Args:
+        scene: the scene.
+        overrides: as `StoredModel.with_overrides` takes them.
+        source: the file that messages name; by default that of the scene.
+
+    Raises:
+        SceneError: an override is wrong.
+    """
+    source = source or scene.source
+    changed = override_table(scene_table(scene), overrides, source)
+    found = parse_scene(titled(changed, overrides, scene.source), source, None)
+    return replace(found, source=scene.source)
+
+
+def save_model(path: Path, stored: StoredModel) -> None:
+    """Write a reduced model to a file that appears only when it is complete.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_archive(path, *model_contents(stored))
+
+
+def model_contents(stored: StoredModel) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The header and the arrays of the file of a reduced model."""
+    header = {
+        "format": FORMAT,
+        "method": stored.method,
+        "labels": list(stored.labels),
+        "dofs": stored.dofs,
+        "source": stored.scene.source,
+        "scene": scene_table(stored.scene),
+        "units": UNITS,
+        "provenance": stored.provenance,
+    }
+    model = stored.model
+    arrays = {
+        "frequencies_hz": stored.frequencies_hz,
+        "damping": np.array(model.damping),
+        **{f"point_{name}": array for name, array in model.points._asdict().items()},
+        "contact_offset": model.contact_offset,
+        "probe_offset": model.probe_offset,
+        **_matrices(model),
+        **recovery_arrays(stored.recovery),
+    }
+    if stored.deformation is not None:
+        arrays["deformation"] = stored.deformation.as_array()
+    if stored.candidates is not None:
+        more = _matrices(stored.candidates)
+        arrays |= {f"{CANDIDATES}{name}": array for name, array in more.items()}
+    return header, arrays
+
+
+def _matrices(model: ReducedModel) -> dict[str, Array]:
+    """The arrays that depend on the basis, by their names in the file."""
+    follows = model.pressure.numbers.size > 0
+    return {
+        "mass": model.mass,
+        **({name: getattr(model.pressure, name[9:]) for name in PRESSURES} if follows else {}),
+        **model.elastic._asdict(),
+        "loads": model.loads,
+        "contact_rows": model.contact_rows,
+        "probe": model.probe,
+        "velocity_matrix": model.velocity_matrix,
+    }
+
+
+def load_model(path: Path) -> StoredModel:
+    """Read a reduced model.
+
+    Raises:
+        SceneError: the file is missing, damaged or of another format, or its arrays do not fit
+            together.
+    """
+    with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
+        return model_of_contents(path, header, data)
+
+
+def model_of_contents(path: Path, header: dict[str, Any], data: dict[str, Any]) -> StoredModel:
+    """The reduced model of a header and arrays; `path` names their file in messages.
+
+    Raises:
+        SceneError: the arrays do not fit together.
+    """
+    scene = parse_scene(header["scene"], str(header["source"]), None)
+    labels = tuple(str(label) for label in header["labels"])
+    return _assemble(path, data, header, scene, labels)
+
+
+def _assemble(
+    path: Path, data: dict[str, Any], header: dict[str, Any], scene: Scene, labels: tuple[str, ...]
+) -> StoredModel:
+    """The stored model of checked arrays."""
+    belongs = data["point_contact"]
+    if (
+        belongs.ndim != 1
+        or belongs.dtype != np.int64
+        or not np.array_equal(np.unique(belongs), np.arange(len(scene.contacts)))
+    ):
+        raise _damaged(path, "point_contact does not name the contacts of the scene")
+    is_superelement = header["method"] == SUPERELEMENT
+    model = _checked_model(path, data, scene, len(labels), is_superelement=is_superelement)
+    try:
+        recovery = read_recovery(data, scene, len(labels))
+        deformation = None
+        if "deformation" in data:
+            deformation = Deformation.of_array(data["deformation"], scene.geometry.dimension)
+    except ValueError as error:
+        raise _damaged(path, str(error)) from None
+    candidates = None
+    if f"{CANDIDATES}mass" in data:
+        prefix = len(CANDIDATES)
+        more = {k[prefix:]: v for k, v in data.items() if k.startswith(CANDIDATES)}
+        mass = more["mass"]
+        size = mass.shape[0] if mass.ndim == 2 else 0
+        if size < len(labels):
+            raise _damaged(path, f"{CANDIDATES}mass is smaller than mass")
+        candidates = _checked_model(path, data | more, scene, size, CANDIDATES)
+    return StoredModel(
+        model,
+        scene,
+        str(header["method"]),
+        labels,
+        int(header["dofs"]),
+        data["frequencies_hz"],
+        {str(name): str(number) for name, number in header["provenance"].items()},
+        recovery,
+        candidates,
+        deformation,
+        str(path),
+    )
+
+
+def _checked_model(
+    path: Path,
+    data: dict[str, Any],
+    scene: Scene,
+    size: int,
+    prefix: str = "",
+    is_superelement: bool = False,
+) -> ReducedModel:
+    """The model of so many coordinates in arrays that are checked; `prefix` names them."""
+    shapes = _shapes(data, scene, size)
+    if is_superelement and data["velocity_matrix"].size > 0:
+        shapes["velocity_matrix"] = (size, size)  # from its file
+    for name, shape in shapes.items():
+        array = data[name]
+        if array.shape != shape or array.dtype != np.float64 or not np.all(np.isfinite(array)):
+            found = f"{prefix}{name} has shape {array.shape} and type {array.dtype}"
+            raise _damaged(path, f"{found}: must be {shape} of finite float64")
+    for name in ("mass", "stiffness"):
+        off = np.max(np.abs(data[name] - data[name].T), initial=0.0)
+        if off > ROUNDING * np.max(np.abs(data[name]), initial=0.0):
+            raise _damaged(path, f"{prefix}{name} is not symmetric")
+    viscous = data["velocity_matrix"] + data["velocity_matrix"].T
+    least = np.linalg.eigvalsh(viscous).min(initial=0.0)
+    if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
+        raise _damaged(path, f"{prefix}velocity_matrix gives energy to the motion")
+    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
+        raise _damaged(path, f"{prefix}mass or damping is not positive")
+    followers = np.array(scene.followers, dtype=np.int64)
+    return reduced_model(
+        data["mass"],
+        float(data["damping"]),
+        ElasticPolynomial(*(data[name] for name in ElasticPolynomial._fields)),
+        data["loads"],
+        load_histories(scene),
+        ContactPoints(*(data[f"point_{name}"] for name in ContactPoints._fields)),
+        data["contact_rows"],
+        data["contact_offset"],
+        data["probe"],
+        data["probe_offset"],
+        data["velocity_matrix"],
+        PressurePolynomial(followers, *(data[name] for name in PRESSURES))
+        if followers.size
+        else None,
+    )
+
+
+def _shapes(data: dict[str, Any], scene: Scene, n: int) -> dict[str, tuple[int, ...]]:
+    """The shape that each array of float64 must have, by name (module docstring)."""
+    d, points = scene.geometry.dimension, data["point_contact"].size
+    p = n * (n + 1) // 2 if scene.geometrically_nonlinear else 0
+    k = len(scene.followers)
+    pressures = ((k, n, n), (k, n if d == 3 else 0, n, n))
+    return {
+        **(dict(zip(PRESSURES, pressures, strict=True)) if k else {}),
+        "mass": (n, n),
+        "damping": (),
+        "force": (n,),
+        "stiffness": (n, n),
+        "quadratic": (p, n if p else 0),
+        "cubic": (p, p),
+        "loads": (n, len(scene.loads)),
+        "point_tributary_area": (points,),
+        "point_position": (points, d),
+        "point_frame": (points, d, d),
+        "contact_rows": (points * d, n),
+        "contact_offset": (points * d,),
+        "probe": (d, n),
+        "probe_offset": (d,),
+        "velocity_matrix": (n, n) if scene.velocity_forces else (0, 0),
+        "frequencies_hz": (data["frequencies_hz"].size,),
+    }
+
+
+def _damaged(path: Path, words: str) -> SceneError:
+    """The error of a file whose content does not fit together."""
+    text = f"{path}: {words}: the file is damaged"
+    return SceneError(text, kind=ErrorKind.FORMAT, source=str(path))

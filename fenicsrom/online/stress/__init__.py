@@ -1,0 +1,1 @@
+"""Stresses, deformation and reactions from the coordinates of a reduced model."""

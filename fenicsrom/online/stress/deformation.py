@@ -1,0 +1,119 @@
+"""How far a body is deformed locally: the volume ratio and the principal stretches.
+
+The volume ratio is det F of the deformation gradient F = I + ∇u. Where it is not positive, the
+material is turned inside out. The St Venant-Kirchhoff law does not resist this: under uniaxial
+stress along a stretch s (Poisson's ratio 0), the force on the undeformed area and its slope are
+
+    P = ½ E s (s² − 1),    dP/ds = ½ E (3 s² − 1),    (1)
+
+so that the material softens in compression. The slope vanishes at s = 1/√3, a compression of 42 %,
+and the force returns to zero at s = 0, where the material has no volume. The principal stretches
+are the square roots of the eigenvalues of FᵀF.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.stress.stress import StressLaw, StressTable
+
+
+@dataclass(frozen=True, eq=False)
+class Deformation:
+    """The extremes of the deformation over some points of a body.
+
+    Attributes:
+        volume_ratio: smallest det F; in plane stress with the thickness, which is 0 where the law
+            gives none.
+        position: (d,) its place in the undeformed body, m.
+        smallest_stretch: smallest principal stretch, in the plane of a plane body.
+        largest_stretch: largest principal stretch.
+    """
+
+    volume_ratio: float
+    position: Array
+    smallest_stretch: float
+    largest_stretch: float
+
+    @property
+    def is_inverted(self) -> bool:
+        """Whether the material is turned inside out somewhere."""
+        return self.volume_ratio <= 0.0
+
+    def as_array(self) -> Array:
+        """(3 + d,) smallest det F, smallest and largest stretch, place of det F, for archives."""
+        stretches = self.volume_ratio, self.smallest_stretch, self.largest_stretch
+        return np.array([*stretches, *self.position])
+
+    @classmethod
+    def of_array(cls, array: Array, dimension: int) -> Deformation:
+        """The extremes of an array of `as_array` in d dimensions.
+
+        Raises:
+            ValueError: it is no such array.
+        """
+        wrong = array.shape != (3 + dimension,) or array.dtype != np.float64
+        if wrong or not np.all(np.isfinite(array)):
+            raise ValueError(f"a deformation must be ({3 + dimension},) of finite float64")
+        return cls(float(array[0]), array[3:], float(array[1]), float(array[2]))
+
+
+ROUNDING = 1e-12
+"""Part by which the distances of `_extreme` are enlarged: their own rounding loses no extreme."""
+
+NOWHERE = Deformation(np.inf, np.zeros(0), np.inf, 0.0)
+"""The extremes over no points."""
+
+
+def deformation(law: StressLaw, position: Array, start: Array, change: Array) -> Deformation:
+    """The extremes over points (P,).
+
+    Args:
+        law: the law at these points.
+        position: (P, d) their places, m.
+        start: (P, d, d) displacement gradient of the equilibrium.
+        change: (P, d, d) change of the gradient from the equilibrium.
+    """
+    if not position.shape[0]:
+        return NOWHERE
+    volume = law.volume_ratio(start, change)
+    f = law.deformation_gradient(start, change)
+    squares = np.linalg.eigvalsh(_extreme(np.swapaxes(f, -1, -2) @ f))
+    first = int(np.argmin(volume))
+    smallest = float(np.sqrt(max(squares.min(), 0.0)))
+    return Deformation(
+        float(volume[first]), position[first], smallest, float(np.sqrt(squares.max()))
+    )
+
+
+def _extreme(c: Array) -> Array:
+    """Those matrices of FᵀF (P, d, d) that may have the smallest or the largest eigenvalue of all.
+
+    The eigenvalues of C are within ‖C − I‖ of 1, and the diagonal of C is between them.
+    """
+    diagonal = np.diagonal(c, axis1=-2, axis2=-1)
+    distance = np.linalg.norm(c - np.eye(c.shape[-1]), axis=(-2, -1))
+    distance += ROUNDING * (1.0 + distance)
+    chosen = (1.0 - distance <= diagonal.min()) | (1.0 + distance >= diagonal.max())
+    return np.asarray(c[chosen])
+
+
+def extremes(parts: Sequence[Deformation]) -> Deformation:
+    """The extremes over several sets of points."""
+    first = min(parts, key=lambda part: part.volume_ratio)
+    return replace(
+        first,
+        smallest_stretch=min(part.smallest_stretch for part in parts),
+        largest_stretch=max(part.largest_stretch for part in parts),
+    )
+
+
+def deformation_at(table: StressTable, q: Array) -> Deformation:
+    """The extremes at the Gauss points of a table at coordinates q (n,)."""
+    change = np.asarray(np.tensordot(q, table.gradients[1:], axes=1), np.float64)
+    law = table.law.at(table.material)
+    return deformation(law, table.position, table.gradients[0], change)

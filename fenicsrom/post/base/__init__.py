@@ -1,0 +1,1 @@
+"""Writers of files, tables, and the style of all pictures."""

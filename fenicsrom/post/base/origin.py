@@ -1,0 +1,269 @@
+"""What was run: `scene.toml` and `provenance.json` of an output folder.
+
+Both files are written before the computation. `scene.toml` holds the scene with all defaults and
+overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a stored model that is
+not large, is copied beside it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.files import atomic_write
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.writers import write_summary, write_text
+from fenicsrom.scene import Scene, scene_table, toml_text
+from fenicsrom.scene.rules import counted
+
+SCENE_FILE = "scene.toml"
+RECORD = "provenance.json"
+LARGEST_COPY = 100 * 2**20  # bytes of the largest mesh file that is copied
+LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: each run has its own
+MODEL = "reduced_model.npz"
+COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
+INCLUDED = re.compile(r"^\s*(?:Include|Merge|ShapeFromFile)\b[^\"]*\"([^\"]+)\"", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How a computation was started.
+
+    Attributes:
+        command: the words of the command.
+        repeat: the words that repeat it in the output folder, without `--from` and `--resume`.
+        task: the name of the command, and the options that vary the scene.
+        overrides: the values of `--set`.
+        model: the stored model, or None.
+        resume: the checkpoint or state that the run continues, or None.
+    """
+
+    command: Sequence[str]
+    repeat: Sequence[str]
+    task: Sequence[str] = ("run",)
+    overrides: Sequence[str] = ()
+    model: Path | None = None
+    resume: Path | None = None
+
+
+def python_origin() -> Origin:
+    """The origin of a run that a Python program started."""
+    words = ("python3", *sys.argv)
+    return Origin(words, ("fenicsrom", "run", SCENE_FILE))
+
+
+def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict[str, Any]:
+    """Write `scene.toml`, `provenance.json` and the copy of the mesh; give the record.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    mesh = None if origin.model is not None else _keep_mesh(scene.geometry.mesh, folder)
+    model = _keep_model(origin.model, folder)
+    inputs = _input_words(origin, model, folder)
+    record: dict[str, Any] = {
+        "state": "running",
+        "command": shlex.join(origin.command),
+        "working_folder": str(Path.cwd()),
+        "began": _now(),
+        "ended": None,
+        "ranks": ranks,
+        "versions": provenance(),
+        "commit": commit(),
+        "scene": scene.source,
+        "overrides": list(origin.overrides),
+        "mesh": mesh,
+        "model": model,
+        "resumed_from": _named(origin.resume),
+        "repeat": shlex.join([*origin.repeat, *inputs]),
+        "task": list(origin.task),
+        "results": None,
+    }
+    table = scene_table(scene)
+    if mesh is not None and mesh["copy"]:
+        table["geometry"]["mesh"] = mesh["copy"]
+    write_text(folder / SCENE_FILE, _comments(record) + toml_text(table))
+    write_record(folder, record)
+    return record
+
+
+def write_record(folder: Path, record: Mapping[str, Any]) -> None:
+    """Write `provenance.json`.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    write_summary(folder / RECORD, record)
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """Read `provenance.json`; None if the folder has none that can be read."""
+    try:
+        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) and "command" in found else None
+
+
+def end_record(record: dict[str, Any], state: str, results: Sequence[str]) -> dict[str, Any]:
+    """The record of a run that ended, with the names of the files and folders that it wrote."""
+    return {**record, "state": state, "ended": _now(), "results": list(results)}
+
+
+def origin_table(folder: Path) -> list[list[Any]]:
+    """The table of the report that says what was run; empty without a record."""
+    record = read_record(folder)
+    if record is None:
+        return []
+    versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
+    rows = [
+        ["command", record["command"]],
+        ["in the folder", record["working_folder"]],
+        ["began", record["began"]],
+        ["program", _program(record, versions)],
+        ["MPI ranks", str(record["ranks"])],
+        ["scene", record["scene"]],
+        *[["override", override] for override in record["overrides"]],
+        *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
+        ["to repeat", f"{record['repeat']} (in this folder)"],
+    ]
+    return [["item", "value"], *rows]
+
+
+_INPUTS = (("mesh", "mesh"), ("stored model", "model"), ("resumed from", "resumed_from"))
+
+
+def commit() -> str | None:
+    """The commit of the program, with "-dirty" after changes; None where it is not known."""
+    if given := os.environ.get(COMMIT):
+        return given
+    checkout = Path(__file__).resolve().parents[2]
+    if not (checkout / ".git").exists():
+        return None
+    words = ["git", "-c", "safe.directory=*", "-C", str(checkout), "describe", "--always"]
+    words += ["--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=10.0, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip() or None
+
+
+def checksum(path: Path) -> str:
+    """The SHA-256 of a file, or of the files of a folder with their names."""
+    digest = hashlib.sha256()
+    if path.is_dir():
+        for file in sorted(file for file in path.rglob("*") if file.is_file()):
+            digest.update(f"{file.relative_to(path)} {checksum(file)}\n".encode())
+        return digest.hexdigest()
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _named(path: Path | None) -> dict[str, Any] | None:
+    """The absolute path of an input and its checksum; None for an input that does not exist."""
+    if path is None or not path.exists():
+        return None
+    return {"file": str(path.absolute()), "sha256": checksum(path)}
+
+
+def _keep_mesh(mesh: Path, folder: Path) -> dict[str, Any] | None:
+    """Copy the mesh file into the folder, or say why it is not there."""
+    if not mesh.is_file():
+        return None
+    found: dict[str, Any] = {"file": str(mesh.absolute()), "sha256": checksum(mesh)}
+    found |= {"bytes": mesh.stat().st_size, "copy": None, "missing": None}
+    if found["bytes"] > LARGEST_COPY:
+        found["missing"] = f"the mesh file is larger than {LARGEST_COPY // 2**20} MB: not copied"
+        return found
+    if mesh.suffix == ".geo":
+        others = INCLUDED.findall(mesh.read_text(encoding="utf-8", errors="replace"))
+        if others:
+            found["missing"] = f"the mesh file reads other files: {', '.join(others)}; not copied"
+            return found
+    return found | {"copy": _copied(mesh, folder, mesh.name, f"mesh_{mesh.name}")}
+
+
+def _keep_model(model: Path | None, folder: Path) -> dict[str, Any] | None:
+    """Copy the stored model into the folder, unless it is there or large."""
+    found = _named(model)
+    if model is None or found is None:
+        return None
+    inside = model.resolve().parent == folder.resolve()
+    if inside or model.stat().st_size > LARGEST_MODEL:
+        return found | {"copy": None}
+    return found | {"copy": _copied(model, folder, MODEL, f"stored_{MODEL}")}
+
+
+def _copied(file: Path, folder: Path, name: str, other: str) -> str:
+    """Copy a file into the folder; the other name is used where another file has the first one."""
+    copy = folder / name
+    if copy.exists() and checksum(copy) == checksum(file):
+        return name
+    if copy.exists():
+        copy = folder / other
+    with atomic_write(copy) as temporary:
+        shutil.copyfile(file, temporary)
+    return copy.name
+
+
+def _input_words(origin: Origin, model: Mapping[str, Any] | None, folder: Path) -> list[str]:
+    """The options that name the stored model and the checkpoint when a run is repeated."""
+
+    def word(path: Path) -> str:
+        inside = path.resolve().is_relative_to(folder.resolve())
+        return str(path.resolve().relative_to(folder.resolve()) if inside else path.absolute())
+
+    words: list[str] = []
+    if origin.model is not None:
+        words += ["--from", (model and model["copy"]) or word(origin.model)]
+    if origin.resume is not None and origin.task[0] != "sweep":
+        words += ["--resume", word(origin.resume)]
+    return words
+
+
+def _comments(record: Mapping[str, Any]) -> str:
+    """The first lines of `scene.toml`."""
+    versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
+    lines = [
+        "The scene of this folder, with all defaults and overrides.",
+        f"made by:    {record['command']}",
+        f"on:         {record['began']}, {counted(record['ranks'], 'MPI rank')}",
+        f"program:    {_program(record, versions)}",
+        f"to repeat:  {record['repeat']}",
+    ]
+    lines += [f"{name}: {_file_words(record[key])}" for name, key in _INPUTS if record[key]]
+    return "".join(f"# {line}\n" for text in lines for line in text.splitlines()) + "\n"
+
+
+def _program(record: Mapping[str, Any], versions: str) -> str:
+    """The versions and the commit."""
+    from fenicsrom import __version__
+
+    if "fenicsrom" not in record["versions"]:
+        versions = ", ".join(filter(None, [f"fenicsrom {__version__}", versions]))
+    return f"{versions}, commit {record['commit']}" if record["commit"] else versions
+
+
+def _file_words(named: Mapping[str, Any]) -> str:
+    """Name an input file with its checksum, and say whether it is in the folder."""
+    words = f"{named['file']}, SHA-256 {named['sha256']}"
+    if named.get("copy"):
+        return f"{words}; copied to {named['copy']}"
+    return f"{words}; {named['missing']}" if named.get("missing") else words
+
+
+def _now() -> str:
+    """The date and time in UTC."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

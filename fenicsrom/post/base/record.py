@@ -1,0 +1,136 @@
+"""The records of a run of a scene and of a stored model: results and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.reduction.selection import Selection
+
+if TYPE_CHECKING:
+    from fenicsrom.arrays import Array
+    from fenicsrom.assess.errors.estimates import MotionErrors
+    from fenicsrom.assess.errors.mode_agreement import ModeAgreement
+    from fenicsrom.errors import AccuracyError, ConvergenceError
+    from fenicsrom.online.model.model import ReducedModel
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.online.stress.deformation import Deformation
+    from fenicsrom.online.stress.recovery import Recovery
+    from fenicsrom.online.stress.stress_peaks import Stresses
+    from fenicsrom.post.body.body_view import View
+    from fenicsrom.reduction.basis import ReducedBasis
+    from fenicsrom.reduction.modes import ComponentModes
+    from fenicsrom.reduction.stages import Derivatives
+    from fenicsrom.scene import Scene
+
+
+@dataclass(eq=False)
+class Rerun:
+    """The record of a run of a stored model.
+
+    Attributes:
+        stored: the stored model, under the scene of the run.
+        motion: the motion; up to the failure if there was one.
+        errors: estimated relative errors of the motion by their causes, as `Study.errors`.
+        unfinished: the error of the integration or of a check, or None.
+        warnings: warnings for the user.
+        stresses: the largest stresses, and the reactions; None if the scene does not ask for them,
+            or the model does not have them.
+        left_out: sentences "NAME: REASON" on what was not computed.
+        files: the written files, the report first.
+    """
+
+    stored: StoredModel
+    motion: Motion
+    errors: dict[str, MotionErrors]
+    unfinished: ConvergenceError | AccuracyError | None
+    warnings: list[str]
+    stresses: Stresses | None = None
+    left_out: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Study:
+    """What the stages of a scene found. A stage that did not run leaves its default.
+
+    Attributes:
+        scene: the scene.
+        solid: the solid body.
+        modes: its component modes.
+        selection: the selected modes and derivatives.
+        derivatives: the modal derivatives.
+        basis: the reduced basis.
+        model: the reduced model.
+        candidates: the larger model that judges the basis (`fenicsrom.reduction.candidates`).
+        agreement: the modes of the reduced model beside those of the full model.
+        motions: "reduced", "full" or "beam" -> motion.
+        seconds: stage -> run time, s.
+        left_out: sentences "NAME: REASON" on what was not computed.
+        errors: estimated relative errors of the reduced model by their causes, "time step" and
+            "basis".
+        deflection: (d,) displacement of the probe in the static equilibrium, m; None without static
+            loads.
+        deformation: extremes of the deformation in the equilibrium; None of an undeformed body.
+        recovery: tables of the stresses and reactions, if the scene asks for them.
+        stresses: the largest stresses, and the reactions.
+        unfinished: the name of the model whose integration or check failed, and its error.
+        files: the written files.
+        pictures: headings and files of the written pictures.
+        view: the projection of the body in all pictures; None before the first one is made.
+    """
+
+    scene: Scene
+    solid: Any = None
+    modes: ComponentModes | None = None
+    selection: Selection = field(default_factory=lambda: Selection((), (), {}, {}))
+    derivatives: Derivatives | None = None
+    basis: ReducedBasis | None = None
+    model: Any = None
+    candidates: ReducedModel | None = None
+    agreement: ModeAgreement | None = None
+    motions: dict[str, Motion] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    errors: dict[str, MotionErrors] = field(default_factory=dict)
+    deflection: Array | None = None
+    deformation: Deformation | None = None
+    recovery: Recovery | None = None
+    stresses: Stresses | None = None
+    unfinished: tuple[str, Exception] | None = None
+    files: list[Path] = field(default_factory=list)
+    pictures: list[tuple[str, Path]] = field(default_factory=list)
+    view: View | None = None
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings for the user; those of the mesh and the solid come first."""
+        found: list[str] = self.solid.warnings
+        return found
+
+    @property
+    def dropped_modes(self) -> list[str]:
+        """Labels of the modes that the selection left out of the basis."""
+        modes = self.modes.labels if self.modes is not None else ()
+        return [label for label in modes if label not in self.selection.modes]
+
+    @property
+    def labels(self) -> Sequence[str]:
+        """Labels of the basis vectors, or of the modes and derivatives if there is no basis."""
+        if self.basis is not None:
+            return self.basis.labels
+        modes = self.modes.labels if self.modes is not None else ()
+        return [*modes, *(self.derivatives.labels if self.derivatives is not None else ())]
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Number of unknowns of each model."""
+        beam = self.scene.reference.beam
+        return {
+            "reduced": self.basis.size if self.basis is not None else 0,
+            "full": self.solid.free,
+            "beam": 3 * beam.elements if beam is not None else 0,
+        }

@@ -1,0 +1,122 @@
+"""The common style of all figures.
+
+Figures are matplotlib `Figure` objects made without pyplot: no window opens and no figure stays in
+memory. `figure.savefig(path)` writes one. matplotlib is imported only when a figure is made.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.online.motion.measures import STATE_NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Ratio of displacement and length of the body from which displacements are drawn to scale.
+TRUE_SCALE = 0.03
+# The colours of Okabe and Ito, which colour-blind readers can distinguish. Their yellow is left out
+# because it is hard to see on white.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# Contact state -> name and colour.
+STATES = {
+    state: (name, colour)
+    for (state, name), colour in zip(
+        STATE_NAMES.items(), ("#D9DDE1", "#E69F00", "#009E73"), strict=True
+    )
+}
+_LINES: dict[str, dict[str, Any]] = {
+    "full": {"color": "#A6ABB0", "linewidth": 4.0, "zorder": 2},
+    "beam": {"color": "#D55E00", "linewidth": 1.6, "linestyle": (0, (5, 3)), "zorder": 4},
+    "reduced": {"color": "#0072B2", "linewidth": 1.6, "zorder": 3},
+}
+_STYLE = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 10.5,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#555B61",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "grid.color": "#E6E8EA",
+    "grid.linewidth": 0.8,
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+    "lines.linewidth": 1.6,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+
+def styled(draw: Callable[..., Figure]) -> Callable[..., Figure]:
+    """Decorate a drawing function so that it uses the common style."""
+
+    @functools.wraps(draw)
+    def drawn(*args: Any, **kwargs: Any) -> Figure:
+        import matplotlib
+
+        with matplotlib.rc_context(_STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make an empty figure of this size in inches."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), dpi=140, layout="constrained")
+
+
+def line_styles(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Give each name its own line style.
+
+    `full`, `beam` and `reduced` have fixed styles; the other names share the remaining colours.
+    """
+    names = list(names)
+    free = [
+        colour
+        for colour in COLOURS
+        if all(_LINES[name]["color"] != colour for name in names if name in _LINES)
+    ]
+    cycle = itertools.cycle(itertools.product(("-", "--", "-.", ":"), free))
+    return {
+        name: _LINES.get(name) or dict(zip(("linestyle", "color"), next(cycle), strict=True))
+        for name in names
+    }
+
+
+def magnification(largest: float, length: float) -> float:
+    """Choose the factor by which displacements are multiplied in a picture.
+
+    Args:
+        largest: largest displacement, m.
+        length: length of the body, m.
+
+    Returns:
+        1 if the largest displacement is zero or at least `TRUE_SCALE` of the length; otherwise the
+        largest of 1, 2 and 5 times a power of ten with which no displacement exceeds a tenth of the
+        length.
+    """
+    if largest >= TRUE_SCALE * length or largest == 0.0:
+        return 1.0
+    wanted = 0.1 * length / largest
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(
+        max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1.0 + 1e-9)) * power
+    )
+
+
+def scale_text(factor: float) -> str:
+    """Say in words how displacements are drawn that are multiplied by this factor."""
+    return "drawn to scale" if factor == 1.0 else f"drawn × {factor:g}"

@@ -1,0 +1,170 @@
+"""Meshes of the rigid surfaces of a scene: walls, casings and balls, as they move."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.files import atomic_folder
+from fenicsrom.online.contact.points import ContactPoints, contacts_of
+from fenicsrom.online.contact.surfaces import axes_of
+from fenicsrom.post.paraview.vtk_files import Grid, in_space, linear_grid, write_series, write_vtu
+from fenicsrom.scene import Scene
+
+AROUND = 360  # edges around a cylinder: the polygon is 4e-5 of the radius off the circle
+ALONG = 4  # edges along the axis of a cylinder and across a plane
+MARGIN = 0.1  # extent of a cylinder beyond the paths of the contact points, relative to the paths
+LINES = 4  # along a cylinder or the meridians of a sphere, in a picture
+BEYOND = 0.05  # extent of a plane beyond these paths, relative to the distance of the points from 0
+
+
+def write_surfaces(
+    folder: Path, scene: Scene, points: ContactPoints, times: Array, moved: Array | None = None
+) -> list[Path]:
+    """Write the rigid surface of each contact as its own mesh, one file per instant.
+
+    A surface that does not move has one file. It is so large that the points do not leave it.
+
+    Args:
+        folder: the folder to write to.
+        scene: the scene.
+        points: its contact points.
+        times: (k,) instants, s.
+        moved: (n, P, d) displacements of the contact points in their frames, m; None at rest.
+
+    Returns:
+        The `.pvd` files, `surface_1/surface_1.pvd` and so on.
+
+    Raises:
+        OSError: a file cannot be written; no partial file remains.
+    """
+    found = []
+    for k, contact in enumerate(scene.contacts):
+        name = f"surface_{k + 1}"
+        moving = bool(contact.approach) or bool(contact.surface and contact.surface.waves)
+        path = folder / name
+        with atomic_folder(path) as temporary:
+            entries = []
+            for number, time in enumerate(times):
+                file = f"{name}_{number if moving else 0:05d}.vtu"
+                if moving or number == 0:
+                    notes = {"contact": f"contacts[{k}]", "unit of length": "m"}
+                    grid = surface_grid(scene, points, k, float(time), moved)
+                    write_vtu(temporary / file, grid, {}, notes=notes)
+                entries.append((float(time), file))
+            write_series(temporary / f"{name}.pvd", entries)
+        found.append(path / f"{name}.pvd")
+    return found
+
+
+def surface_grid(
+    scene: Scene, points: ContactPoints, k: int, time: float, moved: Array | None = None
+) -> Grid:
+    """The part of the surface of contact k that its points pass, at an instant (s).
+
+    Argument `moved` as for `write_surfaces`.
+    """
+    places = _surface(scene, points, k, time, moved)
+    return _line(places) if places.ndim == 2 else _sheet(places)
+
+
+def surface_lines(scene: Scene, points: ContactPoints, k: int) -> list[Array]:
+    """Lines (n, 3) that show the round surface of contact k at the start.
+
+    They are the circles at both ends of a cylinder with four lines along it, the equator and two
+    meridians of a sphere, or a circle in 2D.
+    """
+    places = _surface(scene, points, k, 0.0)
+    if places.ndim == 2:
+        return [in_space(places)]
+    around, last = len(places) - 1, places.shape[1] - 1
+    surface = scene.contacts[k].surface
+    assert surface is not None
+    rings = [last // 2] if surface.kind == "sphere" else [0, last]
+    rows = [places[j * around // LINES] for j in range(LINES)]
+    return [*(places[:, ring] for ring in rings), *rows]
+
+
+def _surface(
+    scene: Scene, points: ContactPoints, k: int, time: float, moved: Array | None = None
+) -> Array:
+    """The points (n, 2) of a line or (n, l, 3) of a sheet; arguments as `surface_grid`."""
+    mine = np.flatnonzero(points.contact == k)
+    contacts = contacts_of(scene, points)
+    p = int(mine[0])
+    position, d = points.position[mine], points.position.shape[1]
+    path = position[None]
+    if moved is not None:
+        path = path + np.einsum("npk,pkx->npx", moved[:, mine], points.frame[mine])
+    approach = contacts.approach[p]
+    closed = float(np.interp(time, contacts.times, approach)) if approach.size else 0.0
+    surface = scene.contacts[k].surface
+    if surface is None:
+        distance = contacts.radius[p] - closed
+        return _plane(position, path, points.frame[p], distance)
+    centre, side, radius = np.array(surface.point), contacts.side[p], contacts.radius[p]
+    across = axes_of(surface, d)
+    if across.shape[0] == 3:
+        return _ball(centre, radius - side * closed)
+    angle = np.linspace(0.0, 2.0 * np.pi, AROUND + 1)
+    waves = np.zeros_like(angle)
+    for order, height, phase in surface.waves:
+        waves += height * np.cos(order * (angle - contacts.spin[p] * time) - phase)
+    size = radius - side * (closed + waves)
+    ring = size[:, None] * (np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1])
+    if d == 2:
+        return np.asarray(centre + ring)
+    axis = np.cross(across[0], across[1])
+    heights = (path - centre) @ axis
+    spare = MARGIN * max(float(np.ptp(heights)), float(radius) * MARGIN)
+    levels = np.linspace(heights.min() - spare, heights.max() + spare, ALONG + 1)
+    return np.asarray(centre + ring[:, None] + levels[None, :, None] * axis)
+
+
+def _plane(position: Array, path: Array, frame: Array, distance: float) -> Array:
+    """Points (n, 2) or (n, l, 3) of a plane at a distance along the normal from points (p, d).
+
+    It is wider than their path (n, p, d).
+    """
+    centre = position.mean(axis=0) + distance * frame[0]
+    tangents = frame[1:]
+    reach = np.abs((path - position.mean(axis=0)) @ tangents.T).max(axis=(0, 1))
+    half = reach + (BEYOND * float(np.linalg.norm(position, axis=1).max()) or 1.0)
+    steps = [np.linspace(-size, size, ALONG + 1) for size in half]
+    if frame.shape[0] == 2:
+        return np.asarray(centre + steps[0][:, None] * tangents[0])
+    return np.asarray(
+        centre + steps[0][:, None, None] * tangents[0] + steps[1][None, :, None] * tangents[1]
+    )
+
+
+def _ball(centre: Array, radius: float) -> Array:
+    """Points (n, l, 3) of a sphere, by longitude and latitude."""
+    longitude = np.linspace(0.0, 2.0 * np.pi, AROUND // 4 + 1)[:, None]
+    latitude = np.linspace(0.0, np.pi, AROUND // 8 + 1)[None, :]
+    directions = np.stack(
+        [
+            np.cos(longitude) * np.sin(latitude),
+            np.sin(longitude) * np.sin(latitude),
+            np.cos(latitude) + 0.0 * longitude,
+        ],
+        axis=-1,
+    )
+    return np.asarray(centre + radius * directions)
+
+
+def _line(points: Array) -> Grid:
+    """A polyline through points (k, d)."""
+    first = np.arange(len(points) - 1)
+    return Grid(in_space(points), np.column_stack([first, first + 1]), 3)
+
+
+def _sheet(points: Array) -> Grid:
+    """Quadrilaterals between points (k, l, 3)."""
+    rows, columns = points.shape[:2]
+    number = np.arange(rows * columns).reshape(rows, columns)
+    corners = [number[:-1, :-1], number[1:, :-1], number[:-1, 1:], number[1:, 1:]]
+    cells = np.stack(corners, axis=-1).reshape(-1, 4)
+    return linear_grid(points.reshape(-1, 3), cells, 2)

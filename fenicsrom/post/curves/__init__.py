@@ -1,0 +1,1 @@
+"""Reports of response curves, backbones and paths of equilibria."""

@@ -1,0 +1,179 @@
+"""The report of a damped nonlinear mode: sentences, tables and files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.curves.backbone import Backbone, ModePoint
+from fenicsrom.online.motion.measures import STATE_NAMES
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.result_files import write_results
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
+from fenicsrom.scene.rules import counted
+
+AMPLITUDES_NOTE = (
+    "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
+    "coordinate; backbone.first and backbone.last are linear amplitudes. The amplitude of the "
+    "probe is half of peak-to-peak of the nonlinear motion, in which other modes take part."
+)
+
+
+def rows(found: Backbone) -> list[dict[str, Any]]:
+    """The rows of `backbone.csv`: the points of the mode."""
+    return [_row(found, point) for point in found.points]
+
+
+def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
+    """One point as a row; numbers of the contacts are the largest of all contact points."""
+    motion = point.motion
+    bits = int(np.bitwise_or.reduce(motion.states, initial=0))
+    states = [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
+    contact = {
+        "peak_normal_force_N": float(motion.peak_force.max(initial=0.0)),
+        "friction_dissipation_per_period_J": motion.friction_dissipation,
+        "contact_states": " ".join(states),
+    }
+    axes = "xyz"[: found.dimension]
+    return {
+        "linear_amplitude_m": point.linear_amplitude,
+        "modal_amplitude_sqrtkg_m": point.modal_amplitude,
+        "frequency_Hz": point.frequency,
+        "damping_ratio": point.damping_ratio,
+        **{
+            f"amplitude_{axis}_m": float(value)
+            for axis, value in zip(axes, point.amplitude, strict=True)
+        },
+        **(contact if found.contacts else {}),
+        "residual": motion.residual,
+    }
+
+
+def summary(found: Backbone) -> dict[str, Any]:
+    """The contents of `backbone.json`."""
+    table = found.table
+    return {
+        "scene": found.scene.source,
+        "mode": table.mode,
+        "linear_frequency_Hz": found.mode.omega / (2.0 * np.pi),
+        "linear_damping_ratio": found.mode.damping_ratio,
+        "probe_direction": "xyz"[found.direction],
+        "coordinates": found.size,
+        "steps_per_period": found.steps,
+        "points": len(found.points),
+        "end": found.reason,
+        "first": _row(found, found.points[0]),
+        "last": _row(found, found.points[-1]),
+        "largest_damping": _row(found, _most_damped(found)),
+        "step_errors": [
+            {
+                "point": error.point + 1,
+                "linear_amplitude_m": found.points[error.point].linear_amplitude,
+                "frequency_relative": error.frequency,
+                "damping_ratio": error.damping_ratio,
+            }
+            for error in found.step_errors
+        ],
+        "peaks": [
+            {
+                "load_factor": peak.factor,
+                "frequency_Hz": peak.frequency,
+                "amplitude_m": peak.amplitude,
+                "stability": peak.point.verdict,
+                "residual": peak.point.residual,
+            }
+            for peak in found.peaks
+        ],
+        "seconds": found.seconds,
+        "interrupted": found.interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+def _most_damped(found: Backbone) -> ModePoint:
+    """The point with the largest damping ratio."""
+    return max(found.points, key=lambda point: point.damping_ratio)
+
+
+def sentences(found: Backbone) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    first, last, top = found.points[0], found.points[-1], _most_damped(found)
+    lines = [
+        f"{counted(len(found.points), 'point')} in {found.seconds:.1f} s: from "
+        f"{_words(found, first)} to {_words(found, last)}."
+    ]
+    if top.damping_ratio > NO_DAMPING:
+        lines.append(
+            f"Largest damping ratio {100.0 * top.damping_ratio:.4g} %, at {_words(found, top)}."
+        )
+    if found.step_errors:
+        frequency = max(abs(error.frequency) for error in found.step_errors)
+        damping = max(abs(error.damping_ratio) for error in found.step_errors)
+        lines.append(
+            f"Half the time step changes the frequency by at most {100.0 * frequency:.2g} % and "
+            f"the damping ratio by at most {100.0 * damping:.2g} percentage points, at "
+            f"{counted(len(found.step_errors), 'point')}."
+        )
+    if found.reason != "end of the range":
+        lines.append(f"The curve is incomplete: {found.reason}.")
+    return lines
+
+
+def _words(found: Backbone, point: ModePoint) -> str:
+    """Frequency and amplitude of a point."""
+    amplitude = 1e3 * float(point.amplitude[found.direction])
+    axis, linear = "xyz"[found.direction], 1e3 * point.linear_amplitude
+    return (
+        f"{point.frequency:.6g} Hz (probe {amplitude:.4g} mm along {axis}, linear amplitude "
+        f"{linear:.4g} mm)"
+    )
+
+
+def peak_table(found: Backbone) -> list[list[Any]]:
+    """The peaks of the forced response, the head first; empty without any."""
+    head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
+    listed = [
+        [
+            f"{peak.factor:g}",
+            f"{peak.frequency:.7g}",
+            f"{1e3 * peak.amplitude:.5g}",
+            "stable" if peak.point.stable else f"unstable ({peak.point.verdict})",
+        ]
+        for peak in found.peaks
+    ]
+    return [head, *listed] if listed else []
+
+
+def write(found: Backbone, folder: Path) -> list[Path]:
+    """Write `backbone.csv`, `backbone.json`, `backbone.png` and `report.html`.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Nonlinear mode", "backbone.png", lambda: figure(found)),
+        title=f"nonlinear mode {found.table.mode}",
+        rows=rows(found),
+        summary=lambda: summary(found),
+        sentences=[*sentences(found), AMPLITUDES_NOTE],
+        warnings=found.warnings,
+        tables={"Peaks of the forced response": peak_table(found)},
+    )
+
+
+def terminal(found: Backbone) -> str:
+    """The table of peaks and the sentences, for the terminal."""
+    table = peak_table(found)
+    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
+    return "\n\n".join(parts)

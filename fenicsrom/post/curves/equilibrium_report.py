@@ -1,0 +1,167 @@
+"""The report of an equilibrium path: sentences, tables and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPath
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.online.stress.deformation import extremes
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.result_files import write_results
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.curves.equilibrium_figures import figure
+from fenicsrom.scene.rules import counted
+
+ENDS = {
+    "end of the range": "The path reached the end of the range of the load factor.",
+    "displacement of the probe": "The path reached statics.displacement.",
+    "number of points": "The path is incomplete: it reached statics.points.",
+    "no convergence": "The path is incomplete: no further point was found.",
+    "interrupted": "The path is incomplete: the run was interrupted.",
+}
+
+
+def rows(found: EquilibriumPath) -> list[dict[str, Any]]:
+    """The rows of `equilibria.csv`."""
+    return [_row(point) for point in found.points]
+
+
+def _row(point: Equilibrium) -> dict[str, Any]:
+    axes = zip("xyz", point.probe, strict=False)
+    return {
+        "load_factor": point.load_factor,
+        **{f"probe_{axis}_m": float(value) for axis, value in axes},
+        "largest_displacement_m": point.largest,
+        "negative_pivots": point.negative_pivots,
+        "residual": point.residual,
+        "smallest_volume_ratio": point.deformation.volume_ratio,
+        "smallest_stretch": point.deformation.smallest_stretch,
+        "largest_stretch": point.deformation.largest_stretch,
+        "kind": point.kind,
+    }
+
+
+def summary(found: EquilibriumPath) -> dict[str, Any]:
+    """The contents of `equilibria.json`."""
+    table = found.scene.statics
+    strained = extremes([point.deformation for point in found.points])
+    return {
+        "scene": found.scene.source,
+        "unknowns": found.unknowns,
+        "loads": table.loads,
+        "points": len(found.points),
+        "end": found.reason,
+        "special_points": [_row(point) for point in found.special],
+        "last": _row(found.points[-1]),
+        "largest_stable_load_factor": largest_stable(found).load_factor,
+        "largest_compressive_strain": 1.0 - strained.smallest_stretch,
+        "largest_tensile_strain": strained.largest_stretch - 1.0,
+        "seconds": found.seconds,
+        "interrupted": found.interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+def largest_stable(found: EquilibriumPath) -> Equilibrium:
+    """The stable equilibrium under the largest load factor that is reached without a jump."""
+    first = next((k for k, point in enumerate(found.points) if point.kind), len(found.points) - 1)
+    return max(found.points[: first + 1], key=lambda point: point.load_factor)
+
+
+def special_table(found: EquilibriumPath) -> list[list[Any]]:
+    """The limit points and bifurcations, the head first; empty without any."""
+    axis = found.direction
+    head = ["", "load factor", f"probe along {'xyz'[axis]}, mm", "largest displacement, mm"]
+    listed = [
+        [
+            point.kind,
+            f"{point.load_factor:.7g}",
+            f"{1e3 * point.probe[axis]:.6g}",
+            f"{1e3 * point.largest:.6g}",
+        ]
+        for point in found.special
+    ]
+    return [head, *listed] if listed else []
+
+
+def sentences(found: EquilibriumPath) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    last, axis = found.points[-1], found.direction
+    limits = [point for point in found.special if point.kind == "limit point"]
+    crossed = [point for point in found.special if point.kind == "bifurcation"]
+    lines = [
+        f"{counted(len(found.points), 'equilibrium', 'equilibria')} in {found.seconds:.1f} s, up "
+        f"to the load factor {last.load_factor:.6g}, where the probe is displaced by "
+        f"{1e3 * last.probe[axis]:.5g} mm along {'xyz'[axis]}.",
+        ENDS[found.reason],
+    ]
+    if not found.special:
+        lines.append("It has no limit point and no bifurcation up to there.")
+        return lines
+    lines.append(f"{counted(len(limits), 'limit point')}, {counted(len(crossed), 'bifurcation')}.")
+    first = found.special[0]
+    what = "snaps through" if first.kind == "limit point" else "buckles"
+    lines.append(
+        f"Under a growing load the body {what} at the load factor {first.load_factor:.6g}."
+    )
+    return lines
+
+
+def write(found: EquilibriumPath, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
+    """Write `equilibria.csv`, `equilibria.json`, `equilibria.png` and `report.html`.
+
+    Args:
+        found: the path.
+        folder: folder of the files.
+        more: other pictures of the report.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Equilibrium path", "equilibria.png", lambda: figure(found)),
+        title="equilibria",
+        rows=rows(found),
+        summary=lambda: summary(found),
+        sentences=sentences(found),
+        warnings=found.warnings,
+        tables={"Limit points and bifurcations": special_table(found)},
+        more=more,
+    )
+
+
+def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
+    """Write the displacements at special points and at the end for ParaView. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if found.body is None or not found.scene.output.paraview:
+        return []
+    from fenicsrom.post.paraview.vtk import Attached, write_fields
+
+    fields = {
+        f"{label.replace(' ', '_')}_m": found.body.field(shape)
+        for label, shape in found.shapes.items()
+    }
+    factors = [point.load_factor for point in (*found.special, found.points[-1])]
+    notes = {f"load_factor_of_{name}": f"{f:.7g}" for name, f in zip(fields, factors, strict=False)}
+    space = found.body.space
+    return [write_fields(folder, "equilibria", space, fields, Attached(notes=notes))]
+
+
+def terminal(found: EquilibriumPath) -> str:
+    """The table of special points and the sentences, for the terminal."""
+    table = special_table(found)
+    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
+    return "\n\n".join(parts)

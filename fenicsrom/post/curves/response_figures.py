@@ -1,0 +1,299 @@
+"""The figure of response curves: amplitude, phase, peak normal force and dissipated energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.branches import Piece
+from fenicsrom.assess.curves.response_results import Response, ResponseCurve
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.model.support_motion import moves_supports
+from fenicsrom.post.base.directions import direction_names, plain_names
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.scene import parameter_of
+from fenicsrom.scene.units import unit_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MARKERS = {
+    "fold": "o",
+    "branch point": "p",
+    "period doubling": "s",
+    "torus": "D",
+    "non-smooth": "X",
+    "first touch": "v",
+    "last touch": "^",
+    "first lift-off": "<",
+    "last lift-off": ">",
+    "first slip": "P",
+    "last slip": "h",
+}
+FULL_MARKER = "x"
+LONG_NAME = 22  # characters of a name of which four in a row are too wide for the picture
+INK = "#555B61"
+STABLE, UNSTABLE = "-", (0, (4, 2))  # line styles
+
+
+def directions(found: Response) -> list[str]:
+    """The names of the directions in the files of numbers."""
+    return plain_names(found.dimension, bool(found.contacts))
+
+
+def largest_direction(found: Response) -> int:
+    """The direction with the largest amplitude on any curve."""
+    return largest_component(found)[1]
+
+
+def direction_name(found: Response) -> str:
+    """The name of the direction with the largest amplitude, as `run` gives it."""
+    return direction_names(found.scene, found.contact_points)[largest_direction(found)]
+
+
+def largest_component(found: Response) -> tuple[int, int]:
+    """The contact point and the direction with the largest amplitude on any curve."""
+    points = [point for curve in found.curves for point in curve.points]
+    sizes = np.max([point.amplitude for point in points], axis=0)
+    place, direction = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+    return int(place), int(direction)
+
+
+OPPOSITE = 1.0
+"""A phase that starts less than this from -180 degrees starts at +180 degrees: light damping."""
+
+
+def parameter_label(found: Response) -> str:
+    """The parameter with its unit."""
+    assert parameter_of(found.table.parameter)
+    return key_label(found, found.table.parameter)
+
+
+def key_label(found: Response, key: str) -> str:
+    """A key of the scene with its unit, for people."""
+    unit = unit_of(found.scene, key)
+    return f"{key}, {unit}" if unit else key
+
+
+def in_order(piece: Piece) -> list[CurvePoint]:
+    """The points of a piece, with its bifurcations where the curve passes them."""
+    points = list(piece.points)
+    if not points:
+        return points
+    size = max(float(np.linalg.norm(point.s)) for point in points) or 1.0
+    width = max(abs(points[-1].parameter - points[0].parameter), abs(points[0].parameter))
+
+    def place(point: CurvePoint) -> Array:
+        return np.append(point.s / size, point.parameter / width)
+
+    for special in piece.special:
+        places = np.array([place(point) for point in points])
+        ways = np.linalg.norm(places - place(special), axis=1)
+        detours = ways[:-1] + ways[1:] - np.linalg.norm(np.diff(places, axis=0), axis=1)
+        points.insert(int(np.argmin(detours)) + 1 if detours.size else 0, special)
+    return points
+
+
+def phases(points: Sequence[CurvePoint], place: int, direction: int) -> Array:
+    """Phase of the first harmonic of the displacement against the load along a piece, degrees.
+
+    The phase is continuous along the piece, and starts above -180 and at most at 180 degrees, up
+    to `OPPOSITE`.
+    """
+    angles = [np.angle(point.harmonics[0, place, direction]) for point in points]
+    unwrapped = np.degrees(np.unwrap(angles))
+    highest = 180.0 + OPPOSITE
+    return np.asarray(unwrapped - 360.0 * np.ceil((unwrapped[0] - highest) / 360.0))
+
+
+@styled
+def figure(found: Response) -> Figure:
+    """Draw the curves: stable parts solid, unstable parts dashed, special points marked."""
+    place, direction = largest_component(found)
+    name = direction_name(found)
+
+    shaken = moves_supports(found.scene)
+    relative = "\nrelative to the supports" if shaken else ""
+    driven = "acceleration of\nthe supports" if shaken else "load"
+
+    def each(value: Callable[[CurvePoint], float]) -> Callable[[list[CurvePoint]], Array]:
+        return lambda points: np.array([value(point) for point in points])
+
+    panels: list[tuple[str, Callable[[list[CurvePoint]], Array]]] = [
+        (
+            f"{name} amplitude, mm{relative}",
+            each(lambda p: 1e3 * float(p.amplitude[:, direction].max())),
+        ),
+        (f"phase to the\n{driven}, degrees", lambda points: phases(points, place, direction)),
+    ]
+    if found.contacts:
+        panels.append(("peak normal\nforce, N", each(lambda p: float(p.peak_force.max()))))
+    panels.append(
+        (
+            "friction and\ndamping, J per period" if found.contacts else "damping,\nJ per period",
+            each(lambda p: p.friction_dissipation + p.damping_dissipation),
+        )
+    )
+    heights = [2.4, *(1.0 for _ in panels[1:])]
+    drawn = new_figure(8.4, 2.0 * sum(heights))
+    axes = drawn.subplots(len(panels), sharex=True, height_ratios=heights, squeeze=False)[:, 0]
+    for axis, (label, values) in zip(axes, panels, strict=True):
+        draw_curves(axis, found, found.curves, values)
+        axis.set_ylabel(label)
+    for curve in found.curves:
+        axes[0].plot(
+            [point.parameter for point in curve.full],
+            [1e3 * float(point.amplitude[:, direction].max()) for point in curve.full],
+            FULL_MARKER,
+            color=colour_of(found, curve),
+            zorder=5,
+        )
+    for axis in (axes[0], *axes[2:]):
+        top = axis.dataLim.y1 or 1.0  # lines and marks at zero and at the top stay visible
+        axis.set_ylim(-0.03 * top, 1.05 * top)
+    axes[1].yaxis.get_major_locator().set_params(steps=[1, 1.5, 3, 4.5, 9, 10], nbins=5)
+    axes[-1].set_xlabel(parameter_label(found))
+    drawn.align_ylabels(axes)
+    handles = legend_handles(found)
+    if handles:
+        columns = 4 if max(len(handle.get_label()) for handle in handles) < LONG_NAME else 3
+        drawn.legend(handles=handles, loc="outside upper center", ncols=min(len(handles), columns))
+    return drawn
+
+
+def draw_curves(
+    axis: Axes,
+    found: Response,
+    curves: Sequence[ResponseCurve],
+    values: Callable[[list[CurvePoint]], Array],
+    colours: Sequence[str] = (),
+) -> None:
+    """Draw quantities of some curves; special points are marked if there is one quantity.
+
+    Args:
+        axis: the axes.
+        found: all curves.
+        curves: the curves to draw.
+        values: gives the quantities (q, k) or (k,) at the k points of a piece in their order.
+        colours: of the quantities; that of each curve if not given.
+    """
+    for curve in curves:
+        shades = colours or (colour_of(found, curve),)
+        for points in map(in_order, curve.pieces):
+            if not points:
+                continue
+            parameters = np.array([point.parameter for point in points])
+            heights: Array = np.atleast_2d(values(points))
+            for stable, part in stretches(points):
+                for k, shade in enumerate(shades):
+                    axis.plot(
+                        parameters[part],
+                        heights[k, part],
+                        linestyle=STABLE if stable else UNSTABLE,
+                        color=shade,
+                        zorder=3 if stable else 2,
+                    )
+            if not colours:
+                _mark(axis, points, heights[0], shades[0])
+
+
+def _mark(axis: Axes, points: Sequence[CurvePoint], heights: Array, colour: str) -> None:
+    """Mark the special points among the points of a piece."""
+    for point, height in zip(points, heights, strict=True):
+        if point.kind:
+            axis.plot(
+                point.parameter,
+                height,
+                MARKERS[point.kind],
+                color=colour,
+                markerfacecolor="white",
+                markersize=5,
+                zorder=4,
+            )
+
+
+def colour_of(found: Response, curve: ResponseCurve) -> str:
+    """The colour of a curve."""
+    return COLOURS[found.curves.index(curve) % len(COLOURS)]
+
+
+def curve_name(found: Response, curve: ResponseCurve) -> str:
+    """The second number of a curve with its value and unit; "" without families."""
+    families = found.table.families
+    if families is None:
+        return ""
+    unit = unit_of(found.scene, families.key)
+    return f"{families.key.rsplit('.', 1)[-1]} = {curve.value:g}{f' {unit}' if unit else ''}"
+
+
+def stretches(points: list[CurvePoint]) -> list[tuple[bool, list[int]]]:
+    """Split a curve into stable and unstable stretches of point numbers, which share their ends.
+
+    A stretch between two ordinary points is stable if both are; a special point takes part in the
+    stretches on both of its sides.
+    """
+    found: list[tuple[bool, list[int]]] = []
+    for k, pair in enumerate(pairwise(points)):
+        stable = all(point.stable for point in pair if not point.kind)
+        if found and found[-1][0] == stable:
+            found[-1][1].append(k + 1)
+        else:
+            found.append((stable, [k, k + 1]))
+    return found
+
+
+def shown_curves(found: Response, most: int = 4) -> list[ResponseCurve]:
+    """At most so many curves, evenly chosen, with the first and the last."""
+    count = len(found.curves)
+    chosen = np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int))
+    return [found.curves[k] for k in chosen]
+
+
+def style_handles(found: Response) -> list[Any]:
+    """The entries of a legend: solid and dashed lines if both occur."""
+    from matplotlib.lines import Line2D
+
+    parts = {
+        stable
+        for curve in found.curves
+        for piece in curve.pieces
+        for stable, _ in stretches(in_order(piece))
+    }
+    if False not in parts:
+        return []
+    return [
+        Line2D([], [], color=INK, linestyle=style, label=word)
+        for stable, word, style in ((True, "stable", STABLE), (False, "unstable", UNSTABLE))
+        if stable in parts
+    ]
+
+
+def legend_handles(found: Response) -> list[Any]:
+    """The entries of the legend: a line for each curve, the styles and the marks that occur."""
+    from matplotlib.lines import Line2D
+
+    handles: list[Any] = []
+    if found.table.families is not None:
+        handles += [
+            Line2D([], [], color=colour_of(found, curve), label=curve_name(found, curve))
+            for curve in found.curves
+        ]
+    handles += style_handles(found)
+    present = {point.kind for curve in found.curves for point in curve.special}
+    for kind in (kind for kind in MARKERS if kind in present):
+        look: dict[str, Any] = {
+            "linestyle": "",
+            "color": INK,
+            "markerfacecolor": "white",
+            "markersize": 5,
+        }
+        handles.append(Line2D([], [], marker=MARKERS[kind], label=kind, **look))
+    if any(curve.full for curve in found.curves):
+        look = {"linestyle": "", "color": INK}
+        handles.append(Line2D([], [], marker=FULL_MARKER, label="full model", **look))
+    return handles

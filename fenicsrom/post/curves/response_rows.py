@@ -1,0 +1,157 @@
+"""The numbers of response curves: rows of `response.csv` and contents of `response.json`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.curves.response_results import (
+    FullPoint,
+    Response,
+    ResponseCurve,
+    judged_multiplier,
+)
+from fenicsrom.online.curves.curve import CurvePoint
+from fenicsrom.online.motion.measures import STATE_NAMES
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.curves.response_figures import directions, in_order, largest_component
+from fenicsrom.post.curves.response_motion import largest_point
+from fenicsrom.scene.units import column_name
+
+
+def rows(found: Response) -> list[dict[str, Any]]:
+    """The rows of `response.csv`: every point and event in the order along its curve."""
+    families, component = found.table.families, largest_component(found)
+    return [
+        ({} if families is None else {column_name(found.scene, families.key): curve.value})
+        | {"piece": number}
+        | _row(found, point, component)
+        for curve in found.curves
+        for number, piece in enumerate(curve.pieces, 1)
+        for point in in_order(piece)
+    ]
+
+
+def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict[str, Any]:
+    """One point as a row: amplitudes and force are the largest of all contact points.
+
+    Harmonics and phase are those of the contact point and direction of `component`; the harmonics
+    are multiples of the lowest frequency of the loads.
+    """
+    multiplier = judged_multiplier(point)
+    main = point.harmonics[:, component[0], component[1]]
+    amplitudes = zip(directions(found), point.amplitude.max(axis=0), strict=True)
+    contact = {
+        "peak_normal_force_N": float(point.peak_force.max(initial=0.0)),
+        "friction_dissipation_per_period_J": point.friction_dissipation,
+        "contact_states": " ".join(_states(point)),
+    }
+    return {
+        column_name(found.scene, found.table.parameter): point.parameter,
+        **{f"amplitude_{name.replace(' ', '_')}_m": float(a) for name, a in amplitudes},
+        "phase_deg": float(np.degrees(np.angle(main[0]))),
+        **{f"harmonic_{k}_m": float(abs(value)) for k, value in enumerate(main, 1)},
+        **(contact if found.contacts else {}),
+        "damping_dissipation_per_period_J": point.damping_dissipation,
+        "stability": point.verdict,
+        "event": point.kind,
+        "contact_point": None if point.contact < 0 else point.contact + 1,
+        "periods": point.periods,
+        "largest_multiplier": abs(multiplier),
+        "multiplier_real": multiplier.real,
+        "multiplier_imaginary": multiplier.imag,
+        "free_sliders": point.free_sliders,
+        "residual": point.residual,
+        "marched_periods": point.marches[0],
+        "marched_periods_with_derivatives": point.marches[1],
+    }
+
+
+def _states(point: CurvePoint) -> list[str]:
+    """The contact states that occur in the period at any point."""
+    bits = int(np.bitwise_or.reduce(point.states, initial=0))
+    return [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
+
+
+def summary(found: Response) -> dict[str, Any]:
+    """The contents of `response.json`."""
+    table = found.table
+    return {
+        "scene": found.scene.source,
+        "parameter": table.parameter,
+        "first": table.first,
+        "last": table.last,
+        "family": table.families.key if table.families else None,
+        "coordinates": found.size,
+        "steps_per_period": found.steps,
+        "curves": [_curve_summary(found, curve) for curve in found.curves],
+        "seconds": found.seconds,
+        "interrupted": found.interrupted,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
+    """The part of `response.json` about one curve."""
+    component = largest_component(found)
+    return {
+        "value": curve.value,
+        "points": len(curve.points),
+        "ends": [piece.reason for piece in curve.pieces],
+        "largest": _row(found, largest_point(found, curve), component),
+        "events": [_row(found, point, component) for point in curve.special],
+        "pieces": [
+            {"origin": piece.origin, "periods": piece.periods, "points": len(piece.points)}
+            for piece in curve.pieces
+        ],
+        "checks": [
+            {
+                "where": check.where,
+                found.table.parameter: check.point.parameter,
+                "quantity": check.quantity,
+                "step_error": check.step_error,
+                "basis_error": check.basis_error,
+                "stability": check.point.verdict,
+                "compared_with_a_richer_basis": check.compared,
+                "stability_with_half_the_step": check.finer_verdict,
+                "stability_with_a_richer_basis": check.richer_verdict,
+            }
+            for check in curve.checks
+        ],
+        "marched_periods": curve.marches[0],
+        "marched_periods_with_derivatives": curve.marches[1],
+        "seconds": curve.seconds,
+        "full_model": [_full_row(found, point) for point in curve.full],
+    }
+
+
+def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
+    """A motion of the full model beside that of the reduced model."""
+    amplitudes = {
+        f"{model}_amplitude_{name.replace(' ', '_')}_m": float(a)
+        for model, values in (("full", point.amplitude), ("reduced", point.reduced_amplitude))
+        for name, a in zip(directions(found), values.max(axis=0), strict=True)
+    }
+    return {
+        found.table.parameter: point.parameter,
+        **amplitudes,
+        "relative_error": point.error,
+        "stability_of_the_reduced_motion": point.verdict,
+        "full_periods": point.periods,
+        "full_periods_with_derivatives": point.derived,
+        "residual": point.residual,
+        "seconds": point.seconds,
+    }
+
+
+def full_rows(found: Response) -> list[dict[str, Any]]:
+    """The rows of `response_full.csv`: the motions of the full model."""
+    families = found.table.families
+    return [
+        ({} if families is None else {families.key: curve.value}) | _full_row(found, point)
+        for curve in found.curves
+        for point in curve.full
+    ]

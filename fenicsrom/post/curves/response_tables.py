@@ -1,0 +1,217 @@
+"""The results of response curves in sentences and tables, for the terminal and the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fenicsrom.assess.curves.response_results import (
+    Response,
+    ResponseCurve,
+    curve_title,
+    judged_multiplier,
+)
+from fenicsrom.assess.curves.trust import LARGEST, Check
+from fenicsrom.assess.errors.verdicts import in_percent
+from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.curves.response_figures import (
+    direction_name,
+    key_label,
+    largest_direction,
+    parameter_label,
+)
+from fenicsrom.post.curves.response_motion import largest_point
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import in_words
+
+
+def varied_keys(found: Response) -> list[str]:
+    """The keys of the scene that change along and between the curves."""
+    table = found.table
+    loads = [f"loads.{k}.frequency" for k in range(len(found.scene.loads))]
+    along = loads if table.parameter == "frequency" else [table.parameter]
+    return along if table.families is None else [*along, table.families.key]
+
+
+def sentences(found: Response) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    name = direction_name(found)
+    lines = []
+    for curve in found.curves:
+        top, points = largest_point(found, curve), curve.points
+        amplitude = 1e3 * float(top.amplitude[:, largest_direction(found)].max())
+        begin = curve_title(found.scene, curve.value)
+        lines.append(
+            f"{begin}{counted(len(points), 'point')} in {curve.seconds:.1f} s; largest {name} "
+            f"amplitude {amplitude:.5g} mm at "
+            f"{in_words(found.scene, found.table.parameter, top.parameter)}, {_verdict(top)}."
+        )
+        if unstable := [point for point in points if not point.stable]:
+            lines.append(f"{begin}{_unstable_sentence(found, unstable)}")
+        lines += [f"{begin}{text}" for text in _changes(curve)]
+        lines += [f"{begin}{text}" for text in _unknown_errors(curve)]
+        free = sum(point.free_sliders > 0 for point in points)
+        if free:
+            lines.append(
+                f"{begin}At {counted(free, 'point')}, a contact point sticks all the time: the "
+                "position of its slider is not unique."
+            )
+        ends = {piece.reason for piece in curve.pieces} - set(COMPLETE)
+        lines += [f"{begin}The curve is incomplete: {reason}." for reason in sorted(ends)]
+    return lines
+
+
+def _unstable_sentence(found: Response, points: list[CurvePoint]) -> str:
+    """The sentence on the unstable points of a curve: where they are, and how unstable."""
+    name, values = found.table.parameter, [point.parameter for point in points]
+    ends = sorted({min(values), max(values)})
+    where = f"{'at' if len(ends) == 1 else 'between'} {in_words(found.scene, name, *ends)}"
+    size = max(abs(judged_multiplier(point)) for point in points)
+    return f"Unstable points: {len(points)}, {where} (largest multiplier {size:.5g})."
+
+
+def _changes(curve: ResponseCurve) -> list[str]:
+    """Sentences on the known changes by half the time step and by a richer basis."""
+    lines = []
+    for name, what in (("step_error", "Half the time step"), ("basis_error", "A richer basis")):
+        here: float | None = getattr(curve, name)
+        if here is None:
+            continue
+        elsewhere = [
+            error
+            for check in curve.checks
+            if check.quantity == "amplitude" and (error := getattr(check, name)) is not None
+        ]
+        most = max(elsewhere, default=here)
+        more = f", and other amplitudes by at most {in_percent(most)}" if most > here else ""
+        lines.append(f"{what} changes this amplitude by {in_percent(here)}{more}.")
+    return lines
+
+
+def _unknown_errors(curve: ResponseCurve) -> list[str]:
+    """Sentences on the estimates of errors that are unknown."""
+    compared = [check for check in curve.checks if check.compared]
+    lines = []
+    if curve.checks and curve.step_error is None:
+        lines.append(
+            "The change of this amplitude by half the time step is unknown: its motion was not "
+            "found."
+        )
+    if unknown := sum(check.unknown for check in compared):
+        largest = any(check.unknown and check.where == LARGEST for check in compared)
+        named = ""
+        if largest:
+            named = ", the one" if unknown == 1 else ", among them the one"
+            named += " of the largest amplitude"
+        lines.append(
+            f"The change by a richer basis is unknown at {unknown} of "
+            f"{counted(len(compared), 'compared motion')}{named}: with the richer basis, Newton's "
+            f"method did not find {'it' if unknown == 1 else 'them'}. "
+            "Next to a fold there may be none."
+        )
+    return lines
+
+
+def _verdict(point: CurvePoint) -> str:
+    """The stability of a point in words."""
+    return "stable" if point.stable else f"unstable ({point.verdict})"
+
+
+def event_table(found: Response) -> list[list[Any]]:
+    """The bifurcations and contact events of all curves, the head first; empty without any."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [key_label(found, families.key)]
+    head = [*first, "event", parameter_label(found)]
+    head += [f"{direction_name(found)} amplitude, mm"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            point.kind if point.contact < 0 else f"{point.kind}, contact point {point.contact + 1}",
+            f"{point.parameter:.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.5g}",
+        ]
+        for curve in found.curves
+        for point in curve.special
+    ]
+    return [head, *listed] if listed else []
+
+
+def full_table(found: Response) -> list[list[Any]]:
+    """The full model beside the reduced one, the head first; empty if it was not asked for."""
+    direction, families = largest_direction(found), found.table.families
+    first = [] if families is None else [key_label(found, families.key)]
+    head = [*first, parameter_label(found)]
+    head += [
+        f"{direction_name(found)} amplitude, mm",
+        "full model, mm",
+        "difference, %",
+    ]
+    head += ["full periods", "run time, s"]
+    listed = [
+        [
+            *([] if families is None else [curve.value]),
+            f"{point.parameter:.6g}",
+            f"{1e3 * float(point.reduced_amplitude[:, direction].max()):.7g}",
+            f"{1e3 * float(point.amplitude[:, direction].max()):.7g}",
+            f"{100.0 * point.error:.2g}",
+            point.periods,
+            f"{point.seconds:.3g}",
+        ]
+        for curve in found.curves
+        for point in curve.full
+    ]
+    return [head, *listed] if listed else []
+
+
+def run_table(found: Response) -> list[list[Any]]:
+    """The points, the marched periods and the run time of each curve, the head first."""
+    families = found.table.families
+    head = ["points", "unstable", "marched periods", "with derivatives", "run time, s"]
+    head += ["ms per marched period"]
+    lines = []
+    for curve in found.curves:
+        marched, derived = curve.marches
+        unstable = sum(not point.stable for point in curve.points)
+        line: list[Any] = [len(curve.points), unstable, marched, derived, curve.seconds]
+        line.append(1e3 * curve.seconds / marched if marched else None)
+        lines.append([*([] if families is None else [curve.value]), *line])
+    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+
+
+def trust_table(found: Response) -> list[list[Any]]:
+    """The estimated errors at the selected points of all curves, the head first."""
+    families = found.table.families
+
+    def percent(error: float | None) -> float | str:
+        return "unknown" if error is None else 100.0 * error
+
+    def by_basis(check: Check) -> float | str | None:
+        return percent(check.basis_error) if check.compared else None
+
+    head = ["point", parameter_label(found), "of the"]
+    head += ["change by half the time step, %", "change by a richer basis, %"]
+    head += ["stability", "with half the step", "with the richer basis"]
+    lines = [
+        [
+            *([] if families is None else [curve.value]),
+            check.where,
+            f"{check.point.parameter:.7g}",
+            check.quantity,
+            percent(check.step_error),
+            by_basis(check),
+            check.point.verdict if check.quantity == "amplitude" else None,
+            check.finer_verdict,
+            (check.richer_verdict or "unknown") if check.compared else None,
+        ]
+        for curve in found.curves
+        for check in curve.checks
+    ]
+    return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
+
+
+def terminal(found: Response) -> str:
+    """The tables of events and of the full model and the sentences, for the terminal."""
+    tables = [table for table in (event_table(found), full_table(found)) if table]
+    keys = 1 if found.table.families is None else 2
+    parts = [*(text_table(table, keys) for table in tables), "\n".join(sentences(found))]
+    return "\n\n".join(parts)

@@ -1,0 +1,358 @@
+"""Figures of motions, contacts, energies and mode shapes."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.online.motion.measures import NEGLIGIBLE, has_contact
+from fenicsrom.post.base.directions import plain_names
+from fenicsrom.post.base.style import STATES, line_styles, new_figure, styled
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fenicsrom.online.motion.motion import Motion
+
+
+LOADS = "the loads"
+LOADS_AND_SURFACES = "the loads and of moving surfaces"
+NARROW = 4  # largest number of intervals between the ticks of a narrow panel
+LEAST_COMPONENT = 0.01  # of the largest component of a shape: the line of a smaller one is flat
+
+
+@styled
+def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()) -> Figure:
+    """Draw displacements over the last two periods, one panel per direction.
+
+    Each panel shows all models, as figure 5 of the paper does. A direction in which they move by
+    rounding errors only has no curves.
+
+    Args:
+        motions: model name -> motion.
+        point: number of the contact point.
+        names: of the directions.
+    """
+    styles = line_styles(motions)
+    directions = max(motion.displacement.shape[2] for motion in motions.values())
+    touching = any(map(has_contact, motions.values()))
+    names = names or plain_names(directions, touching)
+    figure = new_figure(8.6, 0.7 + 2.2 * directions)
+    axes = figure.subplots(directions, 1, sharex=True, squeeze=False)[:, 0]
+    parts = {name: _phase(motion, 2) for name, motion in motions.items()}
+    moved = {
+        name: 1e3 * motion.displacement[parts[name][1], point] for name, motion in motions.items()
+    }
+    sizes = {name: np.ptp(values, axis=0) for name, values in moved.items()}
+    largest = max(float(size.max()) for size in sizes.values())
+    for k, axis in enumerate(axes):
+        there = [name for name, values in moved.items() if k < values.shape[1]]
+        if all(sizes[name][k] < NEGLIGIBLE * largest for name in there):
+            note_noise(axis)
+            there = []
+        for name in there:
+            axis.plot(parts[name][0], moved[name][:, k], label=name, **styles[name])
+        axis.set_ylabel(f"{names[k]}\ndisplacement, mm")
+        axis.margins(x=0)
+    periodic = all(motion.period is not None for motion in motions.values())
+    axes[-1].set_xlabel("time / period" if periodic else "time, s")
+    count = max(motion.state.shape[1] for motion in motions.values())
+    place = "contact point" if touching else "probe"
+    axes[0].set_title(f"{place} {point + 1} of {count}" if count > 1 else place)
+    _legend(figure, next((axis for axis in axes if axis.lines), axes[0]))
+    figure.align_ylabels()
+    return figure
+
+
+def note_noise(axis: Axes) -> None:
+    """Say in an empty panel that its curves would show rounding errors."""
+    _note(axis, f"amplitude below {NEGLIGIBLE:g} of the largest")
+    axis.set_yticks([])
+
+
+def _note(axis: Axes, text: str) -> None:
+    """Write into the middle of an empty panel."""
+    axis.text(0.5, 0.6, text, color="#5b636b", transform=axis.transAxes, ha="center")
+
+
+# Number of directions -> the panels of a contact point, each with its quantities on the x and y
+# axis. A quantity is the displacement u or the force f in direction 0 (normal), 1 or 2
+# (tangential). The last panel is the orbit of the point.
+_LOOPS = {
+    2: (("u1", "f1"), ("u0", "f0"), ("u1", "u0")),
+    3: (("u1", "f1"), ("u2", "f2"), ("u0", "f0"), ("u1", "u2")),
+}
+
+
+@styled
+def plot_contact(
+    motions: Mapping[str, Motion], point: int = 0, names: Sequence[str] = ()
+) -> Figure:
+    """Draw contact states over the last period, and contact forces against displacements.
+
+    The loops show the tangential force against the tangential displacement, one panel per tangent
+    direction, and the normal force against the normal displacement (figures 6 and 13 of the paper).
+    The last panel is the orbit of the point: in 2D its normal against its tangential displacement,
+    in 3D its path in the contact plane.
+
+    Args:
+        motions: model name -> motion; motions without contact are left out.
+        point: number of the contact point.
+        names: of the directions.
+    """
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    loops = len(_LOOPS[directions])
+    columns = 3 if loops == 3 else 2
+    rows = loops // columns
+    strip = 0.75 + 0.33 * len(motions)
+    figure = new_figure(4.1 * columns if columns == 2 else 10.8, 0.4 + strip + 3.3 * rows)
+    grid = figure.add_gridspec(1 + rows, columns, height_ratios=[strip] + [3.3] * rows)
+    _plot_states(figure.add_subplot(grid[0, :]), motions, point)
+    panels = [figure.add_subplot(grid[1 + k // columns, k % columns]) for k in range(loops)]
+    _plot_loops(panels, motions, point, names)
+    _legend(figure, panels[0])
+    return figure
+
+
+@styled
+def plot_points(
+    motions: Mapping[str, Motion],
+    points: Mapping[str, Sequence[Mapping[str, Any]]],
+    names: Sequence[str] = (),
+) -> Figure:
+    """Draw the peak force, the time in contact and the dissipation of all contact points.
+
+    Below are the loops of the point with the largest normal force in the first motion.
+
+    Args:
+        motions: model name -> motion; motions without contact are left out.
+        points: model name -> the result of `point_summaries`.
+        names: of the directions.
+    """
+    motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    styles = line_styles(motions)
+    first = next(iter(motions))
+    hardest = int(np.argmax([point["peak_normal_force_N"] for point in points[first]]))
+    directions = motions[first].displacement.shape[2]
+    loops = len(_LOOPS[directions])
+    figure = new_figure(3.6 * loops, 7.2)
+    above, below = figure.subfigures(2, 1)
+    axes = above.subplots(1, 3)
+    curves = {
+        "peak normal force, N": lambda point: point["peak_normal_force_N"],
+        "time in contact, %": lambda point: 100.0 * (1.0 - point["fraction"]["open"]),
+        "friction dissipation, J": lambda point: point["friction_dissipation_per_period_J"],
+    }
+    for axis, (label, value) in zip(axes, curves.items(), strict=True):
+        for name in motions:
+            found = [value(point) for point in points[name]]
+            axis.plot(
+                range(1, len(found) + 1),
+                found,
+                marker="o",
+                markersize=3.5,
+                label=name,
+                **styles[name],
+            )
+        axis.set(xlabel="contact point", ylabel=label)
+        axis.xaxis.get_major_locator().set_params(integer=True)
+    panels = below.subplots(1, loops)
+    _plot_loops(
+        panels,
+        {name: motion for name, motion in motions.items() if motion.state.shape[1] > hardest},
+        hardest,
+        names,
+    )
+    below.suptitle(
+        f"contact point {hardest + 1}: largest normal force",
+        x=0.01,
+        horizontalalignment="left",
+        fontsize=11,
+    )
+    _legend(figure, axes[0])
+    return figure
+
+
+def _plot_loops(
+    panels: Sequence[Axes], motions: Mapping[str, Motion], point: int, names: Sequence[str]
+) -> None:
+    """Draw the loops of a contact point over the last period, one panel for each of `_LOOPS`."""
+    styles = line_styles(motions)
+    directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
+    names = names or plain_names(directions, touching=True)
+    for axis, pair in zip(panels, _LOOPS[directions], strict=True):
+        for name, motion in motions.items():
+            part = motion.last_period()
+            if all(int(k) < motion.displacement.shape[2] for _, k in pair):
+                curve = [
+                    (1e3 * motion.displacement if kind == "u" else motion.force)[
+                        part, point, int(k)
+                    ]
+                    for kind, k in pair
+                ]
+                axis.plot(*curve, label=name, **styles[name])
+        axis.set(xlabel=_quantity(pair[0], names), ylabel=_quantity(pair[1], names))
+        axis.locator_params(axis="x", nbins=NARROW)
+    panels[-1].set_title("orbit")
+
+
+def _quantity(name: str, names: Sequence[str]) -> str:
+    """Compose the axis label of a quantity of `_LOOPS`."""
+    kind, k = name
+    return f"{names[int(k)]} {'displacement, mm' if kind == 'u' else 'force, N'}"
+
+
+@styled
+def plot_modes(
+    labels: Sequence[str], positions: np.ndarray, shapes: np.ndarray, names: Sequence[str]
+) -> Figure:
+    """Draw the displacement of shapes along the axis of a slender body.
+
+    The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
+    Normal modes, static modes and derivatives have one row each. Every shape is divided by its
+    largest component. A component below `LEAST_COMPONENT` is not drawn: its line would hide others.
+
+    Args:
+        labels: one per shape, such as 1V, 2S, 1V1S.
+        positions: (k,) positions along the axis, m.
+        shapes: (n_labels, k, d) components, the axial one first.
+        names: (d,) of the components.
+    """
+    from matplotlib.lines import Line2D
+
+    shapes = np.asarray(shapes, dtype=float)
+    largest = np.abs(shapes).max(axis=(1, 2), keepdims=True)
+    shapes = shapes / np.where(largest > 0, largest, 1.0)
+    kinds: dict[str, list[int]] = {}
+    for i, label in enumerate(labels):
+        parts = re.findall("[VS]", label)
+        kind = (
+            "derivatives"
+            if len(parts) == 2
+            else "static modes"
+            if parts == ["S"]
+            else "normal modes"
+        )
+        kinds.setdefault(kind, []).append(i)
+    columns = shapes.shape[2]
+    figure = new_figure(4.6 if columns == 2 else 3.6, 1.0)
+    figure.set_size_inches(1.6 + (4.1 if columns == 2 else 3.3) * columns, 0.5 + 2.5 * len(kinds))
+    axes = figure.subplots(len(kinds), columns, sharex=True, sharey=True, squeeze=False)
+    for row, (kind, members) in zip(axes, kinds.items(), strict=True):
+        styles = line_styles(labels[i] for i in members)
+        for k, axis in enumerate(row):
+            seen = [i for i in members if np.abs(shapes[i, :, k]).max() >= LEAST_COMPONENT]
+            for i in seen:
+                axis.plot(positions, shapes[i, :, k], **styles[labels[i]])
+            if not seen:
+                _note(axis, f"all below {100.0 * LEAST_COMPONENT:g} %")
+        row[0].set_ylabel(f"{kind}\ndisplacement / largest")
+        row[-1].legend(
+            handles=[Line2D([], [], label=labels[i], **styles[labels[i]]) for i in members],
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+            ncols=1 + (len(members) - 1) // 9,
+        )
+    for axis, name in zip(axes[0], names, strict=True):
+        axis.set_title(name)
+    for axis in axes[-1]:
+        axis.set_xlabel("position along the axis, m")
+    return figure
+
+
+@styled
+def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
+    """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
+
+    The elastic energy is relative to the equilibrium, where static loads stress the body: it may
+    be negative.
+
+    Args:
+        motion: the motion.
+        work: what does work.
+    """
+    touching = has_contact(motion)
+    figure = new_figure(8.6, 4.8)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
+    periodic = motion.load_period is not None
+    time = motion.time / motion.load_period if motion.load_period is not None else motion.time
+    energy = motion.kinetic + motion.elastic + motion.contact_energy
+    # a wide curve below thin ones, and a dashed one on top: those that coincide are all seen
+    above.plot(time, motion.work, color="#000000", linewidth=3.6, label=f"work of {work}")
+    damping = {"color": "#0072B2", "linestyle": (0, (5, 3)), "zorder": 2.2}
+    above.plot(time, motion.damping_dissipation, label="dissipated by damping", **damping)
+    if touching:
+        friction = motion.friction_dissipation
+        above.plot(time, friction, color="#D55E00", label="dissipated by friction")
+    kinds = "kinetic + elastic + contact" if touching else "kinetic + elastic"
+    for part in motion.parts:
+        label = f"{kinds}, relative to the equilibrium" if part.start == 0 else None
+        above.plot(time[part], energy[part], color="#009E73", label=label)
+        below.plot(time[part], motion.imbalance[part], color="#555B61")
+        if part.start > 0:
+            for axis, name in ((above, "Newton's method: periodic from here"), (below, None)):
+                axis.axvline(time[part.start], color="#8c8c8c", linestyle="--", label=name)
+    above.set_ylabel("energy, J")
+    above.margins(x=0)
+    below.set(ylabel="imbalance, J", xlabel="time / period" if periodic else "time, s")
+    below.margins(x=0)
+    _legend(figure, above, columns=2)
+    return figure
+
+
+def _plot_states(axis: Axes, motions: Mapping[str, Motion], point: int) -> None:
+    """Draw one bar per model, coloured by the contact state over the last period."""
+    from matplotlib.patches import Patch
+
+    for row, motion in enumerate(motions.values()):
+        time, part = _phase(motion, 1)
+        state = motion.state[part, point]
+        ends = np.concatenate([time[:1], (time[1:] + time[:-1]) / 2, time[-1:]])
+        starts = np.flatnonzero(np.diff(state, prepend=state[0] + 1))
+        for start, stop in itertools.pairwise([*starts, len(state)]):
+            axis.barh(
+                row, ends[stop] - ends[start], 0.72, ends[start], color=STATES[int(state[start])][1]
+            )
+    axis.set_yticks(range(len(motions)), list(motions))
+    axis.invert_yaxis()
+    axis.grid(visible=False)
+    axis.spines[:].set_visible(False)
+    axis.tick_params(left=False)
+    axis.margins(x=0)
+    periodic = all(motion.period is not None for motion in motions.values())
+    axis.set_xlabel("time / period" if periodic else "time, s")
+    patches = [Patch(color=colour, label=name) for name, colour in STATES.values()]
+    axis.legend(
+        handles=patches, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.2
+    )
+    axis.set_title("contact state")
+
+
+def _phase(motion: Motion, periods: int) -> tuple[np.ndarray, np.ndarray]:
+    """Select the last periods of a motion.
+
+    Returns:
+        The time in periods since the start of the selection, and the mask of its instants. A motion
+        without a period is selected as a whole, with its time in s.
+    """
+    if motion.period is None:
+        return motion.time, np.ones(len(motion.time), dtype=bool)
+    cycles = motion.time / motion.period
+    last = float(cycles[-1])  # a subharmonic motion may begin at any period of the loads
+    last = last if motion.period != motion.load_period else round(last)
+    start = max(last - periods, 0)
+    part = cycles >= start - 1e-9
+    return cycles[part] - start, part
+
+
+def _legend(figure: Figure, axis: Axes, columns: int | None = None) -> None:
+    """Put one legend above the whole figure."""
+    handles, labels = axis.get_legend_handles_labels()
+    if handles:
+        figure.legend(handles, labels, loc="outside upper right", ncols=columns or len(labels))

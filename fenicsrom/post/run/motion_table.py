@@ -1,0 +1,126 @@
+"""The table of the responses of the models, and the notes on the contact points in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.online.motion.measures import has_contact, point_summaries, response_summary
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.post.base.directions import in_order, millimetres
+from fenicsrom.post.base.tables import text_table
+
+if TYPE_CHECKING:
+    from fenicsrom.scene import Scene
+
+RESPONSE_HEAD = (
+    "open %",
+    "slip %",
+    "stick %",
+    "peak N",
+    "J per period",
+    "periods",
+    "steady",
+    "imbalance",
+)
+FEW_POINTS = 4  # largest number of contact points that have one picture each
+PERIODS_NOTE = "Periods: the number of periods of the loads from the start of the run to its end."
+RESPONSE_NOTE = (
+    "The size is the number of unknowns. Amplitudes are half of peak-to-peak over the last period "
+    "of the motion. The imbalance is the largest error of the energy balance relative to the "
+    f"largest energy of the motion. {PERIODS_NOTE}"
+)
+
+
+def response_rows(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str]
+) -> list[list[Any]]:
+    """Compose the table of responses; the first row is the header.
+
+    Without contact there are no fractions, no force and no dissipation by friction. The beam has no
+    third direction.
+
+    Args:
+        motions: model name -> motion.
+        sizes: model name -> number of unknowns.
+        names: of the directions.
+    """
+    directions = [f"{name} mm" for name in names]
+    rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
+    for name, motion in motions.items():
+        r = response_summary(motion)
+        amplitude = millimetres(in_order(r["amplitude_m"]))
+        missing = [None] * (len(names) - len(amplitude))
+        contact: list[str | None] = [
+            *(f"{100.0 * r['fraction'][state]:.1f}" for state in ("open", "slip", "stick")),
+            f"{r['peak_normal_force_N']:.5g}",
+            f"{r['friction_dissipation_per_period_J']:.5g}",
+        ]
+        rows.append(
+            [
+                name,
+                sizes.get(name),
+                *amplitude,
+                *missing,
+                *(contact if motion.force.shape[1] else [None] * len(contact)),
+                r["periods"],
+                "yes" if r["steady"] else "no",
+                f"{r['energy_imbalance']:.1e}",
+            ]
+        )
+    return rows
+
+
+def response_table(
+    motions: Mapping[str, Motion], sizes: Mapping[str, int], names: Sequence[str], scene: Scene
+) -> str:
+    """Compose the table of responses with its notes for the terminal; empty without a motion."""
+    if not motions:
+        return ""
+    notes = filter(None, [points_note(motions, scene), PERIODS_NOTE])
+    return "\n".join([text_table(response_rows(motions, sizes, names)), *notes])
+
+
+def points_note(motions: Mapping[str, Motion], scene: Scene) -> str | None:
+    """State to which contact points the numbers of the table belong; None if there is no choice."""
+    touching = {name: motion for name, motion in motions.items() if has_contact(motion)}
+    count = max((motion.state.shape[1] for motion in touching.values()), default=0)
+    if count < 2 and (not touching or scene.probe is None):
+        return None
+    probe = ", not of the probe" if scene.probe is not None else ""
+    if count < 2:
+        return f"Amplitudes are those of the contact point{probe}."
+    hardest = {}
+    for name, motion in touching.items():
+        peaks = [point["peak_normal_force_N"] for point in point_summaries(motion)]
+        if len(peaks) > 1:
+            hardest[name] = 1 + int(np.argmax(peaks))
+    of = {f"{point}" for point in hardest.values()}
+    peak = of.pop() if len(of) == 1 else ", ".join(f"{p} ({name})" for name, p in hardest.items())
+    return (
+        f"Amplitudes are those of contact point 1{probe}; open, slip and stick are means over "
+        f"{count} points; the peak force is that of point {peak}."
+    )
+
+
+def touching_points(motions: Mapping[str, Motion]) -> list[int]:
+    """The numbers of the contact points that some motion presses in its last period."""
+    pressed = [np.any(m.force[m.last_period(), :, 0] > 0.0, axis=0) for m in motions.values()]
+    return sorted({int(point) for points in pressed for point in np.flatnonzero(points)})
+
+
+def open_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """Name the contact points that have no picture because they do not touch; None without any."""
+    count = max((motion.force.shape[1] for motion in motions.values()), default=0)
+    touching = touching_points(motions)
+    if len(touching) == count or (touching and count > FEW_POINTS):
+        return None
+    listed = ", ".join(str(point + 1) for point in range(count) if point not in touching)
+    which = (
+        f"Contact points {listed} do"
+        if count - len(touching) > 1
+        else f"Contact point {listed} does"
+    )
+    return f"{which} not touch in the last period: there is no picture of the contact."

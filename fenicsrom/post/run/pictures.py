@@ -1,0 +1,304 @@
+"""The pictures of a run: motion, contact, energy, shapes and the animation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.signals import LEAST_SAMPLES
+from fenicsrom.online.motion.measures import is_unsteady, point_summaries
+from fenicsrom.post.base.directions import direction_names
+from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.body.centreline import centreline
+from fenicsrom.post.body.film import write_film
+from fenicsrom.post.paraview.fields import shapes
+from fenicsrom.post.run.body_pictures import body_pictures, film_of, is_slender, stress_picture
+from fenicsrom.post.run.figures import (
+    LOADS,
+    LOADS_AND_SURFACES,
+    plot_contact,
+    plot_energy,
+    plot_modes,
+    plot_motion,
+    plot_points,
+)
+from fenicsrom.post.run.mode_agreement import agreement_figure
+from fenicsrom.post.run.motion_figures import (
+    plot_coordinates,
+    plot_energy_per_period,
+    plot_rub_map,
+    plot_section,
+    plot_transient,
+)
+from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
+from fenicsrom.progress import tracked
+from fenicsrom.scene import Scene
+from fenicsrom.scene.excitation import surface_spin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from fenicsrom.online.motion.motion import Motion
+    from fenicsrom.online.stress.recovery import Recovery
+    from fenicsrom.online.stress.stress_peaks import Stresses
+    from fenicsrom.post.base.record import Study
+    from fenicsrom.post.body.body_view import View
+
+LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
+NO_FREQUENCIES = np.zeros(0)
+LEAST_SECTION = 20  # fewer periods make no section
+
+
+def motion_pictures(
+    motions: Mapping[str, Motion],
+    natural_hz: Array = NO_FREQUENCIES,
+    names: Sequence[str] = (),
+    work: str = LOADS,
+) -> list[Picture]:
+    """List the pictures of the motion, of the contact and of the energy.
+
+    A motion without a period has its spectra, one that has a period but does not repeat its
+    Poincare section, many contact points have a map, and a run of several periods its energies
+    per period.
+
+    Args:
+        motions: model name -> motion.
+        natural_hz: (n,) natural frequencies, Hz.
+        names: of the directions.
+        work: what does work.
+    """
+    first = next(iter(motions.values()))
+    pictures = [Picture("Motion", "motion.png", lambda: plot_motion(motions, names=names))]
+    if first.period is None and first.time.size >= LEAST_SAMPLES:
+        pictures.append(
+            Picture("Spectra", "spectra.png", lambda: plot_transient(first, natural_hz, 0, names))
+        )
+    if is_unsteady(first) and first.periods >= LEAST_SECTION:
+        pictures.append(
+            Picture("Poincaré section", "section.png", lambda: plot_section(first, 0, names))
+        )
+    pictures += _contact_pictures(motions, first.force.shape[1], names)
+    if first.state.shape[1] > FEW_POINTS and touching_points(motions):
+        pictures.append(Picture("Rub map", "rub_map.png", lambda: plot_rub_map(first)))
+    pictures.append(Picture("Energy", "energy.png", lambda: plot_energy(first, work)))
+    if first.load_period is not None and first.time[-1] > LEAST_PERIODS * first.load_period:
+        pictures.append(
+            Picture(
+                "Energy per period",
+                "energy_per_period.png",
+                lambda: plot_energy_per_period(first, work),
+            )
+        )
+    return pictures
+
+
+def working(scene: Scene) -> str:
+    """Say what does work: the loads, and the surfaces if one of them moves or turns."""
+    turning = [
+        surface_spin(contact.surface, scene.rotation)
+        for contact in scene.contacts
+        if contact.surface is not None
+    ]
+    moving = any(turning) or any(contact.approach for contact in scene.contacts)
+    return LOADS_AND_SURFACES if moving else LOADS
+
+
+def _contact_pictures(
+    motions: Mapping[str, Motion], count: int, names: Sequence[str]
+) -> list[Picture]:
+    """List the pictures of contact points: one for each of a few, or one for all of many."""
+    touching = touching_points(motions)
+    if not touching:
+        return []
+    if count > FEW_POINTS:
+
+        def draw_all() -> Figure:
+            found = {
+                name: point_summaries(motion)
+                for name, motion in motions.items()
+                if motion.state.shape[1]
+            }
+            return plot_points(motions, found, names)
+
+        return [Picture(f"Contact of {count} points", "contact.png", draw_all)]
+
+    def draw(point: int) -> Callable[[], Figure]:
+        mine = {name: motion for name, motion in motions.items() if motion.force.shape[1] > point}
+        return lambda: plot_contact(mine, point, names)
+
+    if count == 1:
+        return [Picture("Contact", "contact.png", draw(0))]
+    return [
+        Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
+        for point in touching
+    ]
+
+
+def not_drawn(names: Sequence[str]) -> str | None:
+    """Say in one sentence that these pictures are left out; None if matplotlib is installed."""
+    reason = missing_module("matplotlib")
+    if reason is None or not names:
+        return None
+    *most, last = names
+    listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
+    return f"{listed} not drawn: {reason}"
+
+
+def draw_pictures(
+    pictures: Sequence[Picture], folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw and write pictures; one that cannot be drawn becomes a warning.
+
+    Args:
+        pictures: the pictures.
+        folder: folder of the files.
+        notes: receives the warnings.
+
+    Returns:
+        The headings and files of the written pictures.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    if sentence := not_drawn([picture.name for picture in pictures]):
+        notes.append(sentence)
+        return []
+    written = []
+    for picture in tracked(pictures):
+        with softly(picture.name, notes):
+            written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
+    return written
+
+
+@contextmanager
+def softly(name: str, notes: list[str]) -> Iterator[None]:
+    """Turn an error in the drawing of a picture into a warning: the numbers are written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        notes.append(f"{name} was not drawn: {type(error).__name__}: {error}")
+
+
+def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """Draw the body, the motions and the shapes of a study, or warn why not. Collective.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    bodies = body_pictures(study)
+    along, coordinates = _along_the_axis(study), _coordinates(study)
+    if study.solid.comm.rank != 0:
+        return []
+    natural = study.modes.frequencies_hz if study.modes is not None else NO_FREQUENCIES
+    names = direction_names(study.scene, study.solid.points)
+    work = working(study.scene)
+    motions = motion_pictures(study.motions, natural, names, work) if study.motions else []
+    listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
+    return draw_pictures(listed, folder, study.warnings)
+
+
+def _agreement(study: Study) -> list[Picture]:
+    """The picture of the modes of the reduced and the full model, if they were compared."""
+    found = study.agreement
+    if found is None:
+        return []
+    return [
+        Picture("MAC of the reduced and the full modes", "mac.png", lambda: agreement_figure(found))
+    ]
+
+
+def _coordinates(study: Study) -> list[Picture]:
+    """The picture of the modal coordinates of the reduced motion. Collective."""
+    motion, basis, modes = study.motions.get("reduced"), study.basis, study.modes
+    if motion is None or basis is None or modes is None or motion.coordinates is None:
+        return []
+    count = modes.normal.shape[1]
+    if not count:
+        return []
+    parts = study.solid.mass_inner(modes.normal, basis.vectors)
+    modal = motion.coordinates @ parts.T * study.solid.largest(modes.normal)
+    labels = modes.labels[:count]
+    return [
+        Picture(
+            "Modal coordinates",
+            "coordinates.png",
+            lambda: plot_coordinates(motion, labels, modal),
+        )
+    ]
+
+
+def _along_the_axis(study: Study) -> list[Picture]:
+    """The picture of the shapes along the axis of a straight slender body. Collective."""
+    fields = {
+        label: field
+        for kind, named in shapes(study).items()
+        if kind != "equilibrium"
+        for label, field in named.items()
+    }
+    boxes = [box for box in study.solid.comm.allgather(_box(study)) if box is not None]
+    if not fields or not is_slender(np.concatenate(boxes)):
+        return []
+    positions, values = centreline(study.solid.space, fields)
+    labels, lengths = list(fields), np.ptp(np.concatenate(boxes), axis=0)
+    axis, *across = sorted(range(len(lengths)), key=lambda k: (k != np.argmax(lengths), k))
+    names = [f"axial {'xyz'[axis]}", *(f"transverse {'xyz'[k]}" for k in across)]
+
+    def draw() -> Figure:
+        return plot_modes(labels, positions, values, names)
+
+    return [Picture("Shapes along the axis", "modes.png", draw)]
+
+
+def _box(study: Study) -> Array | None:
+    """Opposite corners (2, d) of the box around the nodes of this rank, m."""
+    d = study.solid.dimension
+    nodes = study.solid.space.tabulate_dof_coordinates()[:, :d]
+    return np.array([nodes.min(axis=0), nodes.max(axis=0)]) if len(nodes) else None
+
+
+def write_animation(study: Study, folder: Path) -> list[tuple[str, Path]]:
+    """Animate the last period of the reduced model about its equilibrium as a GIF. Collective.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if sentence := not_drawn(["motion.gif"]):
+        study.warnings.append(sentence)
+        return []
+    film = film_of(study)
+    if film is None:
+        return []
+    with softly("motion.gif", study.warnings):
+        return [("Animation", write_film(folder / "motion.gif", film))]
+    return []
+
+
+def write_stress_picture(
+    recovery: Recovery,
+    stresses: Stresses,
+    folder: Path,
+    notes: list[str],
+    view: View | None = None,
+) -> list[tuple[str, Path]]:
+    """Draw the von Mises stress at the instant of its maximum; add a warning to the notes.
+
+    The projection is by default one in which the largest stress is seen.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    picture = stress_picture(recovery.stress, stresses.largest, stresses.measure, view)
+    return draw_pictures([picture], folder, notes)

@@ -1,0 +1,195 @@
+"""The report of a run: `report.html`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.errors.mode_agreement import ModeAgreement
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.stress.stress_peaks import Stresses
+from fenicsrom.post.base.directions import direction_names, direction_note
+from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.record import Rerun, Study
+from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
+from fenicsrom.post.run.motion_table import RESPONSE_NOTE, open_sentence, points_note, response_rows
+from fenicsrom.post.run.sentences import (
+    MULTIPLIER_NOTE,
+    equilibrium_sentence,
+    error_sentence,
+    estimate_rows,
+    periodic_sentence,
+    support_sentence,
+    unreliable_sentence,
+)
+from fenicsrom.post.run.stress_tables import (
+    MEASURE_NAMES,
+    MODAL_NOTE,
+    RECOVERY_NOTE,
+    modal_rows,
+    reaction_note,
+    reaction_rows,
+    stress_rows,
+)
+from fenicsrom.post.run.summary import errors_of
+from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.scene.rules import counted
+
+REPORT = "report.html"
+
+Section = tuple[str, list[Any]]
+
+
+def write_study_report(study: Study, folder: Path) -> Path:
+    """Write the report of a study with its pictures.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    sections = [
+        ("Results", _results(study)),
+        *((heading, [path]) for heading, path in study.pictures),
+        *_open_points(study.motions),
+        *_stresses(study.stresses),
+        ("Modes of the reduced and of the full model", _agreement(study.agreement)),
+        ("Basis", _basis(study)),
+        ("Run time", [_seconds(study)] if study.seconds else []),
+        ("Left out", [_left_out(study.left_out)] if study.left_out else []),
+    ]
+    title = scene_heading(study.scene)
+    return write_report(folder / REPORT, title, [s for s in sections if s[1]])
+
+
+def write_rerun_report(found: Rerun, pictures: Sequence[tuple[str, Path]], folder: Path) -> Path:
+    """Write the report of a run of a stored model.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    scene, motion = found.stored.scene, found.motion
+    points = found.stored.model.points
+    names = direction_names(scene, points)
+    results: list[Any] = [
+        response_rows({"reduced": motion}, {"reduced": found.stored.size}, names),
+        *_notes({"reduced": motion}, scene, points),
+        *_periodic(motion),
+    ]
+    if sentence := support_sentence(scene, points, {"reduced": motion}):
+        results.append(sentence)
+    if found.errors:
+        results.append(estimate_rows(found.errors, motion, names))
+    if found.unfinished:
+        results.append(unreliable_sentence("reduced", found.unfinished))
+    sections: list[Section] = [
+        ("Results", [*results, *_warnings(found.warnings)]),
+        *((heading, [path]) for heading, path in pictures),
+        *_open_points({"reduced": motion}),
+        *_stresses(found.stresses),
+        ("Left out", [_left_out(found.left_out)]),
+    ]
+    return write_report(folder / REPORT, scene_heading(scene), sections)
+
+
+def _open_points(motions: Mapping[str, Motion]) -> list[Section]:
+    """Compose the section on contact points without a picture, if there are any."""
+    sentence = open_sentence(motions)
+    return [("Contact points that do not touch", [sentence])] if sentence else []
+
+
+def _stresses(stresses: Stresses | None) -> list[Section]:
+    """Compose the tables of stresses and reactions, if there are any."""
+    if stresses is None:
+        return []
+    name = MEASURE_NAMES[stresses.measure]
+    tables: list[Any] = [f"Von Mises and principal values of the {name}."]
+    tables += [stress_rows(stresses.peaks), RECOVERY_NOTE]
+    if stresses.modes:
+        tables += [modal_rows(stresses.modes), MODAL_NOTE]
+    return [
+        ("Stresses", tables),
+        ("Reactions", [reaction_rows(stresses), reaction_note(stresses)]),
+    ]
+
+
+def _agreement(found: ModeAgreement | None) -> list[Any]:
+    """Compose the table of the modes of both models, if they were compared."""
+    if found is None:
+        return []
+    return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]
+
+
+def _results(study: Study) -> list[Any]:
+    """Compose the table of responses, the sentences on errors and the warnings."""
+    found: list[Any] = []
+    names = direction_names(study.scene, study.solid.points)
+    if study.motions:
+        found.append(response_rows(study.motions, study.sizes, names))
+        found += _notes(study.motions, study.scene, study.solid.points)
+    if "reduced" in study.motions:
+        found += _periodic(study.motions["reduced"])
+    if study.motions and (
+        sentence := support_sentence(study.scene, study.solid.points, study.motions)
+    ):
+        found.append(sentence)
+    if study.deflection is not None:
+        found.append(equilibrium_sentence(study.deflection))
+    if errors := errors_of(study.motions):
+        found.append(error_sentence(errors, study.scene, study.solid.points))
+    if study.errors:
+        found.append(estimate_rows(study.errors, study.motions["reduced"], names))
+    if study.unfinished:
+        found.append(unreliable_sentence(*study.unfinished))
+    return found + _warnings(study.warnings)
+
+
+def _notes(motions: Mapping[str, Motion], scene: Scene, points: ContactPoints) -> list[str]:
+    """Compose the notes below the table of responses."""
+    notes = points_note(motions, scene), direction_note(scene, points)
+    return [RESPONSE_NOTE, *filter(None, notes)]
+
+
+def _periodic(motion: Motion) -> list[str]:
+    """Compose the paragraph on what Newton's method found, if it was tried."""
+    sentence = periodic_sentence(motion)
+    return [sentence, MULTIPLIER_NOTE] if sentence else []
+
+
+def _warnings(warnings: Sequence[str]) -> list[str]:
+    """Compose one paragraph per warning."""
+    return [f"Warning: {warning}" for warning in warnings]
+
+
+def _basis(study: Study) -> list[Any]:
+    """Compose the tables of modes and derivatives, and the size of the basis."""
+    modes, basis = study.modes, study.basis
+    if modes is None:
+        return []
+    frequencies = [[f"{k + 1}V", f"{f:.5g}"] for k, f in enumerate(modes.frequencies_hz)]
+    found: list[Any] = [[["mode", "frequency Hz"], *frequencies]]
+    if basis is not None:
+        found.append(
+            f"{basis.method}, {counted(basis.size, 'coordinate')}: {', '.join(basis.labels)}. "
+            f"Condition number of the scaled reduced mass: {basis.condition:.3g}; of the scaled "
+            f"residual flexibility: {modes.flexibility_condition:.3g}."
+        )
+        if basis.dropped:
+            dropped = ", ".join(f"{k} ({v:.0e})" for k, v in basis.dropped.items())
+            found.append(f"Dropped because they depend on other vectors: {dropped}")
+    if study.selection.weights:
+        order = sorted(study.selection.weights.items(), key=lambda item: -item[1])
+        kept = set(study.selection.derivatives)
+        rows = [[k, f"{w:.2e}", "yes" if k in kept else "no"] for k, w in order]
+        found.append([["derivative", "weight", "kept"], *rows])
+    return found
+
+
+def _seconds(study: Study) -> list[list[str]]:
+    """Compose the table of run times."""
+    return [["stage", "s"], *[[stage, f"{round(s, 3):.3g}"] for stage, s in study.seconds.items()]]
+
+
+def _left_out(lines: Sequence[str]) -> list[list[str]]:
+    """Compose the table of what was not computed."""
+    return [["stage", "reason"], *[line.split(": ", 1) for line in lines]]

@@ -1,0 +1,353 @@
+"""The text for the user: what the terminal and the report say about a run."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.assess.errors.multiplicity import multiplicity_warnings
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.motion.measures import (
+    has_contact,
+    has_settled,
+    out_of_reach,
+    search_summary,
+)
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.post.base.directions import (
+    direction_names,
+    error_names,
+    in_order,
+    named_millimetres,
+)
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.run.mode_agreement import agreement_sentence
+from fenicsrom.post.run.stress_tables import stress_sentences
+from fenicsrom.post.run.summary import errors_of, support_summary
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.step_size import refined, step_key
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.errors.estimates import MotionErrors
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.post.base.record import Rerun, Study
+    from fenicsrom.scene import Scene
+
+MULTIPLIER_NOTE = (
+    "A Floquet multiplier is the factor by which a small disturbance of the motion changes in one "
+    "period; the motion is stable if all are below 1 in size. A largest multiplier just below 1, "
+    "such as 0.9995, does not mean that the motion is nearly unstable: often it belongs to a fast "
+    "vibration, such as a wave along the axis, that the time step does not resolve and that the "
+    "time integration hardly damps."
+)
+ERROR_NAMES = {
+    "peak_normal_force": "peak normal force",
+    "friction_dissipation_per_period": "dissipation",
+}
+UNJUDGED = (
+    "the stored model does not hold the vectors that its basis leaves out, so the error due to the "
+    "basis is not estimated; run the scene again to store them"
+)
+UNJUDGED_MATRICES = (
+    "the error due to the reduction of the superelement is not estimated: the program that wrote "
+    "its matrices knows what they leave out"
+)
+
+UNCHECKED = (
+    "the run was interrupted before its motion was checked: the energy balance and the errors due "
+    "to the time step and the basis are not known"
+)
+HALF_CHECKED = (
+    "the run was interrupted in the checks of its motion: the energy balance and the error due to "
+    "the time step are checked, the error due to the basis is not known"
+)
+
+
+def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> str:
+    """The warning of a run that was interrupted in its checks, or before them.
+
+    Args:
+        errors: the estimates that were found, as `Study.errors`; that of the time step comes first.
+    """
+    return HALF_CHECKED if errors else UNCHECKED
+
+
+def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: ContactPoints) -> str:
+    """State the errors against the full model; those of the contact only if there is one."""
+    first, others = error_names(scene, points)
+    names = {
+        "amplitude_normal": f"{first} amplitude",
+        "amplitude_tangential": f"{others} amplitude",
+        **(ERROR_NAMES if scene.contacts else {}),
+    }
+    stated = [(words, errors[name]) for name, words in names.items() if name in errors]
+    parts = [f"{name} {value:.3g} %" for name, value in stated if value is not None]
+    listed = ", ".join(parts) or "the full model has no motion to compare with"
+    left = [name for name, value in stated if value is None]
+    negligible = f" (zero or negligible: {', '.join(left)})" if left and parts else ""
+    return f"Error of the reduced model against the full one: {listed}{negligible}."
+
+
+def equilibrium_sentence(deflection: Array) -> str:
+    """State the displacement of the probe under the static loads."""
+    components = named_millimetres("xyz", deflection, 6)
+    return f"Displacement of the probe in the static equilibrium: {components}."
+
+
+def support_sentence(
+    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
+) -> str | None:
+    """State the absolute amplitudes if the supports move; None otherwise."""
+    found = support_summary(scene, points, motions).get("support_motion", {})
+    if not found:
+        return None
+    names = direction_names(scene, points)
+    absolute = [
+        f"{named_millimetres(names, in_order(numbers['absolute_amplitude_m']))} ({name})"
+        for name, numbers in found.items()
+    ]
+    moved = next(iter(found.values()))["support_amplitude_m"]
+    return (
+        "Amplitudes in the table are relative to the supports. Amplitudes of the supports: "
+        f"{named_millimetres('xyz', moved)}; absolute amplitudes: {'; '.join(absolute)}."
+    )
+
+
+def estimate_rows(
+    errors: Mapping[str, MotionErrors], motion: Motion, names: Sequence[str]
+) -> list[list[Any]]:
+    """Compose the table of the estimated errors of the reduced model; the first row is the header.
+
+    Args:
+        errors: as `Study.errors`.
+        motion: the motion of the reduced model.
+        names: of the directions.
+    """
+    what = "amplitude" if has_settled(motion) else "root mean square displacement"
+    found: list[list[Any]] = [
+        ["estimated error of the reduced model", *(f"{name} %" for name in errors)],
+        [f"{what}, all directions together", *(_percent(e.amplitude) for e in errors.values())],
+    ]
+    for k, name in enumerate(names):
+        found.append([f"{what}, {name}", *(_percent(e.directions[k]) for e in errors.values())])
+    if has_contact(motion):
+        found.append(["peak normal force", *(_percent(e.peak_force) for e in errors.values())])
+    return found
+
+
+def _percent(value: float) -> str:
+    """A relative error in percent, or "unknown"."""
+    return f"{100.0 * value:.2g}" if np.isfinite(value) else "unknown"
+
+
+def unreliable_sentence(name: str, error: Exception) -> str:
+    """State why the motion of a model cannot be relied on."""
+    return f"The {name} model has no reliable result: {error}."
+
+
+def rerun_sentences(found: Rerun) -> list[str]:
+    """State the results of a run of a stored model, below the table of responses."""
+    motion = found.motion
+    told = [resumed_sentence(motion), periodic_sentence(motion)]
+    told.append(
+        support_sentence(found.stored.scene, found.stored.model.points, {"reduced": motion})
+    )
+    told += out_of_reach(motion, found.stored.model.points)
+    told += [] if found.stresses is None else stress_sentences(found.stresses)
+    if found.errors:
+        names = direction_names(found.stored.scene, found.stored.model.points)
+        told += text_table(estimate_rows(found.errors, motion, names)).splitlines()
+    return [sentence for sentence in told if sentence]
+
+
+def resumed_sentence(motion: Motion) -> str | None:
+    """State at which time a motion was resumed; None if it started from rest."""
+    if motion.time[0] == 0.0:
+        return None
+    return (
+        f"Resumed run: the output starts at {motion.time[0]:.6g} s; "
+        "the numbers of periods and steps include the first run."
+    )
+
+
+def periodic_sentence(motion: Motion) -> str | None:
+    """State what Newton's method found of the periodic motion; None if it was not tried."""
+    search = motion.search
+    if search is None:
+        return None
+    tried = (
+        f"after {counted(search.marched, 'marched period')} and "
+        f"{counted(search.iterations, 'Newton iteration')} "
+        f"(relative residual {search.residual:.1e})"
+    )
+    if search.verdict == "not found":
+        after = "the march repeats, and is taken for it" if motion.steady else "the march went on"
+        return f"Periodic motion: not found {tried}: {after}."
+    found = search_summary(search)
+    size = found["largest_multiplier"]
+    several = f", {search.periods} periods of the loads long" if search.periods > 1 else ""
+    sentence = (
+        f"Periodic motion: {found['verdict']}{several}, largest Floquet multiplier {size:.6g}, "
+        f"found {tried}"
+    )
+    if search.accepted:
+        return f"{sentence}."
+    if search.verdict == "stable":
+        return f"{sentence}; the marched motion does not tend to it, so the march went on."
+    return f"{sentence}; the march went on."
+
+
+def basis_sentences(study: Study) -> list[str]:
+    """State the coordinates of the basis, the modes that it leaves out, and the conditions."""
+    basis, modes, dropped = study.basis, study.modes, study.dropped_modes
+    if basis is None or modes is None:
+        return []
+    left = []
+    if dropped:
+        share = f"{study.scene.basis.threshold:g} of the largest"
+        left = [f"modes left out, with an amplitude below {share}: {' '.join(dropped)}"]
+    if basis.dropped:
+        left.append(f"vectors left out, because others contain them: {' '.join(basis.dropped)}")
+    return [
+        f"basis: {basis.method}, {counted(basis.size, 'coordinate')}: {' '.join(basis.labels)}",
+        *left,
+        f"condition number: {basis.condition:.3g} of the scaled reduced mass, "
+        f"{modes.flexibility_condition:.3g} of the scaled residual flexibility",
+    ]
+
+
+def speed_sentence(motions: Mapping[str, Motion]) -> str | None:
+    """State the ratio of the run times of the full and the reduced model; None unless both ran."""
+    if "full" not in motions or "reduced" not in motions:
+        return None
+    ratio = motions["full"].seconds / max(motions["reduced"].seconds, 1e-9)
+    return f"The motion of the reduced model took 1/{ratio:.0f} of the time of the full model."
+
+
+def study_sentences(study: Study) -> list[str]:
+    """State the results of a run, below the table of responses."""
+    reduced = study.motions.get("reduced")
+    found: list[str | None] = []
+    if reduced is not None:
+        found += [resumed_sentence(reduced), periodic_sentence(reduced)]
+    found.append(support_sentence(study.scene, study.solid.points, study.motions))
+    if study.deflection is not None:
+        found.append(equilibrium_sentence(study.deflection))
+    found += basis_sentences(study)
+    if reduced is not None:
+        found += out_of_reach(reduced, study.solid.points)
+    if errors := errors_of(study.motions):
+        found.append(error_sentence(errors, study.scene, study.solid.points))
+    if study.agreement is not None:
+        found.append(agreement_sentence(study.agreement))
+    found.append(speed_sentence(study.motions))
+    if study.stresses is not None:
+        found += stress_sentences(study.stresses)
+    if reduced is not None and study.errors:
+        names = direction_names(study.scene, study.solid.points)
+        found += text_table(estimate_rows(study.errors, reduced, names)).splitlines()
+    return [sentence for sentence in found if sentence]
+
+
+def mode_lines(study: Study) -> list[str]:
+    """List the frequencies of the normal modes and the labels of the derivatives."""
+    lines = []
+    if study.modes is not None:
+        frequencies = study.modes.frequencies_hz
+        lines += [f"{k + 1}V  {frequency:.5g} Hz" for k, frequency in enumerate(frequencies)]
+    if study.derivatives is not None and study.derivatives.labels:
+        lines.append(f"derivatives: {' '.join(study.derivatives.labels)}")
+    return lines
+
+
+def motion_warnings(name: str, motion: Motion, scene: Scene) -> list[str]:
+    """Warn of what limits the meaning of a complete motion.
+
+    Args:
+        name: the model: "reduced", "full" or "beam".
+        motion: its motion.
+        scene: the scene of the run.
+    """
+    found = multiplicity_warnings(name, motion)
+    end = float(motion.time[-1])
+    for number, contact in enumerate(scene.contacts):
+        if contact.approach and contact.approach[-1][0] > end * (1.0 + 1e-9):
+            found.append(
+                f"contacts.{number}.approach: the {name} motion ends at {end:.6g} s, while the "
+                f"surface still moves until {contact.approach[-1][0]:.6g} s"
+            )
+    if not motion.steady and scene.period is not None and scene.time.steady_tolerance:
+        found.append(unsteady_sentence(name, motion, scene))
+    return found
+
+
+def rerun_warnings(scene: Scene, given: Collection[str]) -> list[str]:
+    """Warn of the given keys or tables that have no effect on a run of a stored model."""
+    asked = _without_effect(scene).values()
+    keys = [key for key in asked if any(_is_in(key, name) or _is_in(name, key) for name in given)]
+    if not keys:
+        return []
+    verb = "has" if len(keys) == 1 else "have"
+    return [f"{', '.join(keys)} {verb} no effect on a run of a stored model"]
+
+
+def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
+    """State what a run of a stored model does not compute, as "NAME: REASON"."""
+    return [
+        "offline stages, and files of the body: the reduced model was read from a file, without "
+        "its mesh",
+        *(
+            f"{stage}: {key} has no effect on a run of a stored model"
+            for stage, key in _without_effect(stored.scene).items()
+        ),
+        *out_of_reach(motion, stored.model.points),
+    ]
+
+
+def _without_effect(scene: Scene) -> dict[str, str]:
+    """The stages that a run of a stored model leaves out, and the keys that ask for them."""
+    asked = {
+        ("full motion", "reference.full"): scene.reference.full,
+        ("beam motion", "reference.beam"): scene.reference.beam is not None,
+        ("ParaView motion", "output.motion"): scene.output.motion,
+        ("animation", "output.animation"): scene.output.animation,
+    }
+    return dict(pair for pair, on in asked.items() if on)
+
+
+def _is_in(key: str, table: str) -> bool:
+    """Whether a key is this key or in this table."""
+    return f"{key}.".startswith(f"{table}.")
+
+
+def unsteady_sentence(name: str, motion: Motion, scene: Scene) -> str:
+    """Warn that a motion did not become periodic, and say what to try."""
+    key = step_key(scene)
+    remedies = [
+        "increase time.periods",
+        f"take shorter steps (time.{key} = {getattr(refined(scene).time, key):g})",
+    ]
+    if scene.time.scheme == "discrete-gradient":
+        remedies.append(
+            'use time.scheme = "generalised-alpha", which damps waves that the time step does not '
+            "resolve"
+        )
+    remedy = f"{', '.join(remedies[:-1])} or {remedies[-1]}"
+    return (
+        f"the {name} model did not become periodic within {counted(motion.periods, 'period')}, so "
+        f"its amplitudes are those of the last period only{_multiplier_clause(motion)}; {remedy}"
+    )
+
+
+def _multiplier_clause(motion: Motion) -> str:
+    """The part of a sentence that gives the largest Floquet multiplier, where it is known."""
+    if motion.search is None or not motion.search.multipliers.size:
+        return ""
+    found = search_summary(motion.search)
+    return (
+        f" (the periodic motion that Newton's method found is {found['verdict']}, with the largest "
+        f"Floquet multiplier {found['largest_multiplier']:.6g})"
+    )

@@ -1,0 +1,240 @@
+"""Stresses and reactions as rows, sentences and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.stress.deformation import extremes
+from fenicsrom.online.stress.reactions import Reactions
+from fenicsrom.online.stress.stress_peaks import Peak, Stresses
+from fenicsrom.post.base.writers import write_rows
+
+STRESSES = "stresses.csv"
+MODAL_STRESSES = "modal_stresses.csv"
+REACTIONS = "reactions.csv"
+
+MEASURE_NAMES = {
+    "second-piola-kirchhoff": "second Piola-Kirchhoff stress",
+    "cauchy": "Cauchy stress",
+}
+RECOVERY_NOTE = (
+    "Stresses at the vertices are extrapolated from the Gauss points of each cell, and averaged "
+    "over the cells that meet there. The largest value at a Gauss point is not extrapolated: where "
+    "the two differ much, the mesh is too coarse, or a corner or a point force makes the stress "
+    "singular. Places are those in the undeformed body."
+)
+MODAL_NOTE = (
+    "Modal stresses are the derivatives of the second Piola-Kirchhoff stress about the "
+    "equilibrium, for a largest displacement of 1 mm of a vertex."
+)
+MPA = 1e-6
+ROUNDING = 1e-9  # smaller forces relative to the others come from the tolerance of the equilibrium
+PER_MM = 1e-3
+
+
+def peak_record(peak: Peak) -> dict[str, Any]:
+    """The numbers of a peak by name, with units."""
+    unit = "Pa" if peak.frequency is None else "Pa_per_m"
+    found: dict[str, Any] = {"state": peak.state}
+    if peak.frequency is not None:
+        found["frequency_Hz"] = peak.frequency
+    else:
+        found["time_s"] = peak.time
+    found[f"von_mises_{unit}"] = peak.von_mises
+    found |= {f"{axis}_m": float(x) for axis, x in zip("xyz", peak.position, strict=False)}
+    found |= {f"principal_{k + 1}_{unit}": float(value) for k, value in enumerate(peak.principal)}
+    found[f"gauss_von_mises_{unit}"] = peak.point_von_mises
+    found |= {
+        f"gauss_{axis}_m": float(x) for axis, x in zip("xyz", peak.point_position, strict=False)
+    }
+    return found
+
+
+def stress_summary(stresses: Stresses) -> dict[str, Any]:
+    """The entries `stresses` and `reactions` of `summary.json`."""
+    found: dict[str, Any] = {
+        "stresses": {
+            "measure": stresses.measure,
+            "smallest_volume_ratio": extremes(stresses.deformations).volume_ratio,
+            "largest": [peak_record(peak) for peak in stresses.peaks],
+            "modes": [peak_record(peak) for peak in stresses.modes],
+        },
+        "reactions": {"equilibrium": reaction_record(stresses.reactions, 0)},
+    }
+    moving = stresses.motion_reactions
+    if moving is not None:
+        found["reactions"]["largest_force"] = reaction_record(moving, _largest(moving))
+        found["reactions"]["mismatch"] = moving.mismatch
+    return found
+
+
+def reaction_record(reactions: Reactions, row: int) -> dict[str, Any]:
+    """The reactions at one instant by name, with units."""
+    found: dict[str, Any] = {"time_s": float(reactions.time[row])}
+    for k, name in enumerate(reactions.supports):
+        found[name] = {
+            component: float(value)
+            for component, value in zip(reactions.components, reactions.values[row, k], strict=True)
+        }
+    found["by_momentum"] = {
+        component: float(value)
+        for component, value in zip(reactions.components, reactions.by_momentum[row], strict=False)
+    }
+    return found
+
+
+def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
+    """Write the tables of stresses and reactions as CSV.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    files = [write_rows(folder / STRESSES, [peak_record(peak) for peak in stresses.peaks])]
+    if stresses.modes:
+        rows = [peak_record(peak) for peak in stresses.modes]
+        files.append(write_rows(folder / MODAL_STRESSES, rows))
+    return [*files, write_rows(folder / REACTIONS, _reaction_rows(stresses))]
+
+
+def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
+    """One row for the equilibrium, and one for each instant of the last period."""
+    listed = [("equilibrium", stresses.reactions)]
+    if stresses.motion_reactions is not None:
+        listed.append(("motion", stresses.motion_reactions))
+    rows = []
+    for state, reactions in listed:
+        for k, time in enumerate(reactions.time):
+            row: dict[str, Any] = {
+                "state": state,
+                "time_s": float(time) if state == "motion" else None,
+            }
+            for s, name in enumerate(reactions.supports):
+                row |= {
+                    f"{name}_{component}": float(value)
+                    for component, value in zip(
+                        reactions.components, reactions.values[k, s], strict=True
+                    )
+                }
+            row |= {
+                f"by_momentum_{component}": float(value)
+                for component, value in zip(
+                    reactions.components, reactions.by_momentum[k], strict=False
+                )
+            }
+            rows.append(row)
+    return rows
+
+
+def stress_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
+    """The table of the largest stresses for the report, in MPa."""
+    rows: list[list[Any]] = [
+        [
+            "state",
+            "t s",
+            "von Mises MPa",
+            "at m",
+            "principal MPa",
+            "at a Gauss point MPa",
+        ]
+    ]
+    for peak in peaks:
+        rows.append(
+            [
+                peak.state,
+                None if peak.time is None else f"{peak.time:.6g}",
+                MPA * peak.von_mises,
+                place_text(peak.position),
+                ", ".join(f"{MPA * value:.4g}" for value in peak.principal),
+                MPA * peak.point_von_mises,
+            ]
+        )
+    return rows
+
+
+def modal_rows(peaks: Sequence[Peak]) -> list[list[Any]]:
+    """The table of the modal stresses for the report, in MPa per mm of largest displacement."""
+    rows: list[list[Any]] = [["mode", "Hz", "von Mises MPa/mm", "at m", "at a Gauss point MPa/mm"]]
+    scale = MPA * PER_MM
+    for peak in peaks:
+        rows.append(
+            [
+                peak.state,
+                f"{peak.frequency:.5g}",
+                scale * peak.von_mises,
+                place_text(peak.position),
+                scale * peak.point_von_mises,
+            ]
+        )
+    return rows
+
+
+def reaction_rows(stresses: Stresses) -> list[list[Any]]:
+    """The table of the reactions for the report: the equilibrium and the largest force."""
+    first = stresses.reactions
+    names = [name.split("_") for name in first.components]
+    heads = [f"{kind[0].upper()}{axis} {unit}" for kind, axis, unit in names]
+    rows: list[list[Any]] = [["state", "t s", "support", *heads]]
+    listed = [("equilibrium", first, 0)]
+    moving = stresses.motion_reactions
+    if moving is not None:
+        listed.append(("largest force", moving, _largest(moving)))
+    for state, reactions, row in listed:
+        time = None if state == "equilibrium" else f"{reactions.time[row]:.6g}"
+        for k, name in enumerate(reactions.supports):
+            rows.append([state, time, name, *_without_rounding(reactions.values[row, k])])
+        total = _without_rounding(reactions.by_momentum[row])
+        rest = [None] * (len(first.components) - len(total))
+        rows.append([state, time, "by momentum", *total, *rest])
+    return rows
+
+
+def reaction_note(stresses: Stresses) -> str:
+    """Say what the reactions are, and how well the stresses agree with the momentum."""
+    text = (
+        "Reactions are the forces F of a support on the body, and the moments M about the centroid "
+        "of its nodes, from the stresses in the cells at the support, inertia and loads. The "
+        "forces by momentum are those that the motion of the whole body needs."
+    )
+    if stresses.motion_reactions is None:
+        return text
+    return (
+        f"{text} During the last period the two differ by at most "
+        f"{100.0 * stresses.motion_reactions.mismatch:.2g} % of the largest change of the force: "
+        "what the basis does not resolve at the support. Trust the forces by momentum."
+    )
+
+
+def stress_sentences(stresses: Stresses) -> list[str]:
+    """State the largest stress and the reactions in the terminal."""
+    found = []
+    for peak in stresses.peaks[:2]:
+        if peak.von_mises == 0.0:
+            continue  # the equilibrium without static loads
+        when = "" if peak.time is None else f", t = {peak.time:.6g} s"
+        found.append(
+            f"Von Mises stress ({MEASURE_NAMES[stresses.measure]}), {peak.state}: "
+            f"{MPA * peak.von_mises:.4g} MPa at {place_text(peak.position)} m{when}; "
+            f"{MPA * peak.point_von_mises:.4g} MPa at a Gauss point."
+        )
+    return found
+
+
+def place_text(position: Array) -> str:
+    """A place as text, in m."""
+    return f"({', '.join(f'{x + 0.0:.4g}' for x in np.round(position, 9))})"
+
+
+def _without_rounding(values: Array) -> list[str]:
+    """The numbers of a row as text; those below `ROUNDING` of the largest are zero."""
+    small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
+    return [f"{value:.6g}" for value in np.where(small, 0.0, values)]
+
+
+def _largest(reactions: Reactions) -> int:
+    """The instant of the largest sum of the forces by momentum."""
+    return int(np.argmax(np.linalg.norm(reactions.by_momentum, axis=1)))

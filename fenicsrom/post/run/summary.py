@@ -1,0 +1,273 @@
+"""The numbers of a run: `summary.json`, `history.npz`, the reduced model and the checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.errors.estimates import MotionErrors
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.model.support_motion import (
+    absolute_displacement,
+    moves_supports,
+    support_displacement,
+)
+from fenicsrom.online.motion.history import HISTORY_ARRAYS, JUMP
+from fenicsrom.online.motion.measures import (
+    amplitudes,
+    errors_percent,
+    point_summaries,
+    response_summary,
+)
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.online.store.checkpoints import save_end
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.record import Rerun, Study
+from fenicsrom.post.base.writers import write_arrays, write_summary
+from fenicsrom.post.paraview.fields import contact_places
+from fenicsrom.post.run.mode_agreement import agreement_summary
+from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
+from fenicsrom.scene import Scene
+
+SUMMARY = "summary.json"
+HISTORY = "history.npz"
+CHECKPOINT = "checkpoint.npz"
+
+
+def summary(study: Study) -> dict[str, Any]:
+    """Collect the contents of `summary.json`."""
+    basis, modes = study.basis, study.modes
+    found: dict[str, Any] = {
+        "scene": study.scene.source,
+        "dofs": study.solid.free,
+        "frequencies_hz": modes.frequencies_hz if modes is not None else [],
+        "basis": {
+            "method": study.scene.basis.method,
+            "size": basis.size if basis else None,
+            "labels": list(study.labels),
+            "dropped": basis.dropped if basis else {},
+            "mass_condition": basis.condition if basis else None,
+            "flexibility_condition": modes.flexibility_condition if modes is not None else None,
+            "participation": study.selection.modal_coordinates,
+            "weights": study.selection.weights,
+        },
+        "seconds": study.seconds,
+        "left_out": study.left_out,
+    }
+    if study.agreement is not None:
+        found["modes"] = agreement_summary(study.agreement)
+    if study.deflection is not None:
+        found["equilibrium"] = {
+            "displacement_m": study.deflection,
+            "unstable_directions": study.solid.unstable,
+        }
+    found |= motions_summary(study.motions, study.solid.points)
+    found |= support_summary(study.scene, study.solid.points, study.motions)
+    found["estimated_error_percent"] = estimates_summary(study.errors)
+    if study.stresses is not None:
+        found |= stress_summary(study.stresses)
+    if study.unfinished:
+        found["unfinished"] = {"model": study.unfinished[0], "reason": str(study.unfinished[1])}
+    found["warnings"] = study.warnings
+    found["provenance"] = provenance()
+    return found
+
+
+def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
+    """The estimated errors in percent; None where there is no estimate.
+
+    Returns:
+        By the causes "time step" and "basis": the error of the amplitudes (root mean squares of a
+        motion that does not settle). "peak force by the CAUSE" is that of the largest normal force,
+        and "directions by the CAUSE" lists the errors of the amplitudes by direction.
+    """
+
+    def percent(value: float) -> float | None:
+        return 100.0 * value if np.isfinite(value) else None
+
+    found: dict[str, Any] = {name: percent(error.amplitude) for name, error in errors.items()}
+    for name, error in errors.items():
+        found[f"peak force by the {name}"] = percent(error.peak_force)
+        found[f"directions by the {name}"] = [percent(value) for value in error.directions]
+    return found
+
+
+def rerun_summary(found: Rerun) -> dict[str, Any]:
+    """Collect the contents of `summary.json` for a motion of a stored model."""
+    stored, motion = found.stored, found.motion
+    contents = {
+        "scene": stored.scene.source,
+        "dofs": stored.dofs,
+        "frequencies_hz": stored.frequencies_hz,
+        "basis": {"method": stored.method, "size": stored.size, "labels": list(stored.labels)},
+        "seconds": {"reduced motion": motion.seconds},
+        "left_out": found.left_out,
+        **motions_summary({"reduced": motion}, stored.model.points),
+        **support_summary(stored.scene, stored.model.points, {"reduced": motion}),
+        "estimated_error_percent": estimates_summary(found.errors),
+        **({} if found.stresses is None else stress_summary(found.stresses)),
+    }
+    if found.unfinished:
+        contents["unfinished"] = {"model": "reduced", "reason": str(found.unfinished)}
+    contents["warnings"] = found.warnings
+    contents["provenance"] = stored.provenance
+    return contents
+
+
+def motions_summary(motions: Mapping[str, Motion], points: ContactPoints) -> dict[str, Any]:
+    """Collect the responses of all models, and the errors of the reduced against the full model."""
+    found: dict[str, Any] = {
+        "response": {name: response_summary(motion) for name, motion in motions.items()}
+    }
+    for name, motion in motions.items():
+        if motion.state.shape[1] > 1:
+            found["response"][name]["points"] = [
+                {"position_m": position, **point}
+                for position, point in zip(
+                    contact_places(points), point_summaries(motion), strict=True
+                )
+            ]
+    if errors := errors_of(motions):
+        found["error_percent"] = errors
+    return found
+
+
+def support_summary(
+    scene: Scene, points: ContactPoints, motions: Mapping[str, Motion]
+) -> dict[str, Any]:
+    """The entry `support_motion` of a scene whose supports move; empty for any other scene.
+
+    Returns:
+        For each model `support_amplitude_m` along the axes, and `absolute_amplitude_m` of what
+        `response.MODEL.amplitude_m` gives relative to the supports.
+    """
+    if not moves_supports(scene):
+        return {}
+    found = {}
+    for name, motion in motions.items():
+        moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
+        absolute = replace(motion, displacement=absolute_displacement(scene, points, motion))
+        found[name] = {
+            "support_amplitude_m": 0.5 * np.ptp(moved[motion.last_period()], axis=0),
+            "absolute_amplitude_m": amplitudes(absolute),
+        }
+    return {"support_motion": found}
+
+
+def errors_of(motions: Mapping[str, Motion]) -> dict[str, float | None]:
+    """Errors of the reduced model against the full one, percent; empty unless both ran."""
+    if "reduced" in motions and "full" in motions:
+        return errors_percent(motions["reduced"], motions["full"])
+    return {}
+
+
+def write_history(
+    path: Path,
+    motions: Mapping[str, Motion],
+    scene: Scene | None = None,
+    points: ContactPoints | None = None,
+) -> Path:
+    """Write the motions as arrays `MODEL_time`, `MODEL_displacement` and so on.
+
+    `HISTORY_ARRAYS` lists the arrays. `MODEL_newton_from` is the time at which Newton's method
+    replaced the marched motion by the periodic one, where it did. If the supports of the scene
+    move, `MODEL_support_displacement` (ns, d) is their displacement in global axes, and
+    `MODEL_absolute_displacement` is the sum of it and of `MODEL_displacement`.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    arrays = {
+        f"{name}_{key}": getattr(motion, attribute)
+        for name, motion in motions.items()
+        for key, attribute in HISTORY_ARRAYS.items()
+    }
+    for name, motion in motions.items():
+        if motion.newton_from is not None:
+            arrays[f"{name}_{JUMP}"] = np.array(motion.newton_from)
+        if scene is not None and points is not None and moves_supports(scene):
+            d = scene.geometry.dimension
+            moved = support_displacement(scene.loads, motion.time, d)
+            arrays[f"{name}_support_displacement"] = moved
+            absolute = absolute_displacement(scene, points, motion)
+            arrays[f"{name}_absolute_displacement"] = absolute
+    return write_arrays(path, arrays)
+
+
+def write_checkpoint(
+    folder: Path, model: ReducedModel, scene: Scene, motion: Motion, whole: bool = False
+) -> list[Path]:
+    """Write the final state of a motion of the reduced model, or the whole motion.
+
+    Returns:
+        The file, if there is one.
+    """
+    path = folder / CHECKPOINT
+    return [path] if save_end(path, model, scene, motion, whole=whole) else []
+
+
+def stored_model(study: Study) -> StoredModel:
+    """Collect the contents of `reduced_model.npz`."""
+    assert study.basis is not None and study.modes is not None
+    return StoredModel(
+        study.model,
+        study.scene,
+        study.basis.method,
+        study.basis.labels,
+        study.solid.free,
+        study.modes.frequencies_hz,
+        provenance(),
+        study.recovery,
+        study.candidates,
+        study.deformation,
+    )
+
+
+def write_numbers(study: Study, folder: Path, whole: bool = False) -> list[Path]:
+    """Write the summary, the history, the checkpoint and the stresses that the study has.
+
+    Args:
+        study: the study.
+        folder: folder of the files.
+        whole: whether the checkpoint holds the whole motion.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    files = [write_summary(folder / SUMMARY, summary(study))]
+    if study.motions:
+        files.append(
+            write_history(folder / HISTORY, study.motions, study.scene, study.solid.points)
+        )
+    if isinstance(study.model, ReducedModel) and "reduced" in study.motions:
+        motion = study.motions["reduced"]
+        files += write_checkpoint(folder, study.model, study.scene, motion, whole)
+    if study.stresses is not None:
+        files += write_stresses(study.stresses, folder)
+    return files
+
+
+def write_rerun_numbers(found: Rerun, folder: Path, whole: bool = False) -> list[Path]:
+    """Write the summary, the history, the checkpoint and the stresses of a stored model.
+
+    Args:
+        found: the run.
+        folder: folder of the files.
+        whole: whether the checkpoint holds the whole motion.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    stored, motion = found.stored, found.motion
+    return [
+        write_summary(folder / SUMMARY, rerun_summary(found)),
+        write_history(folder / HISTORY, {"reduced": motion}, stored.scene, stored.model.points),
+        *write_checkpoint(folder, stored.model, stored.scene, motion, whole),
+        *(() if found.stresses is None else write_stresses(found.stresses, folder)),
+    ]

@@ -1,0 +1,1 @@
+"""Reports of comparisons, sweeps, Campbell diagrams, stability and meshes."""

@@ -1,0 +1,233 @@
+"""The report of a Campbell diagram: tables, picture and files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fenicsrom.assess.rotation.campbell import Campbell
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.result_files import write_results
+from fenicsrom.post.base.style import COLOURS, new_figure, styled
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.scene.rules import counted
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+SMOOTH = 201  # points of a curve between the computed frequencies
+LEGEND_COLUMNS = 4
+
+
+def summary(found: Campbell) -> dict[str, Any]:
+    """The contents of `campbell.json`."""
+    rotation = found.scene.rotation
+    assert rotation is not None
+    return {
+        "scene": found.scene.source,
+        "dofs": found.unknowns,
+        "coriolis": rotation.coriolis,
+        "speeds_rpm": found.speeds_rpm,
+        "frequencies_hz": found.frequencies_hz,
+        "mac": found.mac,
+        "largest_displacement_m": found.largest,
+        "mode_names": found.names,
+        "engine_orders": list(found.scene.campbell.engine_orders),
+        "critical_speeds": [vars(item) for item in found.critical],
+        "operating_speed_rpm": rotation.speed_rpm if found.margins is not None else None,
+        "margins": found.margins,
+        "complex_change": found.change,
+        "seconds": found.seconds,
+        "unfinished": str(found.unfinished) if found.unfinished else None,
+        "warnings": found.warnings,
+        "provenance": provenance(),
+    }
+
+
+def five_digits(value: float) -> str:
+    """A number with five significant digits; zeros at its end are kept."""
+    return f"{value:#.5g}".rstrip(".")
+
+
+def frequency_table(found: Campbell) -> list[list[Any]]:
+    """Frequencies against speed; the first row is the header."""
+    head = ["rpm", *(f"mode {label} Hz" for label in found.labels)]
+    rows = zip(found.speeds_rpm, found.frequencies_hz, strict=True)
+    return [head, *([f"{speed:.6g}", *(map(five_digits, line))] for speed, line in rows)]
+
+
+def critical_table(found: Campbell) -> list[list[Any]]:
+    """The critical speeds; the first row is the header."""
+    rows = [
+        [
+            item.order,
+            found.labels[item.mode - 1],
+            five_digits(item.speed_rpm),
+            five_digits(item.frequency_hz),
+            None if item.computed_hz is None else five_digits(item.computed_hz),
+            None if item.difference is None else f"{100 * item.difference:.1e}",
+        ]
+        for item in found.critical
+    ]
+    return [["engine order", "mode", "rpm", "Hz", "mode computed there Hz", "difference %"], *rows]
+
+
+def margin_table(found: Campbell) -> list[list[Any]]:
+    """The margins at the speed of operation, if known; the first row is the header."""
+    if found.margins is None:
+        return []
+    assert found.operating_squares is not None
+    orders = found.scene.campbell.engine_orders
+    hertz = np.sqrt(np.maximum(found.operating_squares, 0.0)) / (2.0 * np.pi)
+    rows = [
+        [label, five_digits(value), *(f"{100 * margin:+.1f}" for margin in line)]
+        for label, value, line in zip(found.labels, hertz, found.margins, strict=True)
+    ]
+    return [["mode", "Hz", *(f"EO {order} %" for order in orders)], *rows]
+
+
+def sentences(found: Campbell) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    speeds, modes = found.speeds_rpm, found.squares.shape[1]
+    orders = ", ".join(map(str, found.scene.campbell.engine_orders))
+    lines = [
+        f"{counted(modes, 'mode')} at {counted(speeds.size, 'speed')} from {speeds[0]:g} to "
+        f"{speeds[-1]:g} rpm; largest displacement of the equilibrium "
+        f"{1e3 * found.largest.max():.3g} mm.",
+        f"{counted(len(found.critical), 'critical speed')} of the engine orders {orders}.",
+    ]
+    if found.names:
+        lines.append(
+            "Names by the motion of the tip at the first speed: F flap, E edge, T torsion, "
+            "A axial, C chordwise bending."
+        )
+    margins = found.margins
+    if margins is not None:
+        mode, column = np.unravel_index(np.argmin(np.abs(margins)), margins.shape)
+        rotation = found.scene.rotation
+        assert rotation is not None
+        lines.append(
+            f"At {rotation.speed_rpm:g} rpm the smallest frequency margin is "
+            f"{100 * margins[mode, column]:+.1f} %, of mode {found.labels[mode]} and engine order "
+            f"{found.scene.campbell.engine_orders[column]}; margin = frequency / engine order - 1."
+        )
+    if speeds.size > 1:
+        k, mode = np.unravel_index(np.argmin(found.mac), found.mac.shape)
+        lines.append(
+            f"Modes were tracked by their shapes; the smallest MAC from speed to speed is "
+            f"{found.mac[k, mode]:.2f}, of mode {mode + 1} at {speeds[k]:g} rpm."
+        )
+    if found.change is not None:
+        lines.append(
+            "The Coriolis force is included; the last relative change of the complex frequencies "
+            f"is {found.change:.1e}."
+        )
+    if found.unfinished:
+        lines.append(f"The computation stopped: {found.unfinished}")
+    return lines
+
+
+@styled
+def figure(found: Campbell) -> Figure:
+    """Frequencies of the modes and lines of the engine orders against speed."""
+    drawn = new_figure(9.0, 5.6)
+    axis = drawn.subplots()
+    speeds, frequencies = found.speeds_rpm, found.frequencies_hz
+    top = 1.08 * float(frequencies.max(initial=1.0))
+    right = float(speeds[-1]) if speeds[-1] > 0.0 else 1.0
+    _draw_orders(axis, found, right, top)
+    fine, curves = np.linspace(speeds[0], speeds[-1], SMOOTH), found.curves()
+    for mode, label in enumerate(found.labels):
+        colour = COLOURS[mode % len(COLOURS)]
+        style = ("-", "--", ":")[mode // len(COLOURS) % 3]
+        marks = axis.plot(speeds, frequencies[:, mode], "o", color=colour, markersize=3.0)
+        named = marks
+        if curves:
+            hertz = np.sqrt(np.maximum(curves[mode].at(fine), 0.0))
+            named = axis.plot(fine, hertz, style, color=colour)
+        named[0].set_label(f"mode {label}")
+    look: dict[str, Any] = {"linestyle": "none", "color": "black", "zorder": 3}
+    for name, marker, confirmed in (
+        ("critical speed", "o", True),
+        ("critical speed, not confirmed", "x", False),
+    ):
+        chosen = [item for item in found.critical if item.confirmed is confirmed]
+        if chosen:
+            places = [item.speed_rpm for item in chosen], [item.frequency_hz for item in chosen]
+            axis.plot(*places, marker, markerfacecolor="white", markersize=6, label=name, **look)
+    if found.margins is not None and found.scene.rotation is not None:
+        operating = found.scene.rotation.speed_rpm
+        axis.axvline(operating, color="#555B61", linestyle="-.", linewidth=1.0, label="operation")
+    axis.set(xlabel="speed, rpm", ylabel="frequency, Hz", xlim=(0.0, right), ylim=(0.0, top))
+    drawn.legend(loc="outside upper center", ncols=LEGEND_COLUMNS)
+    return drawn
+
+
+def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
+    """Draw the lines of the engine orders with their names at their ends."""
+    for order in found.scene.campbell.engine_orders:
+        end = min(right, 60.0 * top / order)
+        axis.plot([0.0, end], [0.0, order * end / 60.0], color="#A6ABB0", linewidth=1.0, zorder=1)
+        beside = end >= right
+        axis.annotate(
+            f"EO {order}",
+            (end, order * end / 60.0),
+            (3, 0) if beside else (0, 3),
+            textcoords="offset points",
+            fontsize=9,
+            color="#5b636b",
+            ha="left" if beside else "center",
+            va="center" if beside else "bottom",
+            annotation_clip=False,
+        )
+
+
+def write(found: Campbell, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
+    """Write `campbell.csv`, `campbell.json`, `report.html` and `campbell.png`.
+
+    Args:
+        found: the diagram.
+        folder: folder of the files.
+        more: other pictures of the report.
+
+    Returns:
+        The files; the first one is the file to open.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
+    modes = range(1, found.squares.shape[1] + 1)
+    columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
+    rows = [dict(zip(columns, map(float, row), strict=True)) for row in numbers]
+    return write_results(
+        folder,
+        found.scene,
+        Picture("Campbell diagram", "campbell.png", lambda: figure(found)),
+        title="Campbell diagram",
+        rows=rows,
+        summary=lambda: summary(found),
+        sentences=sentences(found),
+        warnings=found.warnings,
+        tables={
+            "Critical speeds": critical_table(found) if found.critical else [],
+            "Margins at the speed of operation": margin_table(found),
+            "Frequencies": frequency_table(found),
+        },
+        more=more,
+    )
+
+
+def terminal(found: Campbell) -> str:
+    """The tables and the sentences, for the terminal."""
+    tables = [
+        text_table(frequency_table(found)),
+        *([text_table(critical_table(found))] if found.critical else []),
+        *([text_table(margins)] if (margins := margin_table(found)) else []),
+    ]
+    return "\n\n".join([*tables, "\n".join(sentences(found))])

@@ -1,0 +1,337 @@
+"""The files of a comparison: CSV, JSON, pictures and report."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.full.full_cache import machine
+from fenicsrom.assess.studies.compare import Comparison
+from fenicsrom.online.motion.measures import response_summary
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.directions import error_names
+from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.run.pictures import draw_pictures
+from fenicsrom.post.studies.compare_figures import (
+    METHODS,
+    amplitude_error,
+    indicator_figure,
+    pareto_figure,
+    size_figure,
+)
+from fenicsrom.scene import scene_heading
+from fenicsrom.scene.rules import counted
+
+SMALL = 9  # largest number of coordinates of a small basis
+ERRORS = {
+    "amplitude_normal": "normal amplitude",
+    "amplitude_tangential": "tangential amplitude",
+    "history": "time history",
+    "peak_normal_force": "peak normal force",
+    "friction_dissipation_per_period": "energy per period",
+    "state": "wrong state",
+}
+SHORT_METHODS = {"Rubin": "Rubin", "Craig–Bampton": "CB"}
+SHORT_HEADS = {
+    "derivatives": "deriv.",
+    "speed-up": "times faster",
+    "time history %": "history %",
+    "peak normal force %": "force %",
+    "energy per period %": "energy %",
+    "indicator": "indicator",
+}
+REPORT_ONLY = ("±", "break-even", "wrong state %")
+TERMINAL_NOTE = (
+    "CB is Craig–Bampton. The errors are those of the {}, the time history, the peak "
+    "normal force and the energy per period; report.html and comparison.csv have more."
+)
+
+
+def rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """Collect one flat row for each combination, for `comparison.csv`."""
+    found = []
+    for outcome in comparison.outcomes:
+        c = outcome.combination
+        row: dict[str, Any] = {
+            "method": c.method,
+            "modes": c.modes,
+            "derivatives": c.chosen,
+            "elastic_force": c.elastic_force,
+            "scheme": c.scheme,
+            "size": len(outcome.labels) or None,
+            "labels": " ".join(outcome.labels),
+        }
+        row |= {f"offline_{stage}_s": seconds for stage, seconds in outcome.offline.items()}
+        row |= {
+            "offline_s": outcome.offline_seconds if outcome.offline else None,
+            "online_s": outcome.online_seconds if outcome.online else None,
+            "online_least_s": min(outcome.online, default=None),
+            "online_most_s": max(outcome.online, default=None),
+            "online_runs": len(outcome.online),
+            "timed_periods": outcome.timed_periods,
+            "steady": outcome.motion.steady if outcome.motion else None,
+            "speed_up": comparison.speed_up(outcome),
+            "break_even_runs": comparison.break_even(outcome),
+        }
+        row |= {f"error_{name}_percent": outcome.errors.get(name) for name in ERRORS}
+        row |= {
+            "indicator": outcome.indicator,
+            "residual": outcome.residual,
+            "failure": outcome.failure,
+        }
+        found.append(row)
+    return found
+
+
+def summary(comparison: Comparison) -> dict[str, Any]:
+    """Collect the contents of `comparison.json`."""
+    combinations = []
+    for outcome, row in zip(comparison.outcomes, rows(comparison), strict=True):
+        entry = {
+            key: value
+            for key, value in row.items()
+            if not key.startswith(("offline_", "online_", "error_", "labels"))
+        }
+        entry["labels"] = list(outcome.labels)
+        entry["offline_seconds"] = outcome.offline
+        entry["online_seconds"] = list(outcome.online)
+        entry["online_median_seconds"] = row["online_s"]
+        entry["error_percent"] = outcome.errors
+        entry["response"] = response_summary(outcome.motion) if outcome.motion else None
+        combinations.append(entry)
+    full = comparison.full
+    return {
+        "scene": comparison.scene.source,
+        "dofs": comparison.unknowns,
+        "full": {"seconds": full.seconds, **comparison.full_run, "response": response_summary(full)}
+        if full
+        else None,
+        "rank_correlation": {
+            "indicator": comparison.rank_correlation("indicator"),
+            "residual": comparison.rank_correlation("residual"),
+        },
+        "compilation_seconds": comparison.compilation,
+        "combinations": combinations,
+        "machine": machine(),
+        "warnings": comparison.warnings,
+        "provenance": provenance(),
+    }
+
+
+def error_heads(comparison: Comparison) -> dict[str, str]:
+    """The names of the errors; those of the amplitudes name the directions as `run` does."""
+    first, others = error_names(comparison.scene, comparison.points)
+    return ERRORS | {
+        "amplitude_normal": f"{first} amplitude",
+        "amplitude_tangential": f"{others} amplitude",
+    }
+
+
+def table(comparison: Comparison, digits: int = 3) -> list[list[Any]]:
+    """Compose the table of the report; the first row is the header.
+
+    Args:
+        comparison: the comparison.
+        digits: digits of speed-up, errors and indicator.
+    """
+    several = {
+        "force": len({o.combination.elastic_force for o in comparison.outcomes}) > 1,
+        "scheme": len({o.combination.scheme for o in comparison.outcomes}) > 1,
+    }
+    full = comparison.full is not None
+    names = error_heads(comparison)
+    head = [
+        "method",
+        "modes",
+        "derivatives",
+        *(name for name, varies in several.items() if varies),
+        "size",
+        "offline s",
+        "online ms",
+        "±",
+    ]
+    head += ["speed-up", "break-even", *(f"{name} %" for name in names.values())] if full else []
+    found: list[list[Any]] = [[*head, "indicator"]]
+    for outcome in comparison.outcomes:
+        c = outcome.combination
+        line: list[Any] = [METHODS[c.method], c.modes, c.chosen]
+        line += [c.elastic_force] if several["force"] else []
+        line += [c.scheme] if several["scheme"] else []
+        line += [
+            len(outcome.labels) or None,
+            round(outcome.offline_seconds, 3) if outcome.offline else None,
+        ]
+        if outcome.online:
+            spread = 0.5 * (max(outcome.online) - min(outcome.online))
+            line += [
+                _rounded(1e3 * outcome.online_seconds),
+                f"{100.0 * spread / outcome.online_seconds:.0f} %",
+            ]
+        else:
+            line += [None, None]
+        if full:
+            speed = comparison.speed_up(outcome)
+            line += [_rounded(speed, digits), comparison.break_even(outcome)]
+            line += [_rounded(outcome.errors.get(name), digits) for name in ERRORS]
+        found.append([*line, _rounded(outcome.indicator, digits)])
+    return found
+
+
+def terminal_table(comparison: Comparison) -> list[list[Any]]:
+    """Compose the table of the terminal: the columns that decide, and errors with two digits."""
+    long, *lines = table(comparison, digits=2)
+    names = error_heads(comparison)
+    first, others = (f"{names[f'amplitude_{key}']} %" for key in ("normal", "tangential"))
+    short = {**SHORT_HEADS, others: others.replace(" amplitude", "").replace("tangential", "tang.")}
+    wanted = [name for name in long if name not in (*REPORT_ONLY, first)]
+    head = [short.get(name, name) for name in wanted]
+    rows = [dict(zip(long, line, strict=True)) for line in lines]
+    for row in rows:
+        row["method"] = SHORT_METHODS[row["method"]]
+    return [head, *([row[name] for name in wanted] for row in rows)]
+
+
+def _rounded(value: float | None, digits: int = 3) -> float | int | None:
+    """Round a number once; to three digits if it is at least 100."""
+    if value is None:
+        return None
+    whole = float(f"{value:.3g}")
+    return int(whole) if whole >= 100 else float(f"{value:.{digits}g}")
+
+
+def sentences(comparison: Comparison) -> list[str]:
+    """State the results of the comparison."""
+    found = []
+    amplitude = error_heads(comparison)["amplitude_tangential"]
+    rated = [o for o in comparison.outcomes if o.errors.get("amplitude_tangential") is not None]
+    small = [o for o in rated if len(o.labels) <= SMALL]
+    if small:
+        best = min(small, key=amplitude_error)
+        found.append(
+            f"The best basis of at most {SMALL} coordinates is {best.combination.name} with "
+            f"{counted(len(best.labels), 'coordinate')}: its error of the {amplitude} is "
+            f"{amplitude_error(best):.2g} %, it is {comparison.speed_up(best):.0f} times as fast "
+            "as the full model, and its offline time pays off after "
+            f"{_runs(comparison.break_even(best))}."
+        )
+    ours, plain = comparison.rank_correlation("indicator"), comparison.rank_correlation("residual")
+    if ours is not None and plain is not None:
+        found.append(
+            f"Rank correlation (Spearman) with the error of the {amplitude} over {len(rated)} "
+            f"bases: {ours:.2f} for the residual in the energy norm (the indicator), {plain:.2f} "
+            "for the residual in the plain norm. The indicator needs no run of the full model."
+        )
+    unsteady = [
+        o.combination.name
+        for o in comparison.outcomes
+        if o.motion and o.motion.period and not o.motion.steady
+    ]
+    if unsteady:
+        found.append(
+            "These motions did not become periodic, so their errors hold for the last period only: "
+            f"{'; '.join(unsteady)}."
+        )
+    found += [
+        f"{o.combination.name} has no motion: {o.failure}" for o in comparison.outcomes if o.failure
+    ]
+    return found
+
+
+def _runs(count: int | None) -> str:
+    """Format a number of runs."""
+    return "no number of runs" if count is None else counted(count, "run")
+
+
+def timing_note(comparison: Comparison) -> list[str]:
+    """State how the run times were measured, and on which machine."""
+    here = machine()
+    repeats = comparison.scene.compare.repeats
+    short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
+    found = [
+        f"Online seconds are the median of {counted(repeats, 'run')}; ± is half of their "
+        "range. Offline seconds are the sum of the stages that a basis needs. Compilation and "
+        f"warm-up took {comparison.compilation:.2g} s and are not included.",
+        f"Measured on {here['processor']}, {counted(here['cores'], 'core')}, {here['system']}, "
+        f"OMP_NUM_THREADS = {here['OMP_NUM_THREADS']}.",
+    ]
+    if short:
+        found.append(
+            f"Runs of more than a second were timed over {counted(min(short), 'period')} and "
+            "scaled by their number of steps."
+        )
+    if comparison.full:
+        run = comparison.full_run
+        where = "was read from the cache; it ran" if run["cached"] else "ran"
+        found.append(
+            f"The full model, {comparison.unknowns} unknowns, {where} once, {run['date']}, on "
+            f"{run['machine']['processor']}, {counted(run['ranks'], 'rank')}: "
+            f"{comparison.full.seconds:.3g} s for {comparison.full.steps} steps."
+        )
+    return found
+
+
+PICTURES = (
+    (
+        "pareto",
+        "Error against run time",
+        "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the dot, "
+        "the number of coordinates. The points on the line are the Pareto front: no other basis is "
+        "both faster and more accurate.",
+        pareto_figure,
+    ),
+    ("size", "Error against the size of the basis", "", size_figure),
+    (
+        "indicator",
+        "Error against the residual",
+        "The residual of the full equations at the reduced motion, in the energy norm, relative to "
+        "the loads.",
+        indicator_figure,
+    ),
+)
+
+
+def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
+    """Write `comparison.csv`, `comparison.json`, the pictures and `report.html`.
+
+    Returns:
+        The files, the report first.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    files = [
+        write_rows(folder / "comparison.csv", rows(comparison)),
+        write_summary(folder / "comparison.json", summary(comparison)),
+    ]
+    warnings = list(comparison.warnings)
+    pictures: list[tuple[str, list[Any]]] = []
+    rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
+    if comparison.scene.output.pictures and comparison.full is not None and rated:
+        words = {heading: text for _, heading, text, _ in PICTURES}
+        listed = [
+            Picture(heading, f"{name}.png", partial(draw, comparison))
+            for name, heading, _, draw in PICTURES
+        ]
+        for heading, path in draw_pictures(listed, folder, warnings):
+            pictures.append((heading, [path, *filter(None, [words[heading]])]))
+            files.append(path)
+    sections: list[tuple[str, list[Any]]] = [
+        ("Results", sentences(comparison) or ["There is no full model to compare with."]),
+        *pictures,
+        ("All combinations", [table(comparison), *warnings]),
+        ("Timing", timing_note(comparison)),
+    ]
+    title = f"{scene_heading(comparison.scene)}: error against run time"
+    return [write_report(folder / "report.html", title, sections), *files]
+
+
+def terminal(comparison: Comparison) -> str:
+    """Compose the table and the sentences for the terminal."""
+    rows = terminal_table(comparison)
+    keys = rows[0].index("size")
+    note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
+    return "\n".join([text_table(rows, keys), "", note, *sentences(comparison)])

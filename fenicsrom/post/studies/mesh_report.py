@@ -1,0 +1,103 @@
+"""What `fenicsrom inspect` shows: a table of the mesh and its groups, and a picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.fem.mesh.inspection import Group, Inspection
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.body.group_drawing import group_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURED = 12
+"""Largest number of groups that the picture colours; the largest ones of all facets and nodes."""
+
+MEASURES = {("cells", 3): "m³", ("cells", 2): "m²", ("facets", 3): "m²", ("facets", 2): "m"}
+"""Units of the size of a group, by its kind and the dimension of the mesh."""
+
+
+def lines(found: Inspection, density: float | None) -> list[str]:
+    """Describe the mesh in lines of text.
+
+    Args:
+        found: the mesh.
+        density: density in kg/m³, for the mass, or None.
+    """
+    d = found.geometry.dimension
+    kinds = ", ".join(f"{number} {name}" for name, number in found.cells.items()) or "no cells"
+    text = [
+        f"cells   {kinds}; {found.nodes} nodes; {d}D",
+        f"box     {_box(found.low, found.high)} m",
+    ]
+    if found.volume:
+        text.append(
+            f"{'volume ' if d == 3 else 'area   '} {found.volume:.6g} {'m³' if d == 3 else 'm²'}"
+        )
+        if density is not None:
+            per = "" if d == 3 else " for each metre of thickness"
+            text.append(f"mass    {density * found.volume:.6g} kg{per}, with {density:g} kg/m³")
+    if found.pieces > 1:
+        text.append(f"pieces  {found.pieces} that share no node; each needs a support")
+    if hint := scale_hint(found):
+        text.append(f"hint    {hint}")
+    if found.groups:
+        rows = [["group", "kind", "number", "size", "", "from", "to"]]
+        for group in found.groups:
+            size = (
+                [f"{group.size:.4g}", MEASURES[group.kind, d]]
+                if group.size is not None
+                else ["", ""]
+            )
+            corners = [_point(group.low), _point(group.high)]
+            kind = "corners" if group.kind == "nodes" else group.kind
+            rows.append([group.name, kind, str(group.number), *size, *corners])
+        text += ["", text_table(rows)]
+    return text
+
+
+def scale_hint(found: Inspection) -> str:
+    """Advise on the unit of length of a large body, or ""."""
+    if not found.may_be_in_millimetres:
+        return ""
+    return (
+        f"the body is {found.extent:.4g} m long; if the file is in millimetres, "
+        "use geometry.scale = 1e-3"
+    )
+
+
+def _box(low: Array, high: Array) -> str:
+    return " × ".join(f"{a:.6g} to {b:.6g}" for a, b in zip(low, high, strict=True))
+
+
+def _point(place: Array) -> str:
+    return f"({', '.join(f'{value:.4g}' for value in place)})"
+
+
+def group_picture(found: Inspection) -> Picture:
+    """The picture of a mesh that can be used, with its groups coloured."""
+
+    def draw() -> Figure:
+        assert found.points is not None and found.boundary is not None
+        chosen = sorted(_shown(found), key=lambda group: group.number)[:COLOURED]
+        members = {group.name: np.asarray(group.members) for group in chosen}
+        return group_figure(found.points, found.boundary, members)
+
+    return Picture("Mesh", "mesh.png", draw)
+
+
+def _shown(found: Inspection) -> list[Group]:
+    """The groups of facets, and of nodes that are no facets; without the whole boundary."""
+    assert found.boundary is not None
+    facets = {group.name for group in found.groups if group.kind == "facets"}
+    return [
+        group
+        for group in found.groups
+        if (group.kind == "facets" and group.number < len(found.boundary))
+        or (group.kind == "nodes" and group.name not in facets)
+    ]

@@ -1,0 +1,192 @@
+"""The report of `fenicsrom stability`: table, picture and files."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.style import new_figure, styled
+from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.run.pictures import draw_pictures
+from fenicsrom.scene import scene_heading
+from fenicsrom.scene.rules import counted
+
+COLOURS = {
+    Verdict.CONVERGED: "#B7E1CD",
+    Verdict.UNSTEADY: "#CFE2F3",
+    Verdict.REFUSED: "#FCE8B2",
+    Verdict.WRONG: "#E06666",
+}
+HEAD = [
+    "verdict",
+    "model",
+    "axis",
+    "value",
+    "amplitude mm",
+    "estimate",
+    "error",
+    "basis",
+    "peak N",
+    "ledger",
+    "periods",
+    "why",
+]
+HOW = (
+    "A run counts as converged if its amplitudes settle and its error is at most its estimate. The "
+    "error is the difference from the run with half the step; the estimate comes from the run with "
+    f"twice the step. Differences below {NEGLIGIBLE:g} count as zero. The columns are relative to "
+    "the amplitude. Basis: difference from a basis with more modes and all derivatives, or, of "
+    "random variants, from the full model. Peak N: difference of the largest normal force from the "
+    "run with half the step. Ledger: imbalance of "
+    "the energies."
+)
+
+
+def row(finding: Finding) -> dict[str, Any]:
+    """A finding as a flat row: the columns of `stability.csv`."""
+    found: dict[str, Any] = {
+        name: getattr(finding.case, name) for name in ("axis", "value", "model")
+    }
+    found["overrides"] = " ".join(finding.case.overrides)
+    found |= {
+        item.name: getattr(finding, item.name) for item in fields(finding) if item.name != "case"
+    }
+    found["verdict"] = finding.verdict.value
+    return {
+        key: None if isinstance(value, float) and not np.isfinite(value) else value
+        for key, value in found.items()
+    }
+
+
+def table(findings: Sequence[Finding]) -> list[list[Any]]:
+    """The findings as rows of a table; the first row is the header."""
+
+    def short(value: float | None) -> str | None:
+        return None if value is None else f"{value:.1e}"
+
+    return [HEAD] + [
+        [
+            f.verdict.value,
+            f.case.model,
+            f.case.axis,
+            f.case.value,
+            f"{1e3 * f.amplitude:.4g}" if f.amplitude is not None else None,
+            short(f.estimate),
+            short(f.error),
+            short(f.basis_error),
+            short(f.force_error),
+            short(f.imbalance),
+            f.periods,
+            f.why,
+        ]
+        for f in findings
+    ]
+
+
+def sentences(matrix: Matrix) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    counts = ", ".join(f"{matrix.count(verdict)} {verdict}" for verdict in Verdict)
+    found = [f"{counted(len(matrix.findings), 'run')} in {matrix.seconds:.0f} s: {counts}."]
+    errors = sorted(
+        f.error for f in matrix.findings if f.verdict is Verdict.CONVERGED and f.error is not None
+    )
+    if errors:
+        found.append(
+            "Difference of the converged runs from the runs with half the step: "
+            f"{errors[len(errors) // 2]:.1e} "
+            f"of the amplitude in the median, {errors[-1]:.1e} at most."
+        )
+    return found + [
+        f"silently wrong: {f.case.axis}, {f.case.value} ({f.case.model}): {f.why}"
+        for f in matrix.findings
+        if f.verdict is Verdict.WRONG
+    ]
+
+
+@styled
+def figure(matrix: Matrix) -> Any:
+    """The verdicts: one line of tiles for each axis and model."""
+    lines: dict[str, list[Finding]] = {}
+    for finding in matrix.findings:
+        model = finding.case.model
+        name = finding.case.axis + ("" if model == "reduced" else f", {model} model")
+        lines.setdefault(name, []).append(finding)
+    widest = max(map(len, lines.values()), default=1)
+    made = new_figure(max(3.0 + 1.15 * widest, 7.0), 0.6 + 0.42 * max(len(lines), 1))
+    axis = made.subplots()
+    for y, findings in enumerate(lines.values()):
+        for x, finding in enumerate(findings):
+            axis.add_patch(_tile(x, y, COLOURS[finding.verdict]))
+            words = textwrap.wrap(finding.case.value, 19)[:2]
+            axis.text(x + 0.5, y + 0.5, "\n".join(words), ha="center", va="center", fontsize=5.5)
+    axis.set(xlim=(0, widest), ylim=(max(len(lines), 1), 0), xticks=[])
+    axis.set_yticks([y + 0.5 for y in range(len(lines))], list(lines), fontsize=8)
+    axis.tick_params(length=0)
+    axis.grid(False)
+    axis.spines[:].set_visible(False)
+    made.legend(
+        [_tile(0, 0, colour) for colour in COLOURS.values()],
+        [f"{verdict} ({matrix.count(verdict)})" for verdict in COLOURS],
+        ncols=4,
+        loc="outside upper left",
+        fontsize=8,
+    )
+    return made
+
+
+def _tile(x: float, y: float, colour: str) -> Any:
+    from matplotlib.patches import Rectangle
+
+    return Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, facecolor=colour, edgecolor="none")
+
+
+def write(matrix: Matrix, folder: Path) -> list[Path]:
+    """Write `stability.json`, `stability.csv`, `stability.png` and `report.html`.
+
+    Returns:
+        The files, the report first.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    rows = [row(finding) for finding in matrix.findings]
+    files = [folder / f"{name}" for name in ("report.html", "stability.json", "stability.csv")]
+    write_summary(
+        files[1],
+        {
+            "scene": matrix.scene.source,
+            "verdicts": {verdict.value: matrix.count(verdict) for verdict in Verdict},
+            "seconds": matrix.seconds,
+            "left_out": matrix.left_out,
+            "runs": rows,
+            "provenance": provenance(),
+        },
+    )
+    write_rows(files[2], rows)
+    pictures: list[tuple[str, Path]] = []
+    notes: list[str] = []
+    if matrix.scene.output.pictures:
+        tiles = Picture("Verdicts", "stability.png", lambda: figure(matrix))
+        pictures = draw_pictures([tiles], folder, notes)
+    sections: list[tuple[str, list[Any]]] = [
+        ("What was found", [*sentences(matrix), HOW, *map("Warning: {}".format, notes)]),
+        *((name, [path]) for name, path in pictures),
+    ]
+    for verdict in reversed(Verdict):
+        chosen = [finding for finding in matrix.findings if finding.verdict is verdict]
+        if chosen:
+            sections.append((verdict.capitalize(), [table(chosen)]))
+    if matrix.left_out:
+        sections.append(("Left out", list(matrix.left_out)))
+    title = f"Stability: {scene_heading(matrix.scene)}"
+    write_report(files[0], title, sections)
+    return [*files, *(path for _, path in pictures)]

@@ -1,0 +1,136 @@
+"""The report of a sweep: one table, one picture, and the runs that failed with their sentences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
+from fenicsrom.online.store.provenance import provenance
+from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.run.pictures import draw_pictures
+from fenicsrom.post.studies.sweep_columns import COLUMNS, key_labels
+from fenicsrom.post.studies.sweep_figures import figure
+from fenicsrom.scene import scene_heading
+from fenicsrom.scene.rules import counted
+from fenicsrom.scene.units import column_name
+
+MOST_LINES = 20  # of a table in the terminal, without its head
+
+
+def swept_keys(found: Sweep) -> list[str]:
+    """The keys of all axes."""
+    return [key for axis in found.axes for key in axis.keys]
+
+
+def table(found: Sweep) -> list[list[Any]]:
+    """The runs as a table; the first row is the header."""
+    keys = swept_keys(found)
+    columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
+    labels = key_labels(found, tuple(keys), " ")
+    head = ["run", *labels, *(column.head for column in columns), "steady", "outcome"]
+    lines = []
+    for row in found.rows:
+        numbers = [
+            None if row.get(column.key) is None else column.factor * row[column.key]
+            for column in columns
+        ]
+        outcome = row.get("outcome", "not run")
+        lines.append(
+            [row["run"], *(row[key] for key in keys), *numbers, row.get("steady"), outcome]
+        )
+    return [head, *lines]
+
+
+def sentences(found: Sweep) -> list[str]:
+    """The results in sentences, for the terminal and the report."""
+    counts = Counter(row.get("outcome", "not run") for row in found.rows)
+    listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+    lines = [f"{counted(len(found.rows), 'run')} in {found.seconds:.1f} s: {listed}."]
+    if found.models > 1:
+        lines.append(f"The runs needed {found.models} reduced models.")
+    if found.reused:
+        lines.append(
+            f"The results of {counted(found.reused, 'run')} are those of an earlier sweep."
+        )
+    if found.interrupted:
+        lines.append("The sweep was interrupted; --resume continues it.")
+    return lines
+
+
+def remarks(found: Sweep) -> list[str]:
+    """One sentence for each reason of doubtful and failed runs and each warning, with the runs."""
+    reasons: dict[str, list[str]] = {}
+    for row in sorted(found.with_outcome(FAILED, DOUBTFUL, DONE), key=_is_done):
+        if "sentence" not in row:
+            continue
+        reasons.setdefault(row["sentence"], []).append(str(row["run"]))
+    return [
+        f"{'run' if len(runs) == 1 else 'runs'} {', '.join(runs)}: {sentence}"
+        for sentence, runs in reasons.items()
+    ]
+
+
+def _is_done(row: dict[str, Any]) -> bool:
+    """Whether a run is neither doubtful nor failed."""
+    return bool(row["outcome"] == DONE)
+
+
+def summary(found: Sweep) -> dict[str, Any]:
+    """The contents of `sweep.json`."""
+    return {
+        "scene": found.scene.source,
+        "axes": [{"keys": axis.keys, "values": axis.values} for axis in found.axes],
+        "models": found.models,
+        "reused": found.reused,
+        "interrupted": found.interrupted,
+        "seconds": found.seconds,
+        "runs": found.rows,
+        "provenance": provenance(),
+    }
+
+
+def write(found: Sweep, folder: Path) -> list[Path]:
+    """Write `sweep.csv`, `sweep.json`, `sweep.png` and `report.html`.
+
+    Returns:
+        The files, the one to open first at the head.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    names = {key: column_name(found.scene, key) for key in swept_keys(found)}
+    named = [{names.get(key, key): value for key, value in row.items()} for row in found.rows]
+    write_rows(folder / "sweep.csv", named)
+    write_summary(folder / "sweep.json", summary(found))
+    pictures: list[tuple[str, Path]] = []
+    notes: list[str] = []
+    if found.scene.output.pictures and found.with_outcome(DONE, DOUBTFUL):
+        drawn = Picture("Results", "sweep.png", lambda: figure(found))
+        pictures = draw_pictures([drawn], folder, notes)
+    noted = remarks(found)
+    sections: list[tuple[str, list[Any]]] = [
+        ("What was found", [*sentences(found), *map("Warning: {}".format, notes)]),
+        *((heading, [path]) for heading, path in pictures),
+        *([("Doubtful and failed runs, and warnings", noted)] if noted else []),
+        ("Runs", [table(found)]),
+    ]
+    title = f"{scene_heading(found.scene, swept_keys(found))}: sweep"
+    write_report(folder / "report.html", title, sections)
+    files = ("report.html", "sweep.csv", "sweep.json")
+    return [*(folder / name for name in files), *(path for _, path in pictures)]
+
+
+def terminal(found: Sweep) -> str:
+    """The table (or its beginning) and the sentences, for the terminal."""
+    lines = table(found)
+    more = len(lines) - MOST_LINES - 1
+    shown = lines if more <= 1 else lines[: MOST_LINES + 1]  # the sentence takes a line, too
+    parts = [text_table(shown, 1 + len(swept_keys(found)))]
+    if more > 1:
+        parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
+    return "\n".join([*parts, *sentences(found), *remarks(found)])
