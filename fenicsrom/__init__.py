@@ -7,7 +7,8 @@
 Imports run one way. A package may import itself and the packages on its left, never those on its
 right:
 
-    arrays, errors, files, progress < scene < online < reduction < fem < assess < post < study < cli
+    arrays, errors, files, progress, words < formats < scene < online < reduction < fem < exchange
+        < assess < records < post < study < cli
 
 Only `fem` needs dolfinx; `scene`, `online` and `reduction` run with numpy, scipy and numba alone.
 The names below are the public interface. Each is imported from its module on first use. Therefore
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
     from fenicsrom.fem.full.full import FullModel
+    from fenicsrom.fem.mesh.inspection import inspect
     from fenicsrom.fem.mesh.mesh import build_mesh, mesh_from_dolfinx, mesh_from_gmsh_model
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.fem.solid.solid import Solid, build_solid, solid_of
@@ -30,52 +32,26 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.online.store.archive import StoredModel, load_model, save_model
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.post.base.report import Report
+    from fenicsrom.post.reports import report
+    from fenicsrom.records import Study
     from fenicsrom.reduction.modes import component_modes
     from fenicsrom.reduction.stages import choose, differentiate, enrich, reduce
     from fenicsrom.scene import Scene, make_scene, parse_scene, read_scene
-    from fenicsrom.study import build_model, run
+    from fenicsrom.study import (
+        backbone,
+        build_model,
+        campbell,
+        compare,
+        modes,
+        response,
+        run,
+        stability,
+        statics,
+        sweep,
+    )
 
 __version__ = "0.1.0"
-
-__all__ = [
-    "AccuracyError",
-    "ConvergenceError",
-    "ErrorKind",
-    "FullModel",
-    "History",
-    "Mesh",
-    "ModelArrays",
-    "Motion",
-    "ReducedModel",
-    "Scene",
-    "SceneError",
-    "Solid",
-    "StoredModel",
-    "Study",
-    "amplitudes",
-    "build_mesh",
-    "build_model",
-    "build_solid",
-    "choose",
-    "component_modes",
-    "contact_fractions",
-    "differentiate",
-    "enrich",
-    "load_model",
-    "make_scene",
-    "mesh_from_dolfinx",
-    "mesh_from_gmsh_model",
-    "model_arrays",
-    "parse_scene",
-    "read_history",
-    "read_scene",
-    "reduce",
-    "run",
-    "save_model",
-    "simulate",
-    "solid_of",
-]
 
 _MODULES = {
     "errors": ("AccuracyError", "ConvergenceError", "ErrorKind", "SceneError"),
@@ -93,9 +69,26 @@ _MODULES = {
     "online.motion.motion": ("Motion",),
     "online.motion.history": ("History", "read_history"),
     "online.motion.measures": ("amplitudes", "contact_fractions"),
-    "post.base.record": ("Study",),
-    "study": ("build_model", "run"),
+    "records": ("Study",),
+    "study": (
+        "backbone",
+        "build_model",
+        "campbell",
+        "compare",
+        "modes",
+        "response",
+        "run",
+        "stability",
+        "statics",
+        "sweep",
+    ),
+    "fem.mesh.inspection": ("inspect",),
+    "post.reports": ("report",),
+    "post.base.report": ("Report",),
 }
+"""The public names of each module."""
+
+__all__ = sorted(name for names in _MODULES.values() for name in names)
 
 
 def __getattr__(name: str) -> Any:

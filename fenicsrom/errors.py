@@ -52,6 +52,14 @@ class SceneError(ValueError):
         kind: what is wrong.
         key: the dotted key of the scene that the error is about, such as "loads[0].force", or "".
         source: the file that the error is about, as the message names it, or "".
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> try:
+        ...     fr.read_scene("demos/slip_liftoff_2d.toml", "contacts.0.friction=-0.5")
+        ... except fr.SceneError as error:
+        ...     print(error.kind.name, error.key)
+        RANGE contacts[0].friction
     """
 
     def __init__(

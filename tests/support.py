@@ -260,11 +260,11 @@ def enriched(
 
 
 def unexplained(columns: Iterable[str], file: str) -> list[str]:
-    """The columns of a file that the page of the demos does not explain.
+    """The columns of a file that `demos/files.md` does not explain.
 
     A word in capitals there stands for any text.
     """
-    page = (Path(__file__).parents[1] / "demos" / "README.md").read_text()
+    page = (Path(__file__).parents[1] / "demos" / "files.md").read_text()
     section = page.partition(f"\n`{file}` has a row")[2].partition("\n`")[0]
     cells = [row.split("|")[1] for row in section.splitlines() if row.startswith("|")]
     names = [name for cell in cells for name in re.findall(r"`([^`]+)`", cell)]

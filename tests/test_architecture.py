@@ -9,7 +9,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
+import scipy.sparse
 
 import fenicsrom
 
@@ -21,6 +23,7 @@ FORBIDDEN = {
     "arrays": MESH | PICTURES | {"numba", "scipy"},
     "errors": MESH | PICTURES | {"numba", "scipy", "numpy"},
     "files": MESH | PICTURES | {"numba", "scipy"},
+    "words": MESH | PICTURES | {"numba", "scipy", "numpy"},
     "scene": MESH | PICTURES | {"numba"},
     "online": MESH | PICTURES,
     "reduction": MESH | PICTURES,
@@ -33,12 +36,21 @@ UNKNOWN = "(a name that is computed)"
 
 
 def package_order(docstring: str) -> list[str]:
-    """The names on the line with `<` in the docstring of the package, from left to right."""
-    (line,) = [line for line in docstring.splitlines() if "<" in line]
-    return re.findall(r"\w+", line)
+    """The names on the lines with `<` in a docstring, from left to right."""
+    return re.findall(r"\w+", "".join(line for line in docstring.splitlines() if "<" in line))
 
 
-PLACE = {name: place for place, name in enumerate(package_order(fenicsrom.__doc__ or ""))}
+def places_in(package: str) -> dict[str, int]:
+    """The place of each module in the order that a package states; empty without an order."""
+    path = PACKAGE.joinpath(*package.split(".")[1:], "__init__.py")
+    docstring = ast.get_docstring(ast.parse(path.read_text())) or ""
+    return {name: place for place, name in enumerate(package_order(docstring))}
+
+
+PLACE = places_in("fenicsrom")
+ROOMS = {name: places_in(f"fenicsrom.{name}") for name in PLACE if (PACKAGE / name).is_dir()}
+"""The order inside each package that states one."""
+ORDERED = [name for name, places in ROOMS.items() if places]
 
 
 def imported_modules(source: str, module: str) -> Iterator[tuple[int, str]]:
@@ -83,7 +95,37 @@ def back_edges(source: str, module: str) -> list[str]:
             found.append(f"{module}:{line} imports {name}, which has no place in the order")
         elif PLACE[parts[1]] > own:
             found.append(f"{module}:{line} imports {name}, which is to its right")
+        elif parts[1] == module.split(".")[1] in ORDERED and parts[2:]:
+            found += against_rooms(module, line, name)
     return found
+
+
+def against_rooms(module: str, line: int, name: str) -> list[str]:
+    """The import of another room of the same package, if it runs against the order of the rooms."""
+    package, own, other = *module.split(".")[1:3], name.split(".")[2]
+    places = ROOMS[package]
+    if other not in places:
+        return [f"{module}:{line} imports {name}, which has no place in the order of {package}"]
+    if own in places and places[other] > places[own]:
+        return [f"{module}:{line} imports {name}, which is to its right in {package}"]
+    return []
+
+
+def circles(imports: dict[str, set[str]]) -> list[list[str]]:
+    """Modules that import one another, as sorted groups: the strong components of the graph.
+
+    Args:
+        imports: module -> the modules that it imports.
+    """
+    names = sorted(imports)
+    links = [(a, names.index(b)) for a, name in enumerate(names) for b in imports[name] & {*names}]
+    graph = scipy.sparse.coo_array(
+        (np.ones(len(links)), tuple(zip(*links, strict=True)) if links else ([], [])),
+        shape=(len(names), len(names)),
+    )
+    _, label = scipy.sparse.csgraph.connected_components(graph, connection="strong")
+    groups = [[n for n, k in zip(names, label, strict=True) if k == one] for one in set(label)]
+    return sorted(group for group in groups if len(group) > 1)
 
 
 def heavy_imports(source: str, module: str) -> list[str]:
@@ -123,6 +165,41 @@ def test_package_imports_only_from_its_left(name: str) -> None:
         for edge in back_edges(source, module)
     ]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("package", sorted(ORDERED))
+def test_order_of_rooms_names_every_room_and_nothing_else(package: str) -> None:
+    on_disk = {name.split(".")[2] for name in MODULES if name.startswith(f"fenicsrom.{package}.")}
+    assert set(ROOMS[package]) == on_disk
+
+
+def test_no_modules_import_one_another_types_included() -> None:
+    found = {
+        module: {
+            name if name in MODULES else name.rpartition(".")[0]
+            for _, name in imported_modules(source, module)
+        }
+        for module, source in MODULES.items()
+    }
+    assert not circles(found)
+
+
+def test_circle_of_imports_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "count"),
+    [
+        ("fenicsrom.online.contact.law", "from fenicsrom.online.step.state import Trial", 1),
+        ("fenicsrom.online.contact.law", "from fenicsrom.online.step import state", 1),
+        ("fenicsrom.online.contact.law", "from fenicsrom.online.shelf import state", 1),
+        ("fenicsrom.online.contact.law", "from fenicsrom.online.kernels import dense", 0),
+        ("fenicsrom.online.step.step", "from fenicsrom.online.contact.law import force", 0),
+    ],
+)
+def test_import_against_the_order_of_rooms_is_found(module: str, source: str, count: int) -> None:
+    assert len(back_edges(source, module)) == count
 
 
 @pytest.mark.parametrize("name", sorted(FORBIDDEN))

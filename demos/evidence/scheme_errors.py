@@ -2,7 +2,7 @@
 
 A model runs to its steady state by every scheme, with every number of steps per period and every
 tolerance. Each run is made and checked like a run of a user
-(`fenicsrom.assess.errors.verdicts.rejection_reason`), and compared with a run of `REFERENCE` steps per
+(`assess.errors.verdicts.rejection_reason`), and compared with a run of `REFERENCE` steps per
 period of the discrete gradient, which the other schemes confirm. Four relative errors are measured
 (`Errors`). The order p of error = c h^p is fitted to each of them over the short steps. Every
 scheme is of second order where the motion is smooth; a scheme keeps that order at contact events

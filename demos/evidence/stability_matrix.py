@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.assess.studies.stability import WORKERS, Case, Matrix, Verdict, load, run_all
-from fenicsrom.post.studies.stability_report import sentences, write
+from fenicsrom.post.studies.stability_report import report
 
 SCENE = Path(__file__).parents[1] / "slip_liftoff_2d.toml"
 
@@ -403,8 +403,8 @@ def main() -> int:
         ]
         findings = run_all(wanted, table, scene.source, SCENE.parent, say, WORKERS)
     matrix = Matrix(scene, findings, clock.perf_counter() - begin)
-    files = write(matrix, options.output)
-    print("\n".join([*sentences(matrix), *map(str, files)]))
+    found = report(matrix)
+    print("\n".join([found.text(), *map(str, found.write(options.output))]))
     return 1 if matrix.count(Verdict.WRONG) else 0
 
 

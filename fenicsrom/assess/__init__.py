@@ -1,1 +1,6 @@
-"""How far an answer can be trusted: error estimates, verdicts, comparisons, extremes."""
+"""How far an answer can be trusted: error estimates, verdicts, comparisons, extremes.
+
+Imports run one way, between the modules and packages of this one too:
+
+    processes < errors < full < curves < rotation < studies
+"""

@@ -1,4 +1,4 @@
-"""The command line: the commands of the table in `parser`.
+"""The command line. `parser` holds the table of commands.
 
 Exit codes: 0 success, 1 numerical failure, 2 wrong input, 130 interrupted, 143 terminated.
 
@@ -55,7 +55,7 @@ def _check_arguments(options: argparse.Namespace) -> None:
     """Check that no argument contains a NUL character, which no path can contain.
 
     Raises:
-        SceneError: an argument contains one.
+        SceneError: an argument contains a NUL character.
     """
     for name, value in vars(options).items():
         if isinstance(value, str) and "\0" in value:

@@ -24,7 +24,8 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
     """Open the output folder of a command, and say how to continue if it is interrupted.
 
     Raises:
-        SceneError: the folder holds another run, is in use, or would vanish with the container.
+        SceneError: the folder holds another run, is in use, or lies inside the container and would
+            be deleted with it.
         OSError: the folder cannot be written.
     """
     from fenicsrom.online.kernels.compilation import announced
@@ -48,10 +49,10 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
 def output_path(options: argparse.Namespace) -> Path:
     """The folder of --output, or out/ and the name of the scene or of the stored model.
 
-    A `scene.toml`, such as an earlier run wrote, has the name of its folder.
+    A file `scene.toml`, such as an earlier run wrote, takes the name of its folder.
 
     Raises:
-        SceneError: a file has this name, or that of a folder that should hold it.
+        SceneError: a file has the name of the output folder or of a folder above it.
     """
     from fenicsrom.post.base.origin import SCENE_FILE
 
@@ -75,7 +76,7 @@ STATES = {"run": "checkpoint.npz", "response": "response_state", "sweep": "runs"
 
 
 def _origin(options: argparse.Namespace, folder: Path) -> Any:
-    """How the command was started, and how it is repeated in its folder."""
+    """How the command was started, and the command that repeats the run in its folder."""
     from fenicsrom.post.base.origin import SCENE_FILE, Origin
 
     model = getattr(options, "stored", None)
@@ -134,7 +135,7 @@ def _continuation(options: argparse.Namespace, folder: Path) -> str:
 
 
 def _is_of(options: argparse.Namespace, result: Path) -> bool:
-    """Whether a result exists and the record beside it is one of this command."""
+    """Whether a result exists and this command wrote the record beside it."""
     from fenicsrom.post.base.origin import read_record
 
     record = read_record(result.parent) or {}
@@ -143,7 +144,7 @@ def _is_of(options: argparse.Namespace, result: Path) -> bool:
 
 
 def require_other(path: Path, read: Iterable[Path], option: str = "--output") -> None:
-    """Check that a file to be written is none of the files that the command reads.
+    """Check that a command does not replace a file that it reads.
 
     Args:
         path: the file to be written.
@@ -170,7 +171,7 @@ def require_lasting(path: Path, option: str = "--output") -> None:
         option: the option that gives it.
 
     Raises:
-        SceneError: it would vanish with the container.
+        SceneError: the path lies inside the container and would be deleted with it.
     """
     if not os.environ.get(CONTAINER) or not MOUNTS.exists():
         return

@@ -1,4 +1,4 @@
-"""What a command prints: progress to stderr, results and the list of files to stdout."""
+"""Prints progress to stderr, and results with the list of files to stdout."""
 
 from __future__ import annotations
 

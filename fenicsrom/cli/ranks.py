@@ -19,9 +19,9 @@ PATIENCE = 10.0  # s that a rank waits for such a message before it assumes that
 
 
 def refuse(sentence: str, code: int) -> int:
-    """Print an error once: a rank is silent if a lower rank prints the same sentence.
+    """Print an error; a rank is silent if a lower rank prints the same sentence.
 
-    Ranks without an error would wait for this one forever, so they are aborted.
+    Ranks without an error are aborted, because they would wait for this rank forever.
     """
     comm = all_ranks()
     if comm is None:
@@ -45,18 +45,18 @@ def is_ranked() -> bool:
 
 
 def is_idle() -> bool:
-    """Whether mpirun started this process beside a first one, which runs a stored model alone."""
+    """Whether mpirun started this process, and another rank runs the stored model alone."""
     ranks = (os.environ[name] for name in RANKS if name in os.environ)
     return next(ranks, "0") != "0"
 
 
 def _heard(comm: Any, ranks: Sequence[int], last: float) -> list[str | None]:
-    """Receive the errors of these ranks; None for a rank that is silent until the last moment.
+    """Receive the errors of some ranks; None for a rank that sends nothing until the last moment.
 
     Args:
         comm: the communicator.
         ranks: the ranks to listen to.
-        last: the last moment, on the monotonic clock, s.
+        last: the last moment, in s on the monotonic clock.
     """
     found = []
     for rank in ranks:
@@ -73,9 +73,9 @@ def stopped(word: str, code: int) -> int:
 
 
 def abort_all() -> None:
-    """End all ranks after an unexpected exception of this one, whose traceback it prints first.
+    """Print the traceback of an unexpected exception of this rank, and end all ranks.
 
-    The others would wait for this rank forever. With one rank this does nothing.
+    The other ranks would wait for this rank forever. With one rank this does nothing.
     """
     comm = all_ranks()
     if comm is None:

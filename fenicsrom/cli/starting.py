@@ -1,4 +1,4 @@
-"""What the commands share: how they start from a scene or a stored model, and how they end."""
+"""How the commands start, from a scene or from a stored model."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import argparse
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from fenicsrom.cli.printing import progress
@@ -17,10 +18,11 @@ from fenicsrom.scene.reading import read_toml
 
 @contextmanager
 def importing() -> Iterator[None]:
-    """Import modules in the body while the collector of garbage waits.
+    """Switch the collector of garbage off while modules are imported.
 
-    It would look at all imported objects again and again, which takes a tenth of a short command.
-    Afterwards it leaves them out, because they are never garbage.
+    The collector would look at all imported objects again and again, which takes a tenth of the
+    time of a short command. After the imports it leaves these objects out, because they are never
+    garbage.
     """
     gc.disable()
     try:
@@ -35,7 +37,7 @@ def require_scene(options: argparse.Namespace) -> None:
     """Check that a command without a stored model has a scene file.
 
     Raises:
-        SceneError: it has none.
+        SceneError: the command has no scene file.
     """
     if options.scene is not None:
         return
@@ -77,28 +79,30 @@ def ranks() -> Any:
     return MPI.COMM_WORLD
 
 
-def end(comm: Any, error: Exception | None) -> int:
-    """Give the exit code 0, or raise the error after the first rank has written its files.
-
-    Raises:
-        ConvergenceError, AccuracyError: the given error.
-    """
-    if error is None:
-        return 0
-    if comm is not None:
-        comm.barrier()
-    raise error
-
-
 def changed_model(options: argparse.Namespace, stored: Any) -> Any:
-    """Give a stored model under the scene file, or under its own scene with the overrides."""
+    """Give a stored model under the scene file, or under its own scene with the values of --set."""
     if options.scene is not None:
         return stored.with_scene(read_scene(options.scene, options.overrides, mesh=False))
     return stored.with_overrides(options.overrides)
 
 
+def source(options: argparse.Namespace) -> tuple[Any, Any, Any, Scene]:
+    """Give the communicator, the progress callback, a scene or a stored model, and its scene.
+
+    A stored model needs no MPI, and has no communicator.
+    """
+    if options.stored:
+        from fenicsrom.online.store import archive
+
+        current = changed_model(options, archive.load_model(Path(options.stored)))
+        return None, progress, current, current.scene
+    require_scene(options)
+    comm, say, scene = start(options)
+    return comm, say, scene, scene
+
+
 def given_keys(options: argparse.Namespace) -> set[str]:
-    """The keys that the user gave: those of the scene file, such as "output.motion", and --set."""
+    """The keys that the user gave in the scene file and by --set, such as "output.motion"."""
     keys = {".".join(names_of(override.partition("=")[0])) for override in options.overrides}
     for name, value in (read_toml(options.scene) if options.scene is not None else {}).items():
         keys |= {f"{name}.{key}" for key in value} if isinstance(value, dict) else {name}

@@ -1,4 +1,4 @@
-"""SIGTERM: a flag that the run reads between stages and after each period."""
+"""The signal SIGTERM sets a flag that the run reads between stages and after each period."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _termination = {"requested": False}
 
 
 def is_terminated() -> bool:
-    """Tell whether SIGTERM arrived; the run asks between stages and after each period."""
+    """Tell whether SIGTERM arrived."""
     return _termination["requested"]
 
 
@@ -22,9 +22,9 @@ def is_terminated() -> bool:
 def terminable() -> Iterator[None]:
     """Note SIGTERM for `is_terminated`, if this is the main thread.
 
-    The handler does not raise: numba drops exceptions that are raised while it compiles. A SIGTERM
-    that comes more than `REPEATED` after the first one ends the process at once; files are complete
-    at any moment.
+    The handler raises no exception, because numba drops exceptions that are raised while numba
+    compiles. A SIGTERM that comes more than `REPEATED` after the first one ends the process at
+    once; all files are complete at any moment.
     """
     first = float("inf")
 

@@ -6,7 +6,6 @@
     abaqus                matrices of Abaqus (.mtx), read
     arrays                .mat and .npz files
     mat_reader            matrices of MATLAB files, read
-    source                a Python module that needs only numpy, and that jax can differentiate
     fmu, fmu_source       a Functional Mock-up Unit, with its C source
     export                the formats of `fenicsrom export`
     superelement          a reduced model from the matrices and a scene of interface nodes

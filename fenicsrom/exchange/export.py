@@ -1,7 +1,6 @@
 """Reduced models in the formats of other programs (`fenicsrom export`).
 
     mat     everything, the nonlinear elastic force included, for MATLAB and Octave
-    jax     everything, as a Python module of pure functions
     fmu     everything, as a Functional Mock-up Unit for model exchange
     dmig    the linear part: mass, stiffness, damping and interface rows, as Nastran entries
     op4     the same as matrices in an OUTPUT4 text file
@@ -27,18 +26,16 @@ from fenicsrom.exchange.fmu import write_fmu
 from fenicsrom.exchange.matrix_set import DAMPING, INTERFACE, MASS, STIFFNESS
 from fenicsrom.exchange.nastran import write_dmig
 from fenicsrom.exchange.op4 import write_op4
-from fenicsrom.exchange.source import write_source
 from fenicsrom.files import atomic_write
 from fenicsrom.online.model.matrices import ModelArrays, model_arrays
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.scene import scene_heading, scene_table, toml_text
+from fenicsrom.scene import scene_table, toml_text
 from fenicsrom.scene.excitation import surface_spin
 from fenicsrom.scene.superelement import EXCLUDED
 from fenicsrom.scene.tables import plain
 
 SUFFIXES: Mapping[str, str] = {
     "mat": ".mat",
-    "jax": ".py",
     "fmu": ".fmu",
     "dmig": ".bdf",
     "op4": ".op4",
@@ -92,12 +89,9 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
         OSError: a file cannot be written.
     """
     scene = path.with_suffix(".toml")
-    if form not in ("jax", "fmu"):
+    if form != "fmu":
         _require_own(scene)
     arrays, linear = model_arrays(stored.model, stored.scene.source), stored.model.linear
-    if form == "jax":
-        write_source(path, scene_heading(stored.scene), arrays, linear)
-        return Exported((path,), ())
     if form == "fmu":
         compiled = write_fmu(path, stored, arrays)
         note = "no C compiler was found, so the unit holds only its source, sources/model.c"
@@ -118,7 +112,7 @@ def export(stored: StoredModel, path: Path, form: str) -> Exported:
             "of the scene: do not change this frequency"
         )
     if not linear and form != "mat":
-        notes.append("the file holds the linear part of the model; mat and jax hold all of it")
+        notes.append("the file holds the linear part of the model; mat holds all of it")
     return Exported((path, scene), tuple(notes))
 
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenicsrom.arrays import Array
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 HEADER = 128
 MATRIX, COMPRESSED = 14, 15

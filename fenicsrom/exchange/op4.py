@@ -19,7 +19,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.exchange.matrix_set import LARGEST_SIZE, MatrixSet, matrix_set, refuse
 from fenicsrom.files import atomic_write
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 FORMAT = re.compile(r"(?:1P,)?(\d+)[ED](\d+)\.\d+")
 DIGITS = 16  # digits behind the point: 17 significant digits keep every float64

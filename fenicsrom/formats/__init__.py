@@ -5,7 +5,7 @@
     ansys     .cdb, and .dat or .inp with NBLOCK
     vtk       .vtu, .vtk
 
-`fenicsrom.fem.mesh.gmsh_files` puts a `MeshFile` into gmsh, whatever its format was. Nothing here needs
+`fem.mesh.gmsh_files` puts a `MeshFile` into gmsh, whatever its format was. Nothing here needs
 gmsh or dolfinx. A file is refused if a part of it that changes the mesh cannot be read; all other
 parts that are left out are named.
 """

@@ -26,7 +26,7 @@ from fenicsrom.formats.abaqus_sets import (
 )
 from fenicsrom.formats.mesh_file import Floats, MeshFile, refuse
 from fenicsrom.formats.shapes import SHAPES
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM", "PARAMETER"}
 """Keywords that make or move nodes and elements, which are refused."""

@@ -24,7 +24,7 @@ from fenicsrom.formats.mesh_file import (
 )
 from fenicsrom.formats.shapes import FROM_VTK, SHAPES
 from fenicsrom.formats.text import numbers_between, read_lines
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SOLIDS = {45, 185, 64, 95, 186, 92, 187, 285, 72, 73, 5, 62}
 """Numbers of element types that are solids with 4 to 20 nodes."""

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.errors import ErrorKind, SceneError
-from fenicsrom.scene.rules import are, counted
+from fenicsrom.words import are, counted
 
 Ints = npt.NDArray[Any]
 Marks = npt.NDArray[np.bool_]

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, refuse
 from fenicsrom.formats.shapes import SHAPES, facet_kind, facets_of
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 
 def sorted_elements(path: Path, mesh: MeshFile) -> MeshFile:

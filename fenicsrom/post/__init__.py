@@ -1,5 +1,7 @@
 """Output for people: figures, tables, reports and files for ParaView.
 
-Each file format has one writer: text, CSV, JSON, PNG and `.npz` in `writers`, HTML in `html_page`,
-VTK in `vtk`. `sentences` and `motion_table` compose the text for the user.
+Each file format has one writer: text, CSV, JSON, PNG and `.npz` in `base.writers`, HTML in
+`base.html_page`, VTK in `paraview.vtk`. Imports run one way, between the packages of this one too:
+
+    base < paraview < body < setup < run < curves < studies < reports
 """

@@ -4,8 +4,8 @@ The first coordinates of a basis are the contact displacements:
 
     u = u₀ + R q,    R = [R_m, R_s],    Bᵀ R_m = I,    Bᵀ R_s = 0,    (1)
 
-with R_m = G (Bᵀ G)⁻¹ for both methods. Rubin's Ψʳ (Bᵀ Ψʳ)⁻¹ spans the same space together with Φ,
-but loses rank as modes are added. Every other vector v, a normal mode or a derivative, enters as
+with R_m = G (Bᵀ G)⁻¹ for both methods. Together with Φ, Rubin's Ψʳ (Bᵀ Ψʳ)⁻¹ spans the same space,
+but it loses rank as modes are added. Every other vector v, a normal mode or a derivative, enters as
 
     v − R_m Bᵀ v,    (2)
 
@@ -28,7 +28,7 @@ DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
 
 WELL_DEFINED = 1e-3
-"""Smallest independent part of a vector, relative to its norm, that a Cholesky factor gives.
+"""Smallest independent part of a vector, relative to its norm, that a Cholesky factor resolves.
 
 The factor is accurate to 1e-16 of the square of the norm, so the part has six digits.
 """
@@ -46,7 +46,7 @@ class ReducedBasis:
         vectors: (local, n) R.
         labels: (n,) labels of the coordinates: static modes, then normal modes and derivatives.
         masters: m.
-        dropped: relative norm of the independent part of each dropped vector, by its label.
+        dropped: for the label of each dropped vector, the relative norm of its independent part.
         condition: condition number of Rᵀ M R after scaling to unit diagonal.
     """
 
@@ -108,15 +108,15 @@ def _orthonormalised(
     inner: Callable[[Array, Array], Array],
     total: Callable[[Array], Array],
 ) -> tuple[Array, list[str], dict[str, float]]:
-    """Apply (2) to the vectors and orthonormalise each against those that are kept before it.
+    """Apply (2) to the vectors, and orthonormalise each vector against the kept ones before it.
 
-    The Cholesky factor of the Gram matrix does for a block what Gram-Schmidt does vector by vector
-    (Cholesky-QR, twice). The factor loses digits where a vector is nearly dependent: the block then
-    ends before this vector, which becomes the first one of the next block.
+    A block of vectors is orthonormalised by the Cholesky factor of its Gram matrix (Cholesky-QR,
+    twice), as Gram-Schmidt does vector by vector. The factor loses digits where a vector is nearly
+    dependent. The block then ends before this vector, and the next block begins with it.
 
     Returns:
-        The vectors that are kept (local, k), their labels, and the relative norm of the independent
-        part of the others by their labels.
+        The kept vectors (local, k), their labels, and for the label of each other vector the
+        relative norm of its independent part.
     """
     kept, dropped = vectors[:, :0], dict[str, float]()
     names: list[str] = []
@@ -152,8 +152,8 @@ def _norms(vectors: Array, inner: Callable[[Array, Array], Array]) -> Array:
 def _normalised(block: Array, gram: Array) -> Array:
     """The first vectors of a block (local, k) with Gram matrix (k, k), made orthonormal.
 
-    The first vector is taken, and all after it whose independent part is at least `WELL_DEFINED`
-    of their own norm and well above `DEPENDENCE`, up to the first one for which this fails.
+    The first vector is always taken. The next ones are taken as long as their independent part is
+    at least `WELL_DEFINED` of their own norm and well above `DEPENDENCE`.
     """
     from scipy.linalg import solve_triangular  # slow to import, and reused bases do not need it
 

@@ -43,7 +43,7 @@ class SerialCommunicator:
     rank, size = 0, 1
 
     def allreduce(self, value: Any) -> Any:
-        """The value itself: the sum over one rank."""
+        """The value itself, because there is one rank."""
         return value
 
     def bcast(self, value: Any) -> Any:
@@ -106,7 +106,7 @@ class BeamStructure:
 
         Args:
             beam: the beam.
-            places: where loads and contacts act.
+            places: the places of loads and contacts.
             mass_damping: α of the damping C = α M, 1/s.
             source: name of the scene file, for messages.
             damping: the other damping.
@@ -212,7 +212,7 @@ class BeamStructure:
         )
 
     def pressure_polynomial(self, vectors: Array) -> PressurePolynomial:
-        """Nothing: no follower pressure acts on the beam."""
+        """No pressure: no follower pressure acts on the beam."""
         return no_pressure(vectors.shape[1])
 
     def largest(self, block: Array) -> Array:
@@ -311,7 +311,7 @@ def _check_planar(scene: Scene) -> None:
     """Check that the loads and contacts of a scene are those of a planar beam along x.
 
     Raises:
-        SceneError: they are not.
+        SceneError: a load or contact is of another kind.
     """
 
     def refuse(reason: str) -> NoReturn:

@@ -5,15 +5,16 @@ A reduced model is stored together with a larger model of N = n + w coordinates,
     u = u₀ + [R, W] (q, e),    Bᵀ W = 0,    Wᵀ M R_s = 0,    Wᵀ M W = I,    (1)
 
 whose first n coordinates are those of the basis R. The candidates W are the next normal modes, the
-static deflections under the loads (attachment modes), those under the inertia forces of these
-deflections, and combinations of the modal derivatives that the basis lacks, those of the next modes
-included. The projected force of the larger model contains the residual Wᵀ r of the full equations
-at every motion of the reduced model, as a polynomial, so that no mesh is needed to judge a stored
-model (`fenicsrom.assess.errors.estimates.basis_errors`).
+static deflections under the loads (attachment modes), the static deflections under the inertia
+forces of these deflections, and combinations of the modal derivatives that the basis lacks. These
+derivatives include those of the next modes. At every motion of the reduced model, the projected
+force of the larger model contains the residual Wᵀ r of the full equations as a polynomial. No mesh
+is therefore needed to judge a stored model (`fenicsrom.assess.errors.estimates.basis_errors`).
 
 The response to a load p in powers of ω² begins with K⁻¹ p + ω² K⁻¹ M K⁻¹ p. The second term judges
-directions in which none of the next modes moves, such as the axis of a slender body. It is taken of
-the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes would hide it.
+directions in which none of the next modes moves, such as the axis of a slender body. This term is
+computed from the part of K⁻¹ p that is orthogonal to the modes, because the lowest modes would hide
+it.
 
 The derivatives θ_ij are combined by their elastic energy at equal energy of the modes: θ_ij has the
 weight a_i a_j with a_i² Xᵢᵀ K Xᵢ = 1. The eigenvectors of the weighted Gram matrix θᵀ K θ with the
@@ -120,7 +121,7 @@ def missing_derivatives(
 
     Args:
         modes: the component modes of the basis.
-        more: the same with the next normal modes.
+        more: the component modes with the next normal modes.
         selection: the weights of the derivatives.
         derivatives: the derivatives of the basis.
     """
@@ -138,7 +139,7 @@ def missing_derivatives(
 
 
 def _more_modes(structure: Structure, options: Basis, modes: ComponentModes) -> ComponentModes:
-    """The component modes with up to `NEXT_MODES` more normal modes, as far as there are any."""
+    """The component modes with `NEXT_MODES` more normal modes, or with all that there are."""
     held = modes.rows.shape[0] if modes.method == "craig-bampton" else 0
     count = min(modes.omega.size + NEXT_MODES, structure.free - held)
     if count <= modes.omega.size:
@@ -156,7 +157,7 @@ def _extended(
     vectors: Array,
     labels: list[str],
 ) -> ReducedBasis:
-    """The basis with more vectors (local, k), orthonormalised after its own."""
+    """The basis with more vectors (local, k), orthonormalised against those of the basis."""
     return build_basis(
         modes.method,
         modes.masters,

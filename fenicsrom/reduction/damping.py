@@ -73,7 +73,7 @@ class ViscousDamping:
 def viscous_damping(
     structure: Structure, damping: Damping, dashpots: Array | None = None
 ) -> ViscousDamping | None:
-    """The viscous damping of a structure; None without any; arguments as `ViscousDamping`.
+    """The viscous damping of a structure, or None without damping; arguments as `ViscousDamping`.
 
     Raises:
         SceneError: as `ViscousDamping`.

@@ -32,7 +32,7 @@ def split(label: str) -> tuple[str, str]:
     """Split the label of a derivative into its two modes: 1V2S gives 1V and 2S.
 
     Raises:
-        ValueError: it is not the label of a derivative.
+        ValueError: the text is not the label of a derivative.
     """
     match = re.fullmatch(r"(\d+[VS])(\d+[VS])", label)
     if match is None:

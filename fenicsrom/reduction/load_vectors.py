@@ -1,17 +1,17 @@
 """Static responses to loads that the modes of a basis leave out.
 
 A load p that varies slowly moves the structure by K⁻¹ p. The static response within a basis R does
-the part of the work of this response that the Galerkin projection keeps; the rest is left out:
+only a part of the work of K⁻¹ p. The share of the work that the basis leaves out is
 
     share = 1 − pᵀ R (Rᵀ K R)⁻¹ Rᵀ p / (pᵀ K⁻¹ p).    (1)
 
-It is the relative error of the displacement at the load, in its direction, and the square of the
-relative error of the response in the energy norm. The lowest modes of a slender body bend it: an
-axial load does no work on them, and its share is 1.
+The share is the relative error of the displacement at the load, in the direction of the load. It is
+also the square of the relative error of the response in the energy norm. The lowest modes of a
+slender body bend it. An axial load does no work on these modes, and its share is 1.
 
-The work of an oblique load is that of bending, so that (1) does not see its axial part. With the
-part pₐ of the load along the axis a, the relative error of the displacement at the load along this
-axis is
+An oblique load does nearly all its work by bending, so that (1) does not see its axial part. With
+the part pₐ of the load along the axis a, the relative error of the displacement at the load along
+this axis is
 
     share = |pₐᵀ (K⁻¹ p − R (Rᵀ K R)⁻¹ Rᵀ p)| / |pₐᵀ K⁻¹ p|.    (2)
 
@@ -30,12 +30,12 @@ from fenicsrom.online.model.loads import OMEGA
 from fenicsrom.reduction.protocols import Structure
 
 LOAD_SHARE = 0.05
-"""Largest share of a static response that is left out; as the accepted error by the basis."""
+"""Largest share of a static response that may be left out; the accepted error by the basis."""
 
 LOAD_PART = 0.05
 """A load acts along an axis if its part along this axis has this size, relative to the load.
 
-As for the estimates of the errors, a smaller direction does not count by itself.
+A smaller direction does not count by itself, as in the estimates of the errors.
 """
 
 

@@ -1,7 +1,7 @@
-"""The directions in which contact forces act on the component modes: the masters.
+"""The masters: the directions of the contact forces for which static modes are computed.
 
-A few contact points keep all their directions. Where there are many, interface modes take their
-place: the eigenvectors of the contact flexibility Bᵀ K⁻¹ B with the largest eigenvalues.
+With a few contact points, all their directions are masters. With many points, interface modes take
+their place: the eigenvectors of the contact flexibility Bᵀ K⁻¹ B with the largest eigenvalues.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ INDEPENDENCE = 1e-12
 """Smaller eigenvalues of the contact flexibility, relative to the largest, count as zero."""
 
 LARGEST_CONDITION = 1e12
-"""Contact coordinates depend if the scaled flexibility has a larger condition number."""
+"""Contact coordinates are dependent if the scaled flexibility has a larger condition number."""
 
 IMMOBILE = 1e-14
 """A contact coordinate cannot move if its flexibility, relative to the largest, is smaller."""
@@ -30,7 +30,7 @@ DIRECT_DIRECTIONS = 60
 """With more contact directions, an iterative method finds the interface modes."""
 
 GUARD_VECTORS = 4
-"""Vectors of a block beyond those asked for: the last ones converge sooner."""
+"""Vectors of a block beyond the wanted ones, so that the last wanted ones converge sooner."""
 
 INTERFACE_TOLERANCE = 1e-10
 """Largest residual of an interface mode, relative to the largest eigenvalue.

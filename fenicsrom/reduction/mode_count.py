@@ -1,9 +1,9 @@
-"""How many normal modes a basis has, and the solve for them.
+"""The number of normal modes of a basis, and their computation.
 
 With modes = "auto", a basis has the modes up to `HIGHEST_MODE` times the highest frequency that the
 scene excites (`fenicsrom.scene.excitation`) and the next one, but at least `LEAST_MODES`. A mode
-above twice the frequency of a load answers with at most 1/(1 − 1/4) = 1.3 times its static
-response, so the responses of the modes that are left out are small and nearly static.
+above twice the frequency of a load responds with at most 1/(1 − 1/4) = 1.3 times its static
+response. The responses of the modes that are left out are therefore small and nearly static.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MOST_LINEAR_MODES = 100
 """Most modes of "auto" in a linear scene; at most half of the free unknowns in any scene."""
 
 EXTRA_MODES = 2
-"""Modes computed beyond those asked for, so that the last group of close modes is complete."""
+"""Modes computed beyond the wanted ones, so that the last group of close modes is complete."""
 
 
 def solve_eigenmodes(
@@ -71,15 +71,15 @@ def solve_eigenmodes(
         count = min(2 * count, most)
     if needed - 1 > most:
         structure.warnings.append(
-            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz; the '
-            f"scene excites up to {structure.excitation:.5g} Hz: set basis.modes to a larger "
-            "number to include more"
+            f'basis.modes = "auto" keeps {most} modes, up to {frequencies[most - 1]:.5g} Hz, but '
+            f"the scene excites up to {structure.excitation:.5g} Hz; for more modes, set "
+            "basis.modes to a larger number"
         )
     return omega_squared, modes, max(min(needed, most), min(LEAST_MODES, free))
 
 
 def missing_modes(highest: float, frequencies: Array) -> str | None:
-    """Warn of loads that are too fast for the modes of a basis; None if there are none.
+    """Give a warning of loads that are too fast for the modes of a basis; None without such loads.
 
     Args:
         highest: the highest frequency that the scene excites, Hz.
@@ -90,7 +90,6 @@ def missing_modes(highest: float, frequencies: Array) -> str | None:
         return None
     return (
         f"the scene excites up to {highest:.5g} Hz, and the normal modes of the basis "
-        f"({frequencies.size}) end at {last:.5g} Hz, {last / highest:.2g} times this frequency; "
-        f'they should reach {ENOUGH:g} times: run the scene with basis.modes = "auto", or with '
-        "more modes"
+        f"({frequencies.size}) end at {last:.5g} Hz; they should reach {ENOUGH:g} times the "
+        'highest excited frequency: run the scene with basis.modes = "auto", or with more modes'
     )

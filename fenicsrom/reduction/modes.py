@@ -1,6 +1,6 @@
 """Component modes about the equilibrium: normal modes and static modes.
 
-One factorisation of K serves all of them. With the contact displacements x_c = Bᵀ u held at zero,
+One factorisation of K serves all modes. With the contact displacements x_c = Bᵀ u held at zero,
 the inverse of the stiffness is
 
     K_held⁻¹ = K⁻¹ − G (Bᵀ G)⁻¹ Gᵀ = P K⁻¹ Pᵀ,    (1)
@@ -35,12 +35,12 @@ from fenicsrom.reduction.masters import master_directions, scaled_condition
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
 
-An exact pair of a symmetric section is split by a mesh of tetrahedra.
+A mesh of tetrahedra splits an exact pair of a symmetric section.
 """
 
 FACING_TOLERANCE = 1e-6
@@ -106,7 +106,7 @@ class ConstrainedInverse:
 
 @dataclass(frozen=True, eq=False)
 class SolvedModes:
-    """The solves of a method; component modes with fewer normal modes follow from them.
+    """The solutions of a method, from which component modes with fewer normal modes follow.
 
     Attributes:
         method: "rubin" or "craig-bampton".
@@ -154,7 +154,7 @@ def component_modes(structure: Structure, options: Basis) -> ComponentModes:
 
 
 def with_mode_count(scene: Scene, modes: ComponentModes) -> Scene:
-    """The scene with the number of its normal modes in place of "auto"."""
+    """The scene in which the number of normal modes replaces "auto"."""
     return replace(scene, basis=replace(scene.basis, modes=modes.omega.size))
 
 

@@ -29,8 +29,9 @@ def project(structure: Structure, basis: ReducedBasis, nonlinear: bool = True) -
     Args:
         structure: the structure.
         basis: the basis.
-        nonlinear: False gives the linear model of the tangent at the equilibrium, also of its skew
-            part by static follower pressures; those that vary in time have constant directions.
+        nonlinear: False gives the linear model of the tangent at the equilibrium, with its skew
+            part by static follower pressures. Pressures that vary in time then have constant
+            directions.
 
     Returns:
         The reduced model; its elastic force needs no mesh.

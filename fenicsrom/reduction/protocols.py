@@ -1,4 +1,4 @@
-"""What the reduction needs of a structure, as types.
+"""The types of what the reduction needs of a structure.
 
 `fenicsrom.fem.solid.solid.Solid` (a mesh on dolfinx, possibly distributed) and
 `fenicsrom.reduction.beam.BeamStructure` (dense matrices) satisfy `Structure`. The reduction knows

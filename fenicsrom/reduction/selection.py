@@ -34,8 +34,9 @@ class Selection:
     Attributes:
         modes: labels of the normal and static modes that are kept.
         derivatives: labels of the derivatives that are kept.
-        modal_coordinates: largest |Q| of each mode by its label, relative to that of all modes.
-        weights: weight W of each candidate derivative by its label, relative to the largest.
+        modal_coordinates: for the label of each mode its largest |Q|, relative to the largest of
+            all modes.
+        weights: for the label of each candidate derivative its weight W, relative to the largest W.
     """
 
     modes: tuple[str, ...]
@@ -72,14 +73,14 @@ def select(coordinates: Array, labels: Sequence[str], method: str, threshold: fl
     """Select modes and derivatives by the coordinates of the snapshots.
 
     Static modes are always kept, because the contact displacements are coordinates of the reduced
-    model. Without motion there is nothing to select: all modes are kept, and no derivative.
+    model. Without motion, all modes are kept, and no derivative.
 
     Args:
         coordinates: (k, s) coordinates Q of the scaled modes.
         labels: (k,) labels of the normal modes (V) and static modes (S).
         method: "mmi" or "mmi-nls".
-        threshold: a normal mode is kept if its relative coordinate reaches it, a derivative if its
-            relative weight exceeds it.
+        threshold: a normal mode is kept if its relative coordinate reaches the threshold, a
+            derivative if its relative weight exceeds the threshold.
 
     Returns:
         The selection.

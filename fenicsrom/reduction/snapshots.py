@@ -5,8 +5,8 @@ with friction, and U_st of nonlinear statics under the force of eq. (18).
 
 A response curve over the frequency moves the body at other frequencies too. U_t then has more
 transients: at both ends of the curve, and where a load or one of its harmonics meets a natural
-frequency. A linear resonance is too large and would hide the rest, so that none of these transients
-counts more than the one of the scene.
+frequency. A linear resonance is too large and would hide the other snapshots. Therefore none of
+these transients has more weight than the transient of the scene.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ STATIC_LEVELS = 10
 STATIC_ACCURACY = 1e-7
 """Relative error of the nonlinear statics.
 
-The extrapolation to the next level amplifies errors, so a looser tolerance costs factorisations.
+The extrapolation to the next level amplifies errors; a looser tolerance costs factorisations.
 """
 
 SNAPSHOT_STEADINESS = 1e-3
@@ -66,10 +66,10 @@ PIECE = 5
 """Periods of the linear transient whose rows are held together."""
 
 UNBOUNDED = 1e6
-"""A free vibration that grows by this factor leaves nothing of the forced motion to select by."""
+"""A free vibration that grows by this factor hides the forced motion from the selection."""
 
 MOST_RESONANCES = 6
-"""Most resonances of a response curve at which there are linear transients."""
+"""Largest number of resonances of a response curve at which linear transients are computed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class Snapshots:
     """The snapshots of a structure; each set is computed when it is first read."""
 
     def __init__(self, structure: Structure, scene: Scene, modes: ComponentModes):
-        """Store what the snapshots are computed from.
+        """Store the arguments.
 
         Args:
             structure: the structure.
@@ -145,8 +145,9 @@ class Snapshots:
 def curve_frequencies(structure: Structure, scene: Scene, modes: ComponentModes) -> list[float]:
     """The frequencies, in Hz, at which a response curve needs more linear transients.
 
-    These are both ends of a curve over the frequency, and between them the lowest frequencies of
-    the loads at which one of their sines meets a natural frequency; none without such a curve.
+    These are the two ends of a curve over the frequency, and between them the lowest frequencies
+    of the loads at which a sine of a load meets a natural frequency. Without such a curve there
+    are none.
     """
     response = scene.response
     if response is None or response.parameter != "frequency" or scene.period is None:
@@ -245,12 +246,13 @@ def in_pieces(
 ) -> Motion:
     """March until the motion is steady, a few periods at a time.
 
-    A motion holds the rows of all its periods; a piece keeps only the last one of those before.
+    The motion of a piece holds the rows of its own periods and of the last period before.
 
     Args:
         time: the time integration.
-        period: of the loads, s; None marches once, over the whole duration.
-        march: marches with a time integration from a checkpoint, or from rest with None.
+        period: period of the loads, s; with None there is one march over the whole duration.
+        march: function that marches with a time integration from a checkpoint; from rest with
+            None.
 
     Returns:
         The motion of the last piece.
@@ -270,7 +272,7 @@ def in_pieces(
 def require_bounded(model: ReducedModel, scene: Scene) -> None:
     """Refuse the linear transient of an equilibrium that static follower pressures make unstable.
 
-    A model with contacts is not judged, because they may hold it.
+    A model with contacts is not judged, because the contacts may hold the body.
 
     Args:
         model: the linear model.
@@ -330,10 +332,10 @@ def transient_time(scene: Scene) -> Time:
 def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray[np.int64]:
     """Choose at most `SNAPSHOTS` rows of a motion, and the extremes of fast ones.
 
-    Equal distances between the rows may miss fast motions at their zeros. If fewer than `RESOLVED`
-    rows lie in a period of the excitation, the rows follow the fractional parts of the multiples of
-    the golden ratio, which repeat with no period, and the rows join them in which a coordinate is
-    largest.
+    Rows at equal distances may meet fast motions only at their zeros. If fewer than `RESOLVED` rows
+    lie in a period of the excitation, the distances follow the fractional parts of the multiples of
+    the golden ratio, which repeat with no period. The rows in which a coordinate is largest are
+    added.
 
     Args:
         coordinates: (k, n) of the motion.

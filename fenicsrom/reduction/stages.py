@@ -2,7 +2,7 @@
 
     structure → modes → selection → derivatives → basis → reduced model
 
-Each stage is one function; `Reduction` runs the stages in order, each when it is first needed.
+Each stage is one function. `Reduction` runs a stage when its result is first needed.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def choose(
 
     Args:
         structure: the structure.
-        scene: its [basis]; the rest defines the snapshots.
+        scene: [basis] holds the options; the other tables define the snapshots.
         modes: component modes of the structure.
         snapshots: snapshots of these modes, if the caller has them.
 
@@ -147,7 +147,7 @@ def reduce(structure: Structure, options: Basis, basis: ReducedBasis) -> Reduced
         The reduced model; linear if the structure is geometrically linear.
 
     Raises:
-        SceneError: the polynomial is asked for, and the structure has none.
+        SceneError: the options ask for the polynomial, but the elastic force is not a polynomial.
     """
     if structure.geometrically_nonlinear and options.elastic_force == "projection":
         return project_intrusively(structure, basis)
@@ -171,12 +171,12 @@ class Reduction:
         modes: ComponentModes | None = None,
         snapshots: Snapshots | None = None,
     ):
-        """Store what the stages start from.
+        """Store the arguments.
 
         Args:
             structure: the structure.
             scene: the scene; its [basis] holds the options of the stages.
-            timed: gives a context that times a stage of this name.
+            timed: gives a context that times the stage of a name.
             modes: component modes of the structure, if the caller has them.
             snapshots: snapshots of these modes, if the caller has them.
         """

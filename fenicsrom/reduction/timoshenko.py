@@ -12,9 +12,9 @@ and the elastic energy is
 
 The shape functions are linear, with one integration point per element: this is exact for bending,
 and free of the locking of ε and γ under full integration. Linear shape functions leave out the
-bending of an element between two nodes without rotation. The compliance of this bending is added to
-that of shear (MacNeal's residual bending flexibility, Comput. Struct. 8, 1978): with the length l
-of an element,
+bending of an element between two nodes that do not rotate. The compliance of this bending is added
+to the compliance of shear (MacNeal's residual bending flexibility, Comput. Struct. 8, 1978): with
+the length l of an element,
 
     1 / S = 1 / (κ_s GA) + l² / (12 EI),    (3)
 

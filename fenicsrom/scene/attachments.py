@@ -11,13 +11,13 @@ from fenicsrom.scene.rules import number
 
 @dataclass(frozen=True, kw_only=True)
 class Attachment:
-    """A mass, a spring to the ground and a dashpot, or some of them, at a node or over a region.
+    """One or more of a mass, a spring and a dashpot to the ground, at a node or over a region.
 
-    Over a region, each node has a part that is in proportion to its share of the area. A spring
-    acts in all directions, with the force −k u, and a dashpot with the force −c u̇.
+    Over a region, each node gets a part in proportion to its share of the area. A spring acts in
+    all directions with the force −k u, and a dashpot with the force −c u̇.
 
     Attributes:
-        place: where it is.
+        place: the node or the region.
         mass: mass.
         stiffness: stiffness k of the spring, in each direction.
         stiffness_per_area: stiffness of the spring per area of a region of facets, per length of

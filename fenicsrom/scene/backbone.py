@@ -13,16 +13,16 @@ class Backbone:
     """The nonlinear mode of `fenicsrom backbone`.
 
     Attributes:
-        mode: number of the linear mode in which the nonlinear one begins, from 1 at the lowest
-            frequency, of small motions about the equilibrium; contact points that touch there
-            stick.
+        mode: number of the linear mode in which the nonlinear mode begins; mode 1 has the lowest
+            frequency. Linear modes are those of small motions about the equilibrium, in which
+            contact points that touch stick.
         first: smallest amplitude. Amplitudes are those of the linear mode at the probe, in the
             direction in which the mode moves the probe most; the results also give the amplitudes
             of the nonlinear motion.
         last: largest amplitude, above `first`.
         points: largest number of points.
-        load_factors: factors on all harmonic loads, ascending; at each of them the largest
-            amplitude of the forced motion over the frequency is found.
+        load_factors: ascending factors of all harmonic loads; for each factor the run finds the
+            largest amplitude of the forced motion over the frequency.
     """
 
     mode: Annotated[int, integer(1, 1000)] = 1

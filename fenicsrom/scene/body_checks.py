@@ -74,5 +74,5 @@ def follower_problems(scene: Scene) -> Problems:
     if scene.reference.beam is not None:
         yield Problem("reference.beam", True, f"must be false with {key}")
     if scene.output.stresses != "none":
-        allowed = f'must be "none" with {key} = true, whose forces the reactions lack'
+        allowed = f'must be "none" with {key} = true, whose forces are not in the reactions'
         yield Problem("output.stresses", scene.output.stresses, allowed)

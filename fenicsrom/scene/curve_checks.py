@@ -5,8 +5,8 @@ from __future__ import annotations
 from fenicsrom.errors import ErrorKind
 from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.response import parameter_of
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.schema import Scene
+from fenicsrom.words import counted
 
 MAY_BE_ZERO = ("mass_damping", "preload", "gap", "friction")  # parameters of a response curve
 

@@ -1,12 +1,12 @@
-"""How fast a scene is excited: by its loads, by surfaces that approach, and by waves of surfaces.
+"""How fast the loads, the approaching surfaces and the waves of surfaces excite a scene.
 
-A step that is not much shorter than an excitation misses it, or samples it at its zeros. Ten steps
-in the shortest period leave five to the check with twice the step, which is more than two: neither
-run mistakes a fast load for a slow one, and both cannot miss it alike.
+A step that is not much shorter than an excitation misses the excitation, or samples it at its
+zeros. With ten steps in the shortest period, the check with twice the step has five. Both numbers
+are above two, so neither run mistakes a fast load for a slow one.
 
 A table, of a load or of the approach of a surface, has no period. Its swings take the place of half
-periods: a swing leads up and down again (or down and up), and its width is taken at half of its
-height. A sine in a table has swings of half a period.
+periods. A swing leads up and down again (or down and up); the width of a swing is that at half of
+its height. A sine in a table has swings of half a period.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _at_ends_of_steps(rows: Rows, step: float) -> bool:
 
 
 def shortest_period(load: Load) -> float:
-    """The shortest period of a load in s: twice the impact, or twice the shortest swing of a table.
+    """The shortest period of a load in s: twice an impact, or twice the shortest swing of a table.
 
     It is infinite for a load that does not swing.
     """
@@ -96,9 +96,10 @@ def shortest_period(load: Load) -> float:
 def highest_frequency(scene: Scene) -> float:
     """The highest frequency in Hz that a scene excites; 0 if nothing oscillates.
 
-    Most of the spectrum of an impact of duration D lies below 1/D. The swings of a table above
-    `LARGE_SWING` of its range count. A response curve over the frequency changes all frequencies in
-    proportion. Contacts excite more; their static modes follow them without inertia.
+    Most of the spectrum of an impact of duration D lies below 1/D. Of a table, only the swings
+    above `LARGE_SWING` of its range count. A response curve over the frequency changes all
+    frequencies in proportion. Contacts excite higher frequencies, but the static modes follow the
+    contact forces without inertia.
     """
     found = [0.0]
     for load in scene.loads:

@@ -1,8 +1,8 @@
 """Titles that follow the values of the scene.
 
 A title may hold keys in braces, such as `{loads.0.frequency}`; the heading shows their values.
-An override of a key that the title does not hold is appended to it in this form, so that the
-heading of a report names every changed value of the motion, also after a second change.
+If the title does not hold the key of an override, the key is appended to the title in this form.
+The heading of a report therefore names every changed value, also after a second change.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ def scene_heading(scene: Scene, varied: Collection[str] = ()) -> str:
 
     A part of the title between commas is left out if it names a key that the scene does not have,
     such as the preload of a removed contact, or a key that varies. Braces around anything else
-    stay as they are. A scene without a title is called by its file.
+    stay as they are. The heading of a scene without a title is the name of its file.
 
     Args:
         scene: the scene.
-        varied: keys that do not have one value in the results, as in a sweep.
+        varied: keys that have several values in the results, as in a sweep.
     """
     hidden = {".".join(names_of(key)) for key in varied}
     table = plain(scene)

@@ -15,10 +15,10 @@ from fenicsrom.scene.tables import OneOf, entries, key_names, keys, plain
 def json_schema() -> dict[str, Any]:
     """Give the JSON schema (draft 2020-12) of a scene file.
 
-    It states every key with its type, range, unit, default and meaning, which keys of a load and of
-    [time] exclude each other, and that a place has exactly one key. Only `read_scene` checks the
-    other relations between keys, and tells the integer 2 from the number 2.0, which are the same
-    in JSON.
+    The schema states every key with its type, range, unit, default and meaning. It also states
+    which keys of a load and of [time] exclude each other, and that a place has exactly one key.
+    Only `read_scene` checks the other relations between keys. Only `read_scene` distinguishes the
+    integer 2 from the number 2.0, because JSON does not.
     """
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -84,7 +84,7 @@ def needed(kind: type) -> tuple[list[str], list[list[dict[str, Any]]]]:
 
 
 def _alternative(kind: type, every: Mapping[str, Any]) -> dict[str, Any]:
-    """Give what one alternative requires and excludes of all keys, which have these defaults.
+    """Give the keys that one alternative requires and excludes; `every` maps all keys to defaults.
 
     A number that is zero by default may be given as zero, as in `OneOf.chosen`.
     """

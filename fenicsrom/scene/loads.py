@@ -1,6 +1,6 @@
 """Loads: a place, an action of some size on it, and a history.
 
-Action and history are tagged alternatives: the given keys select one action and one history.
+The given keys select one kind of action and one kind of history.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class SupportAcceleration:
     Attributes:
         direction: direction of the load, scaled to unit length.
         support_acceleration: size of the acceleration of all supports, which move together;
-            displacements are relative to them.
+            displacements are relative to the supports.
     """
 
     WHERE: ClassVar[str] = "with a support_acceleration"
@@ -99,7 +99,7 @@ class SupportDisplacement:
     Attributes:
         direction: direction of the load, scaled to unit length.
         support_displacement: size of the displacement of all supports, which move together, in a
-            load with frequency or harmonics; displacements are relative to them.
+            load with frequency or harmonics; displacements are relative to the supports.
     """
 
     WHERE: ClassVar[str] = "with a support_displacement"
@@ -126,7 +126,7 @@ WHOLE_BODY = tuple(
 
 @dataclass(frozen=True, kw_only=True)
 class SweepTable:
-    """A change of frequency that starts at t = 0; afterwards the frequency stays.
+    """A change of the frequency that starts at t = 0; after the change the frequency is constant.
 
     Attributes:
         to: last frequency.
@@ -298,7 +298,7 @@ class Load:
 
     @property
     def everywhere(self) -> bool:
-        """Whether the load acts on the whole body, and has no place."""
+        """Whether the load acts on the whole body and therefore has no place."""
         return self.kind in WHOLE_BODY
 
     @property
@@ -318,7 +318,7 @@ class Load:
 
     @property
     def frequency(self) -> float | None:
-        """The frequency in Hz (at t = 0); None without one."""
+        """The frequency in Hz (at t = 0); None of a load without a frequency."""
         return self.history.frequency if isinstance(self.history, Oscillation) else None
 
     @property

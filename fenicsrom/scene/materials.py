@@ -1,4 +1,4 @@
-"""Materials of a scene: isotropic, transversely isotropic and orthotropic, of the body or groups.
+"""Materials of the body and of groups of cells: isotropic, transversely isotropic or orthotropic.
 
 An orthotropic material has three axes. With Young's moduli E₁, E₂, E₃ along them, Poisson's ratios
 ν_ij (contraction along j under a stress along i) and shear moduli G_ij, the strains follow from the
@@ -120,7 +120,7 @@ class Material(Elasticity):
 
 @dataclass(frozen=True, kw_only=True)
 class GroupMaterial(Elasticity):
-    """The material of a group of cells, in place of that of [material].
+    """The material of a group of cells, in place of [material].
 
     Attributes:
         group: name of a group of cells.

@@ -24,13 +24,13 @@ def override_table(
 ) -> dict[str, Any]:
     """Give a copy of the table of a scene with some of its values replaced.
 
-    Tables on the way to a key are made if they are missing; entries of lists must exist. A key of
-    [time] or of a load removes the keys that it excludes: `time.tolerance=1e-4` removes
+    Missing tables on the path of a key are made; entries of lists must exist. A new key of [time]
+    or of a load removes the keys that it excludes: `time.tolerance=1e-4` removes
     `steps_per_period`, and `loads.0.pulse={duration=0.01}` removes `frequency`.
 
     Args:
         table: the plain data of a scene.
-        overrides: the path of a key, = and its value as TOML writes it; one or several.
+        overrides: one or several texts KEY=VALUE, with the value as TOML writes it.
         source: name of the table in messages.
 
     Returns:
@@ -66,7 +66,7 @@ def override_table(
 
 
 def names_of(key: str) -> list[str]:
-    """The names on the path of a key; entries of lists as `loads.0` or `loads[0]`."""
+    """The names on the path of a key; an entry of a list is `loads.0` or `loads[0]`."""
     return [name.strip() for name in key.replace("[", ".").replace("]", "").split(".")]
 
 
@@ -75,7 +75,7 @@ def _parsed(override: str, source: str) -> tuple[list[str], Any]:
     path, equals, text = override.partition("=")
     names = names_of(path)
     if not equals or not all(names) or len(names) > DEEPEST:
-        raise _refuse(override, source, "must be a key, = and a value")
+        raise _refuse(override, source, "must be KEY=VALUE, such as loads.0.force=200")
     try:
         value = parse_toml(f"value = {text}")
     except ValueError:

@@ -8,7 +8,7 @@ from pathlib import Path
 def shared_meshes() -> Path:
     """Give the folder of the program's own meshes.
 
-    It is inside the installed package, or beside the package in a checkout.
+    The folder lies inside the installed package; in a checkout it lies beside the package.
     """
     return _shared("meshes")
 

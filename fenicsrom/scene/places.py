@@ -19,8 +19,8 @@ class Plane:
     Attributes:
         point: a point of the plane.
         normal: normal of the plane, scaled to unit length.
-        tolerance: distance that still counts as on the plane; by default 1e-6 of the extent of the
-            mesh.
+        tolerance: points at this distance still count as points of the plane; by default 1e-6 of
+            the extent of the mesh.
     """
 
     point: Annotated[tuple[float, ...], rules.point]
@@ -30,7 +30,7 @@ class Plane:
 
 @dataclass(frozen=True, kw_only=True)
 class Region:
-    """A part of the solid, by its name or by coordinates; all fields except one are None.
+    """A part of the solid, given by a name or by coordinates; all fields except one are None.
 
     Attributes:
         group: name of a group of facets or nodes of the mesh.

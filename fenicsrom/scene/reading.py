@@ -41,8 +41,10 @@ def read_scene(
 
     Args:
         path: the file.
-        overrides: values to replace, see `override_table`. The title names them.
-        mesh: find the mesh file; False takes its path as it is, since a stored model needs no mesh.
+        overrides: one or several texts KEY=VALUE that replace values of the file, such as
+            "loads.0.force=150". The title names them.
+        mesh: whether to look for the mesh file. A stored model needs no mesh: False takes the path
+            as it is.
         unloaded: whether the scene may be without loads, contacts and probe, for its modes only.
 
     Returns:
@@ -50,6 +52,12 @@ def read_scene(
 
     Raises:
         SceneError: the file cannot be read, is not TOML, or does not describe a scene.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> scene = fr.read_scene("demos/slip_liftoff_2d.toml", "loads.0.force=150")
+        >>> scene.loads[0].size, scene.contacts[0].friction
+        (150.0, 0.5)
     """
     source = os.fspath(path)
     table = override_table(read_toml(source), overrides, source)
@@ -63,11 +71,23 @@ def make_scene(*, folder: str | os.PathLike[str] = ".", **tables: Any) -> Scene:
     Args:
         folder: folder to which the paths of the mesh and of tables are relative.
         tables: the tables and keys of a scene file, as plain data or as the dataclasses of this
-            package: `make_scene(geometry={"mesh": "beam3d.geo", "dimension": 3}, material={...},
-            supports=[{"group": "root"}], loads=[Load.of(group="load", ...)])`.
+            package.
 
     Raises:
         SceneError: a key or value is not allowed.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> steel = {"young": 207e9, "poisson": 0.28, "density": 7801.0}
+        >>> shaken = {"group": "load", "direction": [0, 0, 1], "force": 100.0, "frequency": 3.0}
+        >>> scene = fr.make_scene(
+        ...     geometry={"mesh": "beam3d.geo", "dimension": 3},
+        ...     material=steel,
+        ...     supports=[{"group": "root"}],
+        ...     loads=[shaken],
+        ... )
+        >>> scene.time.scheme, round(scene.period, 6)  # the defaults are filled in
+        ('discrete-gradient', 0.333333)
     """
     return parse_scene(
         {name: plain(table) for name, table in tables.items()}, "scene", Path(folder)
@@ -87,9 +107,9 @@ def parse_scene(
     Args:
         table: the data, as TOML or JSON gives it.
         source: name of the data in messages, usually that of the file.
-        folder: folder to which the path of the mesh is relative; None to take the path as it is,
-            without looking for the file (a reduced model needs no mesh).
-        mesh: False does not look for the mesh file, although tables are read from the folder.
+        folder: folder to which the path of the mesh is relative. None takes the path as it is and
+            does not look for the file, because a reduced model needs no mesh.
+        mesh: whether to look for the mesh file in the folder; the files of tables are read anyway.
         unloaded: whether the scene may be without loads, contacts and probe.
 
     Returns:
@@ -97,6 +117,15 @@ def parse_scene(
 
     Raises:
         SceneError: one sentence that names the source, the key, its value and what is allowed.
+
+    Example:
+        >>> import tomllib
+        >>> import fenicsrom as fr
+        >>> with open("demos/open_2d.toml", "rb") as file:
+        ...     table = tomllib.load(file)
+        >>> table["loads"][0]["frequency"] = 3.1
+        >>> fr.parse_scene(table, "open_2d", None).loads[0].frequency
+        3.1
     """
     where = Where(source)
     if not isinstance(table, Mapping):
@@ -136,7 +165,7 @@ def read_toml(source: str) -> dict[str, Any]:
 
 
 def _with_frequencies(table: Mapping[str, Any], where: Where) -> Mapping[str, Any]:
-    """Give the table of a scene with frequencies in place of the engine orders of its loads."""
+    """Replace the engine orders of the loads by frequencies in the table of a scene."""
     loads = table.get("loads")
     if not is_sequence(loads):
         return table
@@ -163,7 +192,7 @@ def _with_frequency(table: Mapping[str, Any], index: int, where: Where) -> Any:
 
 
 def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Scene:
-    """Give the scene with its files found and the defaults that depend on other keys filled in."""
+    """Find the files of the scene, and fill in the defaults that depend on other keys."""
     probe = scene.probe
     if probe is None and not scene.contacts:
         places = (load.place for load in scene.loads if not load.everywhere)

@@ -1,12 +1,13 @@
 """The reference of all keys of a scene, as Markdown tables.
 
-`python3 -m fenicsrom.scene.reference --write demos/README.md` replaces the text between the two
-markers in that file.
+`python3 -m fenicsrom.scene.reference demos/keys*.md` replaces the text between the markers in these
+pages. A marker names the tables that its page shows.
 """
 
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, is_dataclass
 from pathlib import Path
@@ -18,53 +19,74 @@ from fenicsrom.scene.rules import show
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import keys, plain, table_kind
 
-BEGIN = "<!-- scene keys: begin -->"
-END = "<!-- scene keys: end -->"
+PART = re.compile(r"<!-- scene keys: begin (.+?) -->\n.*?<!-- scene keys: end -->", re.DOTALL)
+TOP = "scene"  # stands for the top level of a scene file
 
 
-def reference() -> str:
-    """Give the Markdown tables of all keys, one for each table of a scene file."""
-    return "\n\n".join("\n".join(_section(*table)) for table in _tables("", Scene))
+def reference(names: Sequence[str]) -> str:
+    """Give the Markdown tables of the keys in some tables of a scene file, inner tables included.
+
+    Inner tables of one kind, such as the planes of all places, are shown once, under all their
+    headings.
+    """
+    shown: dict[type, list[str]] = {}
+    for name, heading, kind in _tables(TOP, "Top level", Scene):
+        if name in names:
+            shown.setdefault(kind, []).append(heading)
+    return "\n\n".join(
+        "\n".join(_section(", ".join(headings), kind)) for kind, headings in shown.items()
+    )
+
+
+def covered(page: str) -> list[str]:
+    """Give the names of the tables whose keys a page shows."""
+    return [name for part in PART.finditer(page) for name in part[1].split()]
 
 
 def replaced(page: str) -> str:
     """Give a page with the current reference between its markers.
 
     Raises:
-        ValueError: a marker is missing.
+        ValueError: a marker is missing, or it names a table that no scene has.
     """
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"the page must contain the lines {BEGIN} and {END}")
-    return f"{before}{BEGIN}\n\n{reference()}\n\n{END}{after}"
+    known = [name for name, *_ in _tables(TOP, "", Scene)]
+    names = covered(page)
+    if not names or not {*names} <= {*known}:
+        raise ValueError(
+            "the page must contain the lines <!-- scene keys: begin TABLES --> and "
+            f"<!-- scene keys: end -->, where TABLES are some of: {' '.join(dict.fromkeys(known))}"
+        )
+
+    def current(part: re.Match[str]) -> str:
+        begin, end = part[0].split("\n")[0], part[0].split("\n")[-1]
+        return f"{begin}\n\n{reference(part[1].split())}\n\n{end}"
+
+    return PART.sub(current, page)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the reference, or write it into a page."""
+    """Write the reference into pages."""
     parser = argparse.ArgumentParser(prog="python3 -m fenicsrom.scene.reference")
-    parser.add_argument("--write", metavar="PAGE", type=Path, help="page with the two markers")
-    page: Path | None = parser.parse_args(arguments).write
-    if page is None:
-        print(reference())
-    else:
+    parser.add_argument("pages", metavar="PAGE", nargs="+", type=Path, help="page with markers")
+    pages: list[Path] = parser.parse_args(arguments).pages
+    for page in pages:
         text = replaced(page.read_text(encoding="utf-8"))
         with atomic_write(page) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
 
-def _tables(name: str, kind: type) -> Iterator[tuple[str, type]]:
-    """Yield a table with the heading of its section, then the tables in it."""
-    yield name, kind
+def _tables(name: str, heading: str, kind: type) -> Iterator[tuple[str, str, type]]:
+    """Yield a table with its heading, then the tables in it, under the name of the outermost."""
+    yield name, heading, kind
+    path = "" if name == TOP else heading.strip("`[]") + "."
     for key, rule, _, _ in keys(kind):
         if (inner := table_kind(rule)) is not None:
-            brackets = "[[{}]]" if rule.schema.get("type") == "array" else "[{}]"
-            path = f"{name.strip('[]')}.{key}".strip(".")
-            yield from _tables(brackets.format(path), inner)
+            brackets = "`[[{}]]`" if rule.schema.get("type") == "array" else "`[{}]`"
+            yield from _tables(key if name == TOP else name, brackets.format(path + key), inner)
 
 
-def _section(name: str, kind: type) -> Iterator[str]:
-    yield f"### `{name}`" if name else "### Top level"
+def _section(heading: str, kind: type) -> Iterator[str]:
+    yield f"## {heading}"
     yield ""
     yield "| key | allowed | default | unit | meaning |"
     yield "|---|---|---|---|---|"

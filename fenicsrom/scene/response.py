@@ -96,20 +96,20 @@ class Response:
     """The curves of `fenicsrom response`.
 
     Attributes:
-        parameter: number of the scene that changes along a curve; with "frequency" all loads and
-            the surfaces with waves change theirs in proportion, and the value is the lowest
-            frequency of the loads in Hz.
+        parameter: number of the scene that changes along a curve; "frequency" is the lowest
+            frequency of the loads in Hz, and the frequencies of all loads and of the waves of
+            surfaces change in proportion to it.
         first: value of the parameter at which a curve starts.
         last: value of the parameter at which a curve ends, above or below `first`.
         points: largest number of points of a curve, a limit of its cost: a smooth curve needs about
             100, a curve with several contact points up to 600.
-        families: a second number of the scene; a curve for each of its values.
-        branches: how often a branch is taken: 1 follows the branches that leave a curve at period
-            doublings (motions of twice as many periods) and at branch points, 2 follows the
-            branches of these too.
-        isolated: values of the parameter at which more motions are sought, for curves that are not
-            connected with the first one. From the motion there, all periodic loads are increased up
-            to four times and reduced again, through all folds; each other motion that is found at
+        families: a second number of the scene; each of its values gives a curve.
+        branches: 1 follows the branches that leave a curve at period doublings (motions of twice
+            as many periods) and at branch points; 2 also follows the branches of these branches,
+            and so on.
+        isolated: values of the parameter at which the run looks for curves that are not connected
+            with the first one. From the motion at such a value, all periodic loads are increased up
+            to four times and reduced again, through all folds. Each other motion that is found at
             the loads of the scene starts a curve.
         full: values of the parameter at which the periodic motion of the full model is computed
             too; an integer k takes the midpoints of k equal parts of the range. Not with `--from`.
@@ -136,7 +136,7 @@ class Response:
 
     @property
     def full_values(self) -> tuple[float, ...]:
-        """The values of the parameter at which the full model is asked for."""
+        """The values of the parameter at which the scene asks for the full model."""
         if isinstance(self.full, int):
             part = (self.last - self.first) / self.full
             return tuple(self.first + (k + 0.5) * part for k in range(self.full))

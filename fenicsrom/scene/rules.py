@@ -1,7 +1,7 @@
 """Rules for the values of single keys: type, range and unit.
 
-A rule takes the value from the file and its place. It returns the value of the field or raises
-`SceneError`. A rule also describes itself as a JSON schema and in words.
+A rule takes a value of the file and the place of this value. It returns the value of the field, or
+raises `SceneError`. A rule also describes itself as a JSON schema and in words.
 """
 
 from __future__ import annotations
@@ -62,16 +62,6 @@ def show(value: object, width: int = 60) -> str:
     return text if len(text) <= width else text[: width - 1] + "…"
 
 
-def counted(number: int, noun: str, plural: str = "") -> str:
-    """Write a number and a noun; its plural has an s, if it is not given."""
-    return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
-
-
-def are(number: int) -> str:
-    """The verb of a sentence whose subject is a number of things."""
-    return "is" if number == 1 else "are"
-
-
 @dataclass(frozen=True)
 class Rule:
     """The rule of a key.
@@ -94,7 +84,7 @@ class Rule:
 
 
 def is_number(value: object) -> bool:
-    """Tell whether a value is a finite number that a float can hold; true and false are not."""
+    """Tell whether a value is a finite number that a float can hold, and not true or false."""
     return (
         isinstance(value, int | float)
         and not isinstance(value, bool)
@@ -269,7 +259,7 @@ PARAMETER = r"[A-Za-z_][A-Za-z_0-9]*"
 
 
 def _read_parameters(value: Any, where: Where) -> dict[str, float]:
-    """Give numbers by name; a name becomes a variable of the .geo file."""
+    """Give a table of numbers, whose names become variables of the .geo file."""
     if not isinstance(value, Mapping):
         raise where.refuse(value, "must be a table of numbers", ErrorKind.TYPE)
     for key, entry in value.items():
@@ -370,7 +360,7 @@ MOST_RATIOS = 1000
 
 
 def _read_ratios(value: Any, where: Where) -> float | tuple[float, ...]:
-    """Give one damping ratio, or one for each mode; ratios may be equal."""
+    """Give one damping ratio for all modes, or a list with one for each mode."""
     ratio = number(least=0.0, below=1.0)
     if is_number(value):
         return float(ratio(value, where))
@@ -487,7 +477,7 @@ def list_of(rule: Rule, least: int = 1) -> Rule:
 
 
 def rows_of(*names: str, unit: str, first: Mapping[str, Any] | None = None) -> Rule:
-    """Make the rule of a list of rows, each with these numbers; `first` is the schema of column 0.
+    """Make the rule of a list of rows of numbers; `first` is the schema of column 0.
 
     Only the schema states the range of the first column; `fenicsrom.scene.checks` checks it.
     """

@@ -1,10 +1,10 @@
 """The scene: what to compute, as frozen dataclasses. All quantities are in SI units.
 
-Every key of the file is one field below, annotated with its rule (type, range and unit) and
-described once, in the docstring: the reference of all keys and the JSON schema are made from them.
-A new key is a new field here and, if it depends on other keys, a check in
-`fenicsrom.scene.checks`. A field without a default is required; a default of None is replaced in
-`fenicsrom.scene.reading` where it depends on other keys.
+Every key of the file is one field below. The annotation of the field holds the rule of the key
+(type, range and unit), and the docstring describes the key. The reference of all keys and the JSON
+schema are made from both. A new key is a new field here and, if it depends on other keys, a check
+in `fenicsrom.scene.checks`. A field without a default is required. A default that depends on other
+keys is None here, and `fenicsrom.scene.reading` replaces it.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Surface:
         inside: whether the body is inside the surface, as a blade in its casing.
         radius: radius; by default it follows from the gap.
         spin: rate at which a cylinder turns about its axis, as seen from the body; by default the
-            casing is at rest, so the rate is minus the rotation of the scene about this axis.
+            casing is at rest, and the rate is minus the rate of [rotation] about this axis.
         waves: waves of a cylinder; each moves the surface towards the body by height cos(order
             (angle - spin t) - phase). The angle starts at the first tangent of
             `fenicsrom.online.contact.surfaces.frame` for the axis, in 2D at x.
@@ -110,8 +110,8 @@ class Contact:
         preload: normal force at the undeformed position; with at = "nodes" it is given per area,
             length or node, and so are both stiffnesses.
         gap: initial distance, not with a preload; with at = "nodes" that of the nearest node.
-        approach: distances by which the surface has moved towards the body, linear between the
-            times; by default the surface is at rest.
+        approach: distances by which the surface has moved towards the body at some times, linear
+            between them; by default the surface is at rest.
         normal_stiffness: contact stiffness along the normal.
         tangential_stiffness: contact stiffness along the surface.
         friction: coefficient of friction.
@@ -160,14 +160,14 @@ class Basis:
 
     Attributes:
         method: method of component mode synthesis.
-        modes: number of normal modes; "auto" takes the modes up to twice the highest frequency that
-            loads, surfaces and [response] excite and the next one, at least 3 and at most 12 (100
-            in a linear scene).
+        modes: number of normal modes. "auto" takes the modes up to twice the highest frequency that
+            loads, surfaces and [response] excite, and the next mode; at least 3 modes and at most
+            12 (100 in a linear scene).
         derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
-        masters: contact forces for which static modes are computed: in all directions of every
-            point, along the normals only, or this number of interface modes (the combinations of
+        masters: contact forces for which static modes are computed: "all" directions of every
+            point, the "normal" directions only, or a number of interface modes (the combinations of
             forces under which the body is most flexible); by default "all" for up to 4 contacts at
-            points, else 10.
+            points, otherwise 10.
         threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
             mmi-nls).
         differentiation: how the derivative of the tangent is computed.
@@ -252,12 +252,10 @@ class Output:
         paraview: ParaView files of modes and derivatives.
         motion: ParaView files of the last period of motion, and of the contact points in it.
         animation: an animated picture of the last period.
-        stresses: elastic stresses, and reactions, of the equilibrium, the modes and the motion: a
+        stresses: elastic stresses and reactions of the equilibrium, the modes and the motion: a
             table with the places of the maxima, a picture, arrays in the ParaView files, and the
-            largest values in the summary; the reduced model stores what it needs to give them
-            again. Viscous forces are part of the reactions, not of the stresses.
-        stress_fractions: instants at which stresses are listed besides the largest, as fractions of
-            the last period.
+            largest values in the summary. The stored model can then give stresses under other
+            loads. Viscous forces are part of the reactions, not of the stresses.
     """
 
     pictures: Annotated[bool, flag] = True
@@ -265,9 +263,6 @@ class Output:
     motion: Annotated[bool, flag] = False
     animation: Annotated[bool, flag] = False
     stresses: Annotated[str, choice("none", "second-piola-kirchhoff", "cauchy")] = "none"
-    stress_fractions: Annotated[tuple[float, ...] | None, list_of(number(least=0.0, most=1.0))] = (
-        None
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,7 +276,6 @@ class Compare:
         modes: values of `basis.modes`.
         elastic_force: values of `basis.elastic_force`.
         schemes: values of `time.scheme`; by default that of [time].
-        repeats: number of timed runs of each model.
     """
 
     full: Annotated[bool, flag] = True
@@ -300,7 +294,6 @@ class Compare:
         "polynomial",
     )
     schemes: Annotated[tuple[str, ...] | None, list_of(choice(*SCHEMES))] = None
-    repeats: Annotated[int, integer(5, 1000)] = 5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -356,8 +349,8 @@ class Campbell:
 
     Attributes:
         speeds_rpm: speeds of rotation; by default 13 from rest to that of [rotation].
-        modes: number of modes: the lowest ones at the first speed.
-        engine_orders: excitations per revolution.
+        modes: number of modes, from the lowest one at the first speed.
+        engine_orders: numbers of excitations per revolution.
     """
 
     speeds_rpm: Annotated[tuple[float, ...] | None, SPEEDS] = None
@@ -382,13 +375,13 @@ class Scene:
         attachments: concentrated masses, springs and dashpots.
         loads: the loads.
         contacts: the contact points.
-        rotation: the rotation of the body; without it the body is at rest.
+        rotation: the rotation of the body; without this table the body is at rest.
         damping: damping besides that of the material.
-        probe: where the amplitude is read in a scene without contact; by default the place of the
-            first load.
+        probe: the place whose motion gives the amplitudes in a scene without contact; by default
+            the place of the first load.
         basis: the reduction basis.
         time: the time integration.
-        reference: the models to compare with.
+        reference: the models with which the reduced model is compared.
         output: the files to write.
         compare: the models of `fenicsrom compare`.
         campbell: the diagram of `fenicsrom campbell`.
@@ -427,7 +420,7 @@ class Scene:
     def period(self) -> float | None:
         """Period of the excitation in s, that of the lowest frequency.
 
-        The period is None without a harmonic load, or with a load that does not repeat.
+        The period is None if no load is harmonic, or if a load does not repeat.
         """
         frequencies = [load.frequency for load in self.loads if load.frequency is not None]
         if not frequencies or any(load.transient for load in self.loads):

@@ -14,9 +14,9 @@ class Statics:
 
     Attributes:
         last: load factor at which the path ends. The factor multiplies the static loads.
-        lowest: load factor below zero at which the path ends; by default minus `last`.
-        displacement: the path ends at its first point where the probe has moved so far; by default
-            never.
+        lowest: load factor below zero at which the path ends too; by default minus `last`.
+        displacement: displacement of the probe at which the path ends; by default no displacement
+            ends the path.
         points: largest number of points.
         loads: numbers of the static loads that the factor multiplies, from 0, such as [1] for
             loads.1; the other static loads are constant. By default it multiplies all of them.

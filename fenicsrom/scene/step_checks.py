@@ -13,7 +13,7 @@ STEPS = 10
 """Fewest fixed steps in the shortest period of an excitation."""
 
 ROUNDING = 1e-5
-"""A longest step is printed with six digits; the printed value must be accepted."""
+"""The longest step is printed with six digits, and a step with the printed value is accepted."""
 
 
 def step_problems(scene: Scene) -> Problems:

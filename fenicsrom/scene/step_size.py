@@ -1,8 +1,8 @@
 """Longer and shorter time steps of a scene.
 
-With a tolerance the local error of a second-order scheme falls with the third power of the step, so
-half the step is an eighth of the tolerance. The steps made here may be longer or shorter than the
-scene format allows.
+The local error of a second-order scheme falls with the third power of the step. With an adaptive
+step, half the step therefore means an eighth of the tolerance. The steps of this module may be
+longer or shorter than a scene file allows.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def refined(scene: Scene, factor: int = 2) -> Scene:
 
 
 def coarser(scene: Scene) -> Scene:
-    """The scene with twice its step, or eight times its tolerance; a step stays in the duration."""
+    """The scene with twice its step or eight times its tolerance; no step exceeds the duration."""
     stepping: Stepping
     match scene.time.stepping:
         case Tolerance(tolerance=tolerance):

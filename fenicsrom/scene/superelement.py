@@ -35,7 +35,7 @@ EXCLUDED = (
     "campbell",
     "statics",
 )
-"""Tables that describe a body with a mesh, or need its matrices at every speed."""
+"""Tables that describe a body with a mesh, or that need the matrices of the body at every speed."""
 
 SUPPORTED = "supports of the superelement"
 """Name of the support of a superelement whose matrices are clamped already."""
@@ -73,17 +73,18 @@ _coordinates = Rule(
 
 @dataclass(frozen=True, kw_only=True)
 class InterfaceNode:
-    """One of the tables [[nodes]]: a point of the body that loads, contacts and probes can name.
+    """A table [[nodes]]: a point of the body that loads, contacts and the probe can name.
 
     Attributes:
         name: name of the node; several nodes may share a name, and form a region.
-        position: its place on the undeformed body.
-        coordinates: numbers, from 1, of the coordinates that move it along the axes; 0 stands for
-            an axis along which it does not move. If the file has a matrix of interface rows, these
-            are the numbers of its rows.
+        position: place of the node on the undeformed body.
+        coordinates: numbers, from 1, of the coordinates that move the node along the axes; 0 stands
+            for an axis along which the node does not move. If the file has a matrix of interface
+            rows, these are the numbers of the rows.
         grid: number of the node in a file that names its coordinates by node and direction.
-        offset: its displacement at rest.
-        area: area, length or number of nodes that it stands for in a contact with at = "nodes".
+        offset: displacement of the node at rest.
+        area: area, length or number of nodes that the node stands for in a contact with
+            at = "nodes".
     """
 
     name: Annotated[str, rules.name]

@@ -1,4 +1,4 @@
-"""Tables of a scene as dataclasses: one engine reads, writes and describes them.
+"""Tables of a scene as dataclasses, which this module reads, writes and describes.
 
 A field is a key if its type is `Annotated` with
 
@@ -28,10 +28,10 @@ T = TypeVar("T")
 
 
 class OneOf:
-    """Alternatives, of which a table describes one; the first given tag selects the alternative.
+    """Several dataclasses, of which a table describes one; the first key that is a tag chooses.
 
     Attributes:
-        tags: the dataclasses by the key that chooses them, in the order of choice.
+        tags: for each key that chooses a dataclass, this dataclass; earlier keys come first.
         otherwise: the dataclass if none of these keys is given; None if one key is required.
     """
 
@@ -77,7 +77,7 @@ def in_alternative(kind: type) -> str:
 
 @functools.cache
 def entries(kind: Any) -> dict[str, tuple[Any, type | None]]:
-    """Give the annotation of each field that is a key, and the keys that may replace it."""
+    """For each field that is a key, give its annotation and the keys that may replace it."""
     hints = get_type_hints(kind, include_extras=True)
     return {
         name: (hint.__metadata__[0], (*hint.__metadata__[1:], None)[0])
@@ -197,7 +197,7 @@ def tables_of(kind: type, least: int = 0) -> Rule:
 
 
 def plain(value: Any) -> Any:
-    """Turn values into plain data: those that the rules made, and numbers and arrays of numpy.
+    """Turn the values that rules made, and numbers and arrays of numpy, into plain data.
 
     A field of a dataclass that is None is left out.
     """

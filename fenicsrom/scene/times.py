@@ -1,6 +1,6 @@
 """The time integration: a scheme, a span of time and the choice of the step.
 
-Span and step are tagged alternatives: the given keys select one span and one step.
+The given keys select one kind of span and one kind of step.
 """
 
 from __future__ import annotations

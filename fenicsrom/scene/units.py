@@ -13,9 +13,9 @@ REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
 def unit_of(scene: Scene, path: str) -> str:
     """The unit of the number that a key such as `loads.0.force` holds.
 
-    It is "" for a number without a unit. It is also "" for the stiffness or preload of a contact
-    with the nodes of a region, whose unit depends on the region. "frequency" is the lowest
-    frequency of the loads, as in the table [response].
+    A number without a unit gives "". So does the stiffness or preload of a contact with the nodes
+    of a region, because its unit depends on the region. The key "frequency" is the lowest frequency
+    of the loads, as in the table [response].
     """
     if path == "frequency":
         return "Hz"
@@ -40,7 +40,7 @@ def in_words(scene: Scene, path: str, *values: float) -> str:
 
 
 def column_name(scene: Scene, path: str) -> str:
-    """The name of the column of a table that holds a key: with its unit, such as `gap_m`."""
+    """The name of the column that holds the values of a key, with its unit, such as `gap_m`."""
     unit = unit_of(scene, path).replace("²", "2")
     return f"{path}_{unit}" if unit else path
 

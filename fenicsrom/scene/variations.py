@@ -31,7 +31,7 @@ class Axis:
 
     Attributes:
         keys: their paths.
-        values: for each position on the axis one value for each key.
+        values: for each position on the axis, one value of each key.
     """
 
     keys: tuple[str, ...]
@@ -49,11 +49,11 @@ def make_axes(over: Sequence[str], together: Sequence[str] = ()) -> tuple[Axis, 
     """Read the axes of a sweep.
 
     Args:
-        over: a key, = and its values; each is an axis of its own.
-        together: likewise; these keys change together and are one axis, the last one.
+        over: texts KEY=VALUES, each of which is an axis.
+        together: texts KEY=VALUES of keys that change together; they form one axis, the last one.
 
     Raises:
-        SceneError: there is no axis, one is not written as above, a key occurs twice, the keys that
+        SceneError: there is no axis, a text is not KEY=VALUES, a key occurs twice, the keys that
             change together have different numbers of values, or there are more than `MOST_RUNS`
             runs.
     """
@@ -87,7 +87,7 @@ def _read(text: str) -> tuple[str, list[Any]]:
     """Read the key and the values of `KEY=VALUES`."""
     key, equals, values = (part.strip() for part in text.partition("="))
     if not key or not equals:
-        raise _refuse(text, "must be a key, = and a list or a range", key)
+        raise _refuse(text, "must be KEY=VALUES, where VALUES is a list or a range", key)
     if values.startswith("["):
         return key, _list(text, key, values)
     return key, _range(text, key, values)

@@ -6,19 +6,21 @@
 model for later runs: `offline_key` says what they depend on, `result_cache` guards the folder, and
 `late_solid` builds a solid only where one is needed. `stored` integrates a stored model again,
 `curves` computes response curves, `backbones` computes nonlinear modes, and `sweeps` runs a scene
-or a stored model for many values of its keys.
+or a stored model for many values of its keys; all three start from a `source`. `analyses` holds
+what needs no reduced model of its own.
 """
 
-from fenicsrom.study.backbones import backbone, backbone_of_model
-from fenicsrom.study.curves import response, response_of_model
-from fenicsrom.study.execution import build_model, execute, offline, run, setup_picture
+from fenicsrom.study.analyses import campbell, compare, stability, statics
+from fenicsrom.study.backbones import backbone
+from fenicsrom.study.curves import response
+from fenicsrom.study.execution import build_model, execute, modes, offline, run, setup_picture
 from fenicsrom.study.motions import check
 from fenicsrom.study.output_folder import output_folder
 from fenicsrom.study.scene_stages import plan, stages
 from fenicsrom.study.stage import Item, Run, Stage
 from fenicsrom.study.stopwatch import Stopwatch, never
 from fenicsrom.study.stored import rerun
-from fenicsrom.study.sweeps import sweep
+from fenicsrom.study.sweeps import run_sweep, sweep
 
 __all__ = [
     "Item",
@@ -26,19 +28,23 @@ __all__ = [
     "Stage",
     "Stopwatch",
     "backbone",
-    "backbone_of_model",
     "build_model",
+    "campbell",
     "check",
+    "compare",
     "execute",
+    "modes",
     "never",
     "offline",
     "output_folder",
     "plan",
     "rerun",
     "response",
-    "response_of_model",
     "run",
+    "run_sweep",
     "setup_picture",
+    "stability",
     "stages",
+    "statics",
     "sweep",
 ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.reduction.modes import ComponentModes
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.post.base.picture import Picture
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.scene import Scene
     from fenicsrom.study.offline_cache import OfflineCache
 
@@ -60,11 +60,11 @@ def run(
         KeyboardInterrupt: `stop` returned True.
         OSError: a file cannot be written.
     """
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
     if resume is not None:
         _require_resumable(resume, scene)
-    comm = comm or _all_ranks()
+    comm = comm or all_ranks()
     run = Run(Study(scene), comm, Stopwatch(say), folder, resume, stop, mesh)
     guarded = (
         nullcontext() if folder is None else output_folder(folder, scene, comm, None, overwrite)
@@ -73,6 +73,14 @@ def run(
         listed = stages(scene, modes_only, files=folder is not None)
         execute(run, listed, None if modes_only else _cache(run, fresh))
     return run.study
+
+
+def modes(scene: Scene, comm: Any = None, *, folder: Path | None = None) -> Study:
+    """Compute the modes and the modal derivatives of a scene, which needs no loads. Collective.
+
+    Arguments and errors as `run`.
+    """
+    return run(scene, comm, folder=folder, modes_only=True)
 
 
 def offline(
@@ -93,9 +101,9 @@ def offline(
         stop: called between stages; the run ends when it returns True.
         fresh: compute all results, also where the cache has them.
     """
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
-    run = Run(Study(scene), comm or _all_ranks(), watch, stop=stop, mesh=mesh)
+    run = Run(Study(scene), comm or all_ranks(), watch, stop=stop, mesh=mesh)
     execute(run, offline_stages(scene, modes_only=False), _cache(run, fresh))
     return run.study
 
@@ -149,6 +157,14 @@ def build_model(
         SceneError: the scene cannot be used, all its loads are static, or its elastic force is
             projected, which needs the mesh.
         ConvergenceError, AccuracyError: a stage failed.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> stored = fr.build_model(fr.read_scene("demos/open_2d.toml"))
+        >>> stored.labels
+        ('1V', '2V', '3V', '1V1V', '1V2V', '1V3V')
+        >>> stored.frequencies_hz.round(2).tolist()
+        [3.28, 20.59, 57.78]
     """
     from fenicsrom.post.run.summary import stored_model
 
@@ -236,7 +252,7 @@ def _require_resumable(resume: Path, scene: Scene) -> None:
     check_checkpoint(resume, scene)
 
 
-def _all_ranks() -> Any:
+def all_ranks() -> Any:
     """Give the communicator of all ranks."""
     from mpi4py import MPI
 

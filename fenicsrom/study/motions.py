@@ -8,7 +8,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 
 def integrate(run: Run, name: str) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from fenicsrom.scene import Scene
 from fenicsrom.scene.checks import LEAST_MODES
 from fenicsrom.scene.excitation import HIGHEST_MODE, highest_frequency
-from fenicsrom.scene.rules import counted
 from fenicsrom.study.stage import Item
+from fenicsrom.words import counted
 
 
 def is_loaded(scene: Scene) -> bool:

@@ -11,7 +11,7 @@ from fenicsrom.study.stopwatch import Stopwatch, never
 
 if TYPE_CHECKING:
     from fenicsrom.fem.mesh.mesh_data import Mesh
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.reduction.snapshots import Snapshots
     from fenicsrom.reduction.stages import Reduction
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from fenicsrom.online.step.state import Checkpoint
     from fenicsrom.online.store.archive import StoredModel
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.base.record import Rerun
+    from fenicsrom.records import Rerun
     from fenicsrom.scene import Scene
 
 
@@ -47,7 +47,6 @@ def rerun(
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
     from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.online.store.checkpoints import load_start
-    from fenicsrom.post.base.record import Rerun
     from fenicsrom.post.run.sentences import (
         UNJUDGED,
         UNJUDGED_MATRICES,
@@ -55,6 +54,7 @@ def rerun(
         rerun_left_out,
         rerun_warnings,
     )
+    from fenicsrom.records import Rerun
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
@@ -210,8 +210,8 @@ def _write(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 def _draw(found: Rerun, folder: Path) -> list[tuple[str, Path]]:
     """Draw the motion and the stresses; give the titles and the files."""
     from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.base.picture import draw_pictures
     from fenicsrom.post.run.pictures import (
-        draw_pictures,
         motion_pictures,
         working,
         write_stress_picture,

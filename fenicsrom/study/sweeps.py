@@ -6,26 +6,79 @@ derivatives and basis are those of the first of these runs.
 
 from __future__ import annotations
 
+import json
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import working_time
-from fenicsrom.scene.rules import counted
-from fenicsrom.scene.variations import Axis, combinations
+from fenicsrom.scene import Scene
+from fenicsrom.scene.variations import Axis, combinations, make_axes
+from fenicsrom.study.source import scene_of
 from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.studies.sweep_runs import Sweep, SweepRun
-    from fenicsrom.scene import Scene
+    from fenicsrom.online.store.archive import StoredModel
 
 MODELS, RUNS = "models", "runs"  # folders of the reduced models and of the results
 Row = dict[str, Any]
 
 
 def sweep(
+    given: Scene | StoredModel,
+    over: Mapping[str, Sequence[Any]],
+    *,
+    folder: Path | None = None,
+    workers: int = 1,
+    say: Callable[[str], None] = lambda line: None,
+) -> Sweep:
+    """Run a scene or a stored model under all combinations of values of its keys.
+
+    Args:
+        given: the scene, or the stored model of all runs.
+        over: the values of each key, such as `{"loads.0.force": [50.0, 100.0]}`.
+        folder: folder of the output files; None keeps no files.
+        workers: largest number of processes.
+        say: receives the progress, one line at a time; by default nobody.
+
+    Returns:
+        The sweep: its `rows` hold the values and the results of each run.
+
+    Raises:
+        SceneError: there is no key, or no run has a scene that can be used.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.online.store.archive import changed_scene, save_model
+    from fenicsrom.post.base.origin import MODEL
+
+    scene = scene_of(given)
+    axes = make_axes([f"{key}={json.dumps(list(values))}" for key, values in over.items()])
+    with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
+        stored = None
+        if not isinstance(given, Scene):
+            stored = Path(place) / MODEL
+            save_model(stored, given)
+        found = run_sweep(
+            scene,
+            lambda overrides: changed_scene(scene, overrides),
+            axes,
+            Path(place),
+            stored=stored,
+            say=say,
+            workers=workers,
+        )
+    if folder is None:
+        found.files = []
+    return found
+
+
+def run_sweep(
     scene: Scene,
     variant: Callable[[Sequence[str]], Scene],
     axes: tuple[Axis, ...],
@@ -98,9 +151,9 @@ def sweep(
     found.rows = [results.get(k, row) for k, row in enumerate(rows)]
     found.seconds = clock.perf_counter() - begin
     if first:
-        from fenicsrom.post.studies.sweep_report import write
+        from fenicsrom.post.studies.sweep_report import report
 
-        found.files = write(found, folder)
+        found.files = report(found).write(folder)
     return found
 
 

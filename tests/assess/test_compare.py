@@ -150,7 +150,6 @@ def test_combination_sets_basis_and_scheme_of_the_scene():
 @pytest.mark.parametrize(
     ("override", "key"),
     [
-        ("compare.repeats=4", "repeats"),
         ("compare.modes=[]", "modes"),
         ("compare.modes=[1,1]", "modes[1]"),
         ('compare.methods=["guyan"]', "methods[0]"),
@@ -416,10 +415,10 @@ def test_directions_of_round_surfaces_are_named_by_the_axes_of_their_points():
 
 
 def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
-    from fenicsrom.post.studies.compare_report import terminal, write_comparison
+    from fenicsrom.post.studies.compare_report import report
 
     found = handmade()
-    files = write_comparison(found, tmp_path)
+    files = report(found).write(tmp_path)
     assert {path.name for path in files} == {
         "report.html",
         "comparison.csv",
@@ -441,18 +440,18 @@ def test_write_comparison_makes_tables_pictures_and_report(tmp_path):
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64") == 3 and "http" not in page
     assert "Pareto" in page and full_cache.machine()["processor"] in page
-    assert "time integration stopped" in terminal(found)
+    assert "time integration stopped" in report(found).text()
     found.outcomes[0].errors["amplitude_tangential"] = 0.008652  # by way of 0.00865 it is 0.0086
-    assert "0.0087" in terminal(found) and "0.0086" not in terminal(found)
+    assert "0.0087" in report(found).text() and "0.0086" not in report(found).text()
 
 
 def test_comparison_without_full_model_has_no_pictures(tmp_path):
-    from fenicsrom.post.studies.compare_report import write_comparison
+    from fenicsrom.post.studies.compare_report import report
 
     found = handmade(full=None, full_run={})
     for outcome in found.outcomes:
         outcome.errors = {}
-    assert {path.suffix for path in write_comparison(found, tmp_path)} == {".html", ".csv", ".json"}
+    assert {path.suffix for path in report(found).write(tmp_path)} == {".html", ".csv", ".json"}
     assert json.loads((tmp_path / "comparison.json").read_text(encoding="utf-8"))["full"] is None
 
 

@@ -156,10 +156,10 @@ def test_report_holds_every_run_and_what_was_left_out(tmp_path: Path) -> None:
         Finding(cases[2], Verdict.REFUSED, "SceneError: no"),
     ]
     matrix = Matrix(scene, findings, 3.0, ["axis gap: left out: no contact has a gap"])
-    files = stability_report.write(matrix, tmp_path)
-    suffixes = ["json", "csv", "png"]
+    files = stability_report.report(matrix).write(tmp_path)
+    suffixes = ["csv", "json", "png"]
     assert [path.name for path in files] == ["report.html", *(f"stability.{s}" for s in suffixes)]
-    found = json.loads(files[1].read_text())
+    found = json.loads(files[2].read_text())
     assert found["verdicts"] == {
         "converged": 1,
         "not steady": 0,
@@ -168,7 +168,7 @@ def test_report_holds_every_run_and_what_was_left_out(tmp_path: Path) -> None:
     }
     assert [run["verdict"] for run in found["runs"]] == ["converged", "silently wrong", "refused"]
     assert found["runs"][1]["estimate"] is None and found["left_out"] == matrix.left_out
-    rows = list(csv.DictReader(files[2].read_text(encoding="utf-8").splitlines()))
+    rows = list(csv.DictReader(files[1].read_text(encoding="utf-8").splitlines()))
     assert [row["why"] for row in rows] == ["", "off by 1", "SceneError: no"]
     assert files[3].read_bytes().startswith(b"\x89PNG")
     page = files[0].read_text()

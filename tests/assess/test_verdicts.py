@@ -14,7 +14,7 @@ from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.motion import measures
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run import simulate
-from fenicsrom.post.base.record import Study
+from fenicsrom.records import Study
 from fenicsrom.study import check
 
 

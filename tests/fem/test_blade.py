@@ -41,8 +41,8 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.step.equilibrium import _Statics
 from fenicsrom.online.store.archive import StoredModel, changed_key, load_model, save_model
-from fenicsrom.post.base.record import Study
 from fenicsrom.post.run.summary import stored_model
+from fenicsrom.records import Study
 from fenicsrom.reduction.basis import ReducedBasis
 from fenicsrom.reduction.modes import component_modes
 from fenicsrom.reduction.stages import Reduction

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from support import fixed_steps, one_contact, random_model
 
-from fenicsrom.online.kernels import compiled
+from fenicsrom.online.kernels import compiled, emission
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.march import integrate
 
@@ -38,32 +38,65 @@ def rubbing_motion() -> Motion:
     ],
 )
 def test_version_of_numba_is_supported_between_its_bounds(version: str, supported: bool) -> None:
-    assert compiled._is_supported(version) == supported
+    assert emission.is_checked(version) == supported
+
+
+LOOP = "fenicsrom.online.step.loop"
+DERIVATIVES = "fenicsrom.online.derivative.period_sensitivity"
+
+
+def stale_modules(changed: str, sources: dict[str, str]) -> set[str]:
+    """The modules whose stored machine code is stale after a change of one module."""
+    new = {**sources, changed: sources[changed] + "# changed\n"}
+    return {name for name in sources if compiled.stamp(name, new) != compiled.stamp(name, sources)}
 
 
 @pytest.mark.parametrize(
     ("changed", "stale"),
     [
-        ("friction", {"loop", "period_sensitivity"}),
-        ("contact_state", {"loop", "period_sensitivity"}),
-        ("model", {"loop", "period_sensitivity"}),
-        ("step_sensitivity", {"period_sensitivity"}),
-        ("periodic", set()),
+        ("contact.friction", {LOOP, DERIVATIVES}),
+        ("contact.state", {LOOP, DERIVATIVES}),
+        ("model.model", {LOOP, DERIVATIVES}),
+        ("step.scheme", {LOOP, DERIVATIVES}),
+        ("derivative.step_sensitivity", {DERIVATIVES}),
+        ("periodic.shooting", set()),
     ],
 )
 def test_stored_code_is_stale_where_a_module_it_calls_has_changed(
-    changed: str, stale: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    changed: str, stale: set[str]
 ) -> None:
-    shutil.copytree(compiled._FOLDER, tmp_path / "online")
-    monkeypatch.setattr(compiled, "_FOLDER", tmp_path / "online")
+    sources = compiled.read_sources()
+    found = stale_modules(f"{compiled.PACKAGE}.{changed}", sources)
+    assert {LOOP, DERIVATIVES} & found == stale
 
-    def stamp(module: str) -> str:
-        return compiled._stamp.__wrapped__(f"fenicsrom.online.{module}")
 
-    before = {module: stamp(module) for module in ("loop", "period_sensitivity")}
-    with (tmp_path / "online" / f"{changed}.py").open("a") as file:
-        file.write("# changed\n")
-    assert {module for module, was in before.items() if stamp(module) != was} == stale
+def test_types_of_kernels_are_modules_with_named_tuples() -> None:
+    sources = compiled.read_sources()
+    assert all("(NamedTuple)" in sources[name] for name in compiled.TYPES)
+
+
+IMPORTS = {
+    "module": "from fenicsrom.online.contact.law import force\n",
+    "package": "from fenicsrom.online.contact import law\n",
+    "several": "from fenicsrom.online.contact import (\n    state,\n    law as contact_law,\n)\n",
+    "whole": "import fenicsrom.online.contact.law\n",
+    "inside": "def f():\n    from fenicsrom.online.contact import law\n",
+    "indirect": "from fenicsrom.online.several import force\n",
+    "none": "import fenicsrom.online.contact.lawful\n",
+}
+
+
+def test_stored_code_is_stale_after_a_change_in_a_sub_package(tmp_path: Path) -> None:
+    for place in (*compiled.TYPES, "contact.__init__", "contact.state", "contact.law", *IMPORTS):
+        path = tmp_path.joinpath(*place.removeprefix(compiled.PACKAGE + ".").split("."))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.with_suffix(".py").write_text(IMPORTS.get(place, f"# {place}\n"))
+    sources = compiled.read_sources(tmp_path)
+    users = {f"{compiled.PACKAGE}.{name}" for name in IMPORTS} - {f"{compiled.PACKAGE}.none"}
+    law, package = f"{compiled.PACKAGE}.contact.law", f"{compiled.PACKAGE}.contact"
+    assert stale_modules(law, sources) == users | {law}
+    for name in ("package", "several", "inside", "indirect"):  # a package may import its names
+        assert f"{compiled.PACKAGE}.{name}" in stale_modules(package, sources)
 
 
 FALLBACK = """
@@ -71,26 +104,32 @@ import sys
 import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
-from fenicsrom.online.kernels import compiled
+from fenicsrom.online.kernels.emission import ENTRY
+from fenicsrom.online.kernels.stored_code import load_code_only
+from fenicsrom.online.step.loop import compiled_march
 from test_compiled import rubbing_motion
-assert not compiled.PRIVATE and not compiled.UNCOUNTED
-motion = rubbing_motion()
-assert compiled.kernel(lambda x: x)._cache.__class__.__name__ == "NullCache"
-motion.displacement.tofile(sys.argv[3])
+assert "pipeline_class" not in ENTRY
+load_code_only()
+rubbing_motion().displacement.tofile(sys.argv[3])
+assert sum(compiled_march.entry.stats.cache_hits.values()) == int(sys.argv[4])
 """
 
 
 @pytest.mark.slow
-def test_unknown_version_of_numba_gives_the_same_motion(tmp_path: Path) -> None:
+def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
+    tmp_path: Path,
+) -> None:
     here = Path(__file__).parent
     path = tmp_path / "displacement"
-    done = subprocess.run(
-        [sys.executable, "-c", FALLBACK, str(here.parent), str(here), str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
     expected = rubbing_motion().displacement
     assert np.ptp(expected) > 0.1
-    np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
+    for hits in (0, 1):
+        done = subprocess.run(
+            [sys.executable, "-c", FALLBACK, str(here.parent), str(here), str(path), str(hits)],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)

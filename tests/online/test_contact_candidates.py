@@ -101,8 +101,8 @@ def test_step_is_repeated_where_a_point_was_missed(monkeypatch: pytest.MonkeyPat
         missed.append(list_candidates(scratch))
         return int(missed[-1])
 
-    def add(contacts: Any, interval: Any, trial: Any) -> int:
-        count = int(add_candidates(contacts, interval, trial))
+    def add(*arguments: Any) -> int:
+        count = int(add_candidates(*arguments))
         missed[-1] = count - missed[-1]
         return count
 

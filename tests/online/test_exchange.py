@@ -517,7 +517,7 @@ def test_missing_file_of_matrices_is_refused(suffix: str, tmp_path: Path) -> Non
         read_matrices(tmp_path / f"none{suffix}")
 
 
-# ------------------------------------------------------------------ MATLAB and jax
+# ------------------------------------------------------------------ MATLAB
 
 
 @pytest.fixture(scope="module")
@@ -527,8 +527,7 @@ def curved(tmp_path_factory: pytest.TempPathFactory) -> tuple[StoredModel, Path]
     model = random_model(3, masters=2)._replace(load_histories=load_histories(scene), damping=5.0)
     stored = StoredModel(model, scene, "rubin", ("1V", "1S", "2S"), 9, np.array([3.6]), {})
     folder = tmp_path_factory.mktemp("exchange")
-    for form in ("mat", "jax"):
-        export(stored, folder / f"model{SUFFIXES[form]}", form)
+    export(stored, folder / "model.mat", "mat")
     return stored, folder
 
 
@@ -604,39 +603,6 @@ def test_motion_in_octave_is_the_limit_of_that_of_the_program(tmp_path: Path) ->
     assert coarse / fine == pytest.approx(4.0, abs=0.1)  # the scheme is of second order
     limit = (4.0 * ends[1] - ends[0]) / 3.0
     np.testing.assert_allclose(limit, theirs, rtol=0, atol=1e-6 * np.linalg.norm(theirs))
-
-
-def test_python_module_of_a_model_moves_as_the_model(curved: tuple[StoredModel, Path]) -> None:
-    stored, folder = curved
-    arrays = model_arrays(stored.model)
-    module = runpy.run_path(str(folder / "model.py"))
-    q, v = np.array([0.1, -0.2, 0.05]), np.array([1.0, 0.5, -1.0])
-    np.testing.assert_allclose(module["elastic_force"](q), arrays.elastic_force(q), rtol=1e-12)
-    for k, e in enumerate(np.eye(3)):  # complex steps: exact to rounding
-        slope = module["elastic_energy"](q + 1e-30j * e).imag / 1e-30
-        assert slope == pytest.approx(arrays.elastic_force(q)[k], rel=1e-11)
-    contact = np.array([2.0, -1.0])
-    force = 7.0 * arrays.loads[:, 0] - arrays.damping @ v - arrays.elastic_force(q)
-    force -= arrays.contact_rows.T @ contact
-    found = module["acceleration"](q, v, np.array([7.0]), contact)
-    np.testing.assert_allclose(arrays.mass @ found, force, rtol=1e-9)
-    np.testing.assert_allclose(module["contact_displacement"](q), arrays.contact_displacement(q))
-
-
-def test_python_module_of_a_model_is_differentiated_by_jax(
-    curved: tuple[StoredModel, Path],
-) -> None:
-    jax = pytest.importorskip("jax")
-    jax.config.update("jax_enable_x64", True)
-    stored, folder = curved
-    arrays = model_arrays(stored.model)
-    module = runpy.run_path(str(folder / "model.py"))
-    q = jax.numpy.array([0.1, -0.2, 0.05])
-    there = np.asarray(q)
-    gradient = jax.jit(jax.grad(module["elastic_energy"]))(q)
-    np.testing.assert_allclose(gradient, arrays.elastic_force(there), rtol=1e-10)
-    tangent = jax.jacfwd(module["elastic_force"])(q)
-    np.testing.assert_allclose(tangent, arrays.tangent(there), rtol=1e-10)
 
 
 def test_commands_export_and_import_a_model(

@@ -33,11 +33,11 @@ from fenicsrom.online.periodic.tendency import horizon_by_distance
 from fenicsrom.online.run.march import integrate
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.checkpoints import load_checkpoint, save_checkpoint
-from fenicsrom.post.base.record import Rerun
 from fenicsrom.post.run.figures import plot_energy
 from fenicsrom.post.run.report import write_rerun_report
 from fenicsrom.post.run.sentences import periodic_sentence
 from fenicsrom.post.run.summary import write_history
+from fenicsrom.records import Rerun
 from fenicsrom.scene import Time
 from fenicsrom.scene.step_size import coarser, with_time
 

@@ -13,10 +13,11 @@ import numba
 import numpy as np
 import pytest
 
-from fenicsrom.online.kernels.compiled import PRIVATE, compiled
+from fenicsrom.online.kernels.compiled import compiled
+from fenicsrom.online.kernels.emission import IS_CHECKED
 from fenicsrom.online.kernels.stored_code import MARK, StoredLibrary, load_code_only
 
-pytestmark = pytest.mark.skipif(not PRIVATE, reason="numba is of another version")
+pytestmark = pytest.mark.skipif(not IS_CHECKED, reason="numba is of another version")
 EMPTY = "an array without entries"
 
 
@@ -55,13 +56,13 @@ def stored(store: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     load_code_only()
     loaded = compiled(sum_of_squares)
     loaded(np.ones(3))
-    assert sum(loaded.stats.cache_hits.values()) == 1
+    assert sum(loaded.entry.stats.cache_hits.values()) == 1
     return loaded
 
 
 def library_of(function: Any) -> StoredLibrary:
     """The library of the only signature of a function."""
-    (result,) = function.overloads.values()
+    (result,) = function.entry.overloads.values()
     assert isinstance(result.library, StoredLibrary)
     return result.library
 
@@ -74,18 +75,6 @@ def test_stored_function_runs_without_its_intermediate_code(stored: Any) -> None
 def test_stored_function_raises_its_errors(stored: Any) -> None:
     with pytest.raises(ValueError, match=EMPTY):
         stored(np.zeros(0))
-
-
-def test_function_compiled_later_calls_a_stored_one(stored: Any) -> None:
-    @numba.njit
-    def norm(values):  # type: ignore[no-untyped-def]
-        return np.sqrt(stored(values))
-
-    assert norm(np.array([3.0, 4.0])) == 5.0
-    name = next(iter(stored.overloads.values())).fndesc.llvm_func_name
-    assert not library_of(stored)._shared_module.get_function(name).is_declaration
-    with pytest.raises(ValueError, match=EMPTY):
-        norm(np.zeros(0))
 
 
 @pytest.mark.parametrize("content", [slice(0, 0), slice(0, -20), slice(40, None)])
@@ -101,7 +90,7 @@ def test_damaged_stored_function_is_compiled_and_stored_again(
     for hits in (0, 1):
         function = compiled(sum_of_squares)
         assert function(np.array([3.0, 4.0])) == 25.0
-        assert sum(function.stats.cache_hits.values()) == hits
+        assert sum(function.entry.stats.cache_hits.values()) == hits
 
 
 def test_every_damaged_byte_of_a_stored_function_is_noticed(
@@ -112,7 +101,7 @@ def test_every_damaged_byte_of_a_stored_function_is_noticed(
     load_code_only()
     (path,) = folder.rglob("*.nbc")
     content = path.read_bytes()
-    stored = compiled(sum_of_squares)._cache._cache_file
+    stored = compiled(sum_of_squares).entry._cache._cache_file
     assert stored._load_data(path.name)
     for place in range(0, len(content) - 20, len(content) // 50):
         path.write_bytes(content[:place] + bytes([content[place] ^ 255]) + content[place + 1 :])

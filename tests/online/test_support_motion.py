@@ -17,11 +17,11 @@ from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import no_contacts
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.support_motion import (
-    absolute_displacement,
     displacement_sines,
     histories_of,
     support_displacement,
 )
+from fenicsrom.online.motion.measures import absolute_displacement
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.periodic.families import frequency_family
 from fenicsrom.online.run.simulate import load_histories, simulate

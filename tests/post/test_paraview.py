@@ -33,7 +33,6 @@ SMALL = (
     "output.pictures=false",
     "output.motion=true",
     "output.stresses='cauchy'",
-    "output.stress_fractions=[0.0, 0.5]",
     "contacts.0.approach=[[0.0, 0.0], [1.0, 1e-3]]",
     "title='beam under {loads.0.force} N'",
 )

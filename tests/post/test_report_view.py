@@ -11,9 +11,9 @@ from support import beam_scene, make_solid
 
 pytest.importorskip("dolfinx")
 
-from fenicsrom.post.base.record import Study
 from fenicsrom.post.body.body_view import View
 from fenicsrom.post.run import body_pictures
+from fenicsrom.records import Study
 
 SMALL = ("geometry.parameters.length=1.0", "geometry.parameters.elements_along=2")
 LOWER_SIDE = {"point": [0.0, -0.0127, 0.0], "normal": [0.0, 1.0, 0.0]}

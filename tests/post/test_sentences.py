@@ -10,7 +10,6 @@ import pytest
 from motions import jenkins, side_by_side
 from support import beam_scene
 
-from fenicsrom.post.base.record import Study
 from fenicsrom.post.run.motion_table import (
     PERIODS_NOTE,
     RESPONSE_NOTE,
@@ -19,6 +18,7 @@ from fenicsrom.post.run.motion_table import (
     response_table,
 )
 from fenicsrom.post.run.sentences import basis_sentences, estimate_rows, motion_warnings
+from fenicsrom.records import Study
 from fenicsrom.reduction.selection import Selection
 
 

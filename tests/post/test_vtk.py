@@ -16,8 +16,8 @@ from dolfinx import mesh as dmesh  # noqa: E402
 from spaces import CELLS, HEIGHT, LENGTH, field, of_space, space_on  # noqa: E402
 from support import needs_mpirun, on_ranks  # noqa: E402
 
-from fenicsrom.post import vtk  # noqa: E402
 from fenicsrom.post.body.centreline import centreline  # noqa: E402
+from fenicsrom.post.paraview import vtk  # noqa: E402
 
 MPI = pytest.importorskip("mpi4py.MPI")
 

@@ -37,6 +37,7 @@ from fenicsrom.scene import (
 )
 from fenicsrom.scene.excitation import shortest_period
 from fenicsrom.scene.paths import shared_meshes
+from fenicsrom.scene.tables import keys, table_kind
 
 DEMOS = sorted((Path(__file__).parents[2] / "demos").glob("*.toml"))
 PAPER = ("open_2d", "slip_liftoff_2d", "slip_liftoff_3d", "stick_slip_2d", "high_load_2d")
@@ -786,10 +787,21 @@ def test_json_schema_describes_every_key() -> None:
     assert {"force", "engine_order", "pulse", "group"} <= set(load)
 
 
-def test_reference_of_keys_in_the_page_is_current() -> None:
-    page = (Path(__file__).parents[2] / "demos" / "README.md").read_text(encoding="utf-8")
-    assert reference.replaced(page) == page
-    assert "| `steps_per_period` |" in page
+def test_reference_pages_are_current_and_show_each_table_once() -> None:
+    shown: list[str] = []
+    for path in sorted((Path(__file__).parents[2] / "demos").glob("keys*.md")):
+        page = path.read_text(encoding="utf-8")
+        assert reference.replaced(page) == page, path.name
+        shown += reference.covered(page)
+    tables = [name for name, rule, *_ in keys(Scene) if table_kind(rule) is not None]
+    assert sorted(shown) == sorted(["scene", *tables])
+    assert "| `steps_per_period` |" in reference.reference(["time"])
+
+
+@pytest.mark.parametrize("marker", ["", "<!-- scene keys: begin tiem -->\n"])
+def test_reference_without_a_known_table_is_refused(marker: str) -> None:
+    with pytest.raises(ValueError, match="reference output"):
+        reference.replaced(f"{marker}<!-- scene keys: end -->")
 
 
 # Whatever comes in, a scene or one sentence comes out

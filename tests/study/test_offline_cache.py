@@ -28,8 +28,8 @@ from fenicsrom.files import (
     write_archive,
 )
 from fenicsrom.online.store.scene_changes import changed_key
-from fenicsrom.post.base.record import Study
 from fenicsrom.post.run.summary import stored_model
+from fenicsrom.records import Study
 from fenicsrom.scene import Scene, make_scene
 from fenicsrom.study import offline_key, result_cache
 from fenicsrom.study.offline_key import keys_of
@@ -84,7 +84,6 @@ ONLINE = {
     "output.paraview",
     "output.motion",
     "output.animation",
-    "output.stress_fractions",
     "compare",
     "statics",
     "campbell",

@@ -52,7 +52,7 @@ def model(tmp_path: Path) -> Path:
 def swept(model: Path, folder: Path, over: Sequence[str], **options: Any) -> Sweep:
     """A sweep of a stored model."""
     scene = load_model(model).scene
-    return study.sweep(
+    return study.run_sweep(
         scene, partial(changed_scene, scene), make_axes(over), folder, stored=model, **options
     )
 
@@ -86,7 +86,7 @@ def test_files_hold_all_rows(model: Path, tmp_path: Path) -> None:
 
 def test_columns_of_sweep_csv_are_explained(model: Path, tmp_path: Path) -> None:
     found = swept(model, tmp_path, ["loads.0.force=[10]"])
-    sweep_report.write(found, tmp_path)
+    sweep_report.report(found).write(tmp_path)
     head = (tmp_path / "sweep.csv").read_text().splitlines()[0].split(",")
     assert "loads.0.force_N" in head and unexplained(head, "sweep.csv") == []
 
@@ -122,13 +122,13 @@ def test_buckled_run_of_a_sweep_warns(
     assert said.startswith("run 1: ") and "buckles" in said
 
 
-@pytest.mark.parametrize(("runs", "more"), [(21, ""), (22, "sweep.csv lists 2 more runs.")])
+@pytest.mark.parametrize(("runs", "more"), [(21, ""), (22, "sweep.csv lists 2 more rows.")])
 def test_table_in_the_terminal_leaves_out_more_than_one_run(
     model: Path, tmp_path: Path, runs: int, more: str
 ) -> None:
     found = swept(model, tmp_path, ["loads.0.force=[10]"])
-    said = sweep_report.terminal(replace(found, rows=found.rows * runs))
-    assert more in said and ("more run" in said) == bool(more)
+    said = sweep_report.report(replace(found, rows=found.rows * runs)).text()
+    assert more in said and ("more row" in said) == bool(more)
 
 
 def test_doubtful_run_keeps_its_warnings(
@@ -257,7 +257,7 @@ def test_runs_share_models_unless_offline_keys_change(tmp_path: Path) -> None:
     scene = beam_scene(2, ("time.periods=3", "output.pictures=false", "basis.derivatives='none'"))
 
     over = ["basis.modes=[1, 2]", "contacts.0.preload=[10, 20]"]
-    found = study.sweep(scene, partial(changed_scene, scene), make_axes(over), tmp_path)
+    found = study.run_sweep(scene, partial(changed_scene, scene), make_axes(over), tmp_path)
     assert found.models == 2
     assert len(list((tmp_path / sweeps.MODELS).glob("*.npz"))) == 2
     assert len({row["peak_normal_force_N"] for row in found.rows}) == 4

@@ -1,8 +1,8 @@
 """Backbones: the damped nonlinear mode of a reduced model over its amplitude.
 
 The curve starts at the linear mode and is followed by its amplitude
-(`fenicsrom.online.curves.nonlinear_mode`). The peaks of the forced response
-(`fenicsrom.online.curves.forced_peak`) stand beside it.
+(`online.curves.nonlinear_mode`). The peaks of the forced response
+(`online.curves.forced_peak`) stand beside it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough

@@ -27,7 +27,7 @@ class Piece(Curve):
     Attributes:
         points: in their order along the curve.
         special: the located bifurcations and contact events.
-        reason: why it ends: as in `fenicsrom.online.curves.curve.Curve`.
+        reason: why it ends: as in `online.curves.curve.Curve`.
         origin: where it comes from: "march", or the kind and the parameter of the bifurcation at
             which it leaves another piece, or "isolated".
         periods: number of periods of the loads in one of the motion.

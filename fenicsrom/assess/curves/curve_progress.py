@@ -4,45 +4,23 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fenicsrom.arrays import Array
+from fenicsrom.assess.curves.response_files import CurveFile, Stand
 from fenicsrom.assess.curves.response_results import response_table
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.progress import duration
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.curves.response_files import CurveFile
     from fenicsrom.assess.curves.response_results import ResponseCurve
     from fenicsrom.scene import Scene
 
 REPORT_INTERVAL = 2.0  # shortest time between two lines of progress of a curve, s
 NEARLY_ALL = 0.8  # part of the largest number of points at which the progress warns
 KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
-
-
-@dataclass(frozen=True, eq=False)
-class Stand:
-    """Where a continuation stands, to continue it bit for bit.
-
-    Attributes:
-        points: number of points of the piece.
-        special: number of its bifurcations.
-        size: as `fenicsrom.online.curves.arc.ArcLength.size`.
-        least: likewise.
-        step: next step along the curve.
-        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
-    """
-
-    points: int
-    special: int
-    size: float
-    least: float
-    step: float
-    guess: tuple[Array | None, float]
 
 
 class CurveWalk:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeVar
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneError
@@ -27,6 +28,7 @@ class CurveRecord:
         unfinished: the error that ended the computation, or that of the first curve that was not
             found; None if there is none.
         interrupted: whether the run was asked to stop; the last curve is then incomplete.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -38,6 +40,7 @@ class CurveRecord:
     warnings: list[str] = field(default_factory=list, kw_only=True)
     unfinished: ConvergenceError | AccuracyError | None = field(default=None, kw_only=True)
     interrupted: bool = field(default=False, kw_only=True)
+    files: list[Path] = field(default_factory=list, kw_only=True)
 
     @property
     def contacts(self) -> int:

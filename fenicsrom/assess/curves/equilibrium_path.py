@@ -1,6 +1,6 @@
 """The path of static equilibria of a body as a factor multiplies its static loads.
 
-The full model of the solid is followed (`fenicsrom.fem.paths.equilibrium_path`), through limit points, at
+The full model of the solid is followed (`fem.paths.equilibrium_path`), through limit points, at
 which the body under a growing load would snap through.
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
@@ -70,6 +71,7 @@ class EquilibriumPath:
         warnings: sentences for the user.
         unfinished: the error that ended the computation, or None.
         interrupted: whether the run was asked to stop.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -82,6 +84,7 @@ class EquilibriumPath:
     warnings: list[str] = field(default_factory=list)
     unfinished: ConvergenceError | None = None
     interrupted: bool = False
+    files: list[Path] = field(default_factory=list)
 
     @property
     def direction(self) -> int:

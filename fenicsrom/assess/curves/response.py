@@ -1,7 +1,7 @@
 """Response curves: the periodic motions of a reduced model over a parameter of its scene.
 
 Each value of the second number gives one curve, computed in this process or in another
-(`fenicsrom.assess.curves.response_pieces`) and kept in a file of its own.
+(`assess.curves.response_pieces`) and kept in a file of its own.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fenicsrom.assess.curves.branches import Piece
-from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk, Stand
+from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
-from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, curve_file, forget
+from fenicsrom.assess.curves.response_files import CurveFile, KeptCurve, Stand, curve_file, forget
 from fenicsrom.assess.curves.response_pieces import follow_curve
 from fenicsrom.assess.curves.response_problem import check_response
 from fenicsrom.assess.curves.response_results import (

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.curves.curve import CurvePoint
@@ -23,11 +24,31 @@ from fenicsrom.online.store.scene_changes import changed_run_key, first_differen
 from fenicsrom.scene import Scene, parse_scene, scene_table
 
 if TYPE_CHECKING:
-    from fenicsrom.assess.curves.curve_progress import Stand
     from fenicsrom.assess.curves.response_results import ResponseCurve
 
-FORMAT = "fenicsrom response state 1"
+FORMAT = "fenicsrom response state 2"
 WHAT = "the state of a response curve"
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """Where a continuation stands, to continue it bit for bit.
+
+    Attributes:
+        points: number of points of the piece.
+        special: number of its bifurcations.
+        size: as `online.curves.arc.ArcLength.size`.
+        least: likewise.
+        step: next step along the curve.
+        guess: see `online.periodic.shooting.Shooting`.
+    """
+
+    points: int
+    special: int
+    size: float
+    least: float
+    step: float
+    guess: tuple[Array | None, float]
 
 
 @dataclass(frozen=True, eq=False)

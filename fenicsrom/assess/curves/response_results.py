@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
@@ -97,11 +96,9 @@ class Response(CurveRecord):
 
     Attributes:
         curves: one for each value of the second number, or one.
-        files: the written files.
     """
 
     curves: list[ResponseCurve] = field(default_factory=list)
-    files: list[Path] = field(default_factory=list)
 
     @property
     def table(self) -> ResponseTable:

@@ -9,7 +9,7 @@ A basis that lacks the modes that break a symmetry gives the right motion and th
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
-(`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the unit
+(`assess.curves.stability_search`). Without a richer basis, stable points far from the unit
 circle are left out. The verdict is not compared next to a change of stability, which may move.
 """
 
@@ -39,8 +39,8 @@ from fenicsrom.online.periodic.shooting import (
 )
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 LARGEST = "largest amplitude"
 BETWEEN = "between"
@@ -58,7 +58,7 @@ class Check:
     Attributes:
         point: the point.
         where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
-            instability" of a point that `fenicsrom.assess.curves.stability_search` adds.
+            instability" of a point that `assess.curves.stability_search` adds.
         quantity: "amplitude", or "parameter" of a fold: what the errors are relative to.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion

@@ -25,9 +25,9 @@ from fenicsrom.online.periodic.shooting import PeriodicMotion, largest_multiplie
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Response, Scene
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time
 from fenicsrom.scene.times import GENERALISED_ALPHA
+from fenicsrom.words import counted
 
 PARAMETER = "material.mass_damping"
 HEAVY = (

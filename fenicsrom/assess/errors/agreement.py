@@ -50,7 +50,7 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
     """Errors of the last period against the last period of a reference, percent.
 
     Returns:
-        The errors of `fenicsrom.online.motion.measures.errors_percent`, and two more. `history` compares
+        The errors of `online.motion.measures.errors_percent`, and two more. `history` compares
         the displacements of all points and directions at equal phases: it is the L2 norm of their
         difference, relative to the reference. `state` is the part of the period in which the
         contact state differs. An error is None if the reference value is zero or missing.

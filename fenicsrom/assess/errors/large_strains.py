@@ -1,4 +1,4 @@
-"""Whether the St Venant-Kirchhoff law has a meaning at a deformation (`online.stress.deformation`)."""
+"""Whether the St Venant-Kirchhoff law has a meaning at a deformation."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.scene.rules import are, counted
+from fenicsrom.words import are, counted
 
 
 def multiplicity_warnings(name: str, motion: Motion) -> list[str]:

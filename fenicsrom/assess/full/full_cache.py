@@ -35,7 +35,7 @@ from fenicsrom.scene import Scene, scene_table
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
 
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[2]
 
 
 def full_motion(

@@ -32,7 +32,7 @@ from fenicsrom.fem.solid.solid import Solid
 from fenicsrom.online.periodic.shooting import PeriodicMotion, Shooting
 from fenicsrom.online.step.state import Record
 from fenicsrom.reduction.basis import DEPENDENCE
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 FULL_TOLERANCE = 1e-6
 """Of the residual relative to the variables, and of the last step relative to the coordinates.

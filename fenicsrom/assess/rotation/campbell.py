@@ -1,12 +1,12 @@
 """Campbell diagram: natural frequencies of a rotating body against speed, with engine orders.
 
 At every speed the body moves to its equilibrium without contact, and the modes are those of the
-tangent stiffness (`fenicsrom.assess.rotation.rotating_modes`). They are tracked from speed to speed by their
+tangent stiffness (`assess.rotation.rotating_modes`). They are tracked from speed to speed by their
 modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
-of its frequency; with widely spaced speeds it keeps its shape. `fenicsrom.assess.rotation.critical_speeds`
-finds the speeds at which engine orders meet the modes, and `fenicsrom.assess.rotation.mode_names` names the
+of its frequency; with widely spaced speeds it keeps its shape. `assess.rotation.critical_speeds`
+finds the speeds at which engine orders meet the modes, and `assess.rotation.mode_names` names the
 modes by their shapes at the first speed.
 """
 
@@ -15,6 +15,7 @@ from __future__ import annotations
 import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,7 @@ class Campbell:
         warnings: sentences for the user.
         unfinished: the error that stopped the computation; None if all speeds were reached.
         body: the solid.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -79,6 +81,7 @@ class Campbell:
     warnings: list[str] = field(default_factory=list)
     unfinished: Exception | None = None
     body: Solid | None = None
+    files: list[Path] = field(default_factory=list)
 
     @property
     def frequencies_hz(self) -> Array:

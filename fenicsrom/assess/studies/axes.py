@@ -1,7 +1,7 @@
 """The axes along which `fenicsrom stability` drives a scene to its extremes.
 
 The values of an axis have no unit: they multiply a value of the scene, or a scale of its reduced
-model (`fenicsrom.assess.studies.scales`). A scene that is written in other units therefore has the same
+model (`assess.studies.scales`). A scene that is written in other units therefore has the same
 axes. An axis is left out, with the reason, if the scene lacks the feature that it varies.
 """
 

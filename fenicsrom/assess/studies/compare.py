@@ -1,10 +1,10 @@
 """Error against run time: every basis of a scene's [compare] table against the full model.
 
 The full model runs once; its motion is kept in the user's cache folder
-(`fenicsrom.assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
+(`assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
 modes and the snapshots. The modes are computed once, for the largest requested number, and each
 combination uses the first of them. The offline seconds of a combination are the sum of the stages
-that it needs, as if it were the only combination. The indicator (`fenicsrom.assess.errors.residual`) needs
+that it needs, as if it were the only combination. The indicator (`assess.errors.residual`) needs
 no full run.
 """
 
@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,14 +33,15 @@ from fenicsrom.reduction.modes import ComponentModes, SolvedModes, first_modes, 
 from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import with_time
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
 
 # a run of more seconds is timed over two periods only; the time is scaled by the number of steps
 SLOW = 1.0
+REPEATS = 5  # timed runs of each model
 SHORT_PERIODS = 2
 
 
@@ -117,6 +119,7 @@ class Comparison:
         points: the contact points.
         compilation: seconds of compilation and warming up; no other number contains them.
         warnings: sentences for the user.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
@@ -127,6 +130,7 @@ class Comparison:
     points: ContactPoints
     compilation: float
     warnings: list[str]
+    files: list[Path] = field(default_factory=list)
 
     def rank_correlation(self, name: str = "indicator") -> float | None:
         """Spearman's correlation of the indicator with the error of the tangential amplitude.
@@ -293,22 +297,21 @@ def try_out(
 def time_runs(
     model: Any, scene: Scene, motion: Motion, comm: Any
 ) -> tuple[tuple[float, ...], int | None]:
-    """Time `compare.repeats` runs.
+    """Time `REPEATS` runs.
 
     Returns:
         Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
         timed: the seconds are then scaled to the whole run, and the number of periods is given.
     """
-    repeats = scene.compare.repeats
     if (
         comm.bcast(motion.seconds) <= SLOW
         or motion.period is None
         or motion.search is not None
         or motion.periods <= SHORT_PERIODS
     ):
-        return tuple(simulate(model, scene).seconds for _ in range(repeats)), None
+        return tuple(simulate(model, scene).seconds for _ in range(REPEATS)), None
     short = replace(scene, time=scene.time.changed(periods=SHORT_PERIODS, steady_tolerance=0.0))
-    runs = (simulate(model, short) for _ in range(repeats))
+    runs = (simulate(model, short) for _ in range(REPEATS))
     return tuple(run.seconds / run.steps * motion.steps for run in runs), SHORT_PERIODS
 
 

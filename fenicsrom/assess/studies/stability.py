@@ -1,6 +1,6 @@
 """How far the program can be pushed: extreme variants of a scene, and a verdict on each run.
 
-Each axis (`fenicsrom.assess.studies.axes`) goes from ordinary to extreme values, first alone and then in
+Each axis (`assess.studies.axes`) goes from ordinary to extreme values, first alone and then in
 the worst pairs. A run is made as a user would make it, and again with half the step (an eighth of
 the tolerance) and, where the basis is in question, with a richer basis. Its verdict is one of
 
@@ -11,7 +11,7 @@ the tolerance) and, where the basis is in question, with a richer basis. Its ver
                     or any other exception is raised
 
 The estimates of a run are `fenicsrom.assess.errors.estimates.step_errors` and `basis_errors`, which
-`fenicsrom run` checks and prints too. Random variants (`fenicsrom.assess.studies.random_cases`) are also
+`fenicsrom run` checks and prints too. Random variants (`assess.studies.random_cases`) are also
 compared with the full model at the same time steps.
 """
 
@@ -43,8 +43,8 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import refined
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -116,12 +116,14 @@ class Matrix:
         findings: one for each case.
         seconds: run time of all runs.
         left_out: a sentence for each axis that the scene does not have.
+        files: the written files, the one to open first at the head.
     """
 
     scene: Scene
     findings: list[Finding]
     seconds: float
     left_out: list[str] = field(default_factory=list)
+    files: list[Path] = field(default_factory=list)
 
     def count(self, verdict: Verdict) -> int:
         """Number of runs with a verdict."""

@@ -9,7 +9,7 @@ from slepc4py import SLEPc
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind
 from fenicsrom.reduction.protocols import Inverse
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SINGULAR = (-6, -10)  # errors of MUMPS; all others are about resources
 EIGEN_TOLERANCE = 1e-10

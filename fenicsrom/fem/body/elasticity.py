@@ -29,7 +29,7 @@ rows of K are those of the identity; the clamped rows of M are zero.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import basix.ufl
 import dolfinx.fem.petsc
@@ -51,9 +51,6 @@ from fenicsrom.fem.body.slanted import Slanted
 from fenicsrom.fem.body.supports import conditions, held_displacements
 from fenicsrom.fem.mesh.mesh_data import Mesh
 from fenicsrom.scene import Geometry, GroupMaterial, Material, Rotation, Support
-
-if TYPE_CHECKING:
-    from fenicsrom.fem.body.pressure import FollowerPressures
 
 CHUNK_BYTES = 50e6
 """Memory of one chunk of tabulated gradients; each chunk copies all fields to their functions."""
@@ -132,7 +129,7 @@ class ElasticBody:
             self.free -= self.slanted.rank
         self.materials = Materials(mesh, geometry, material, materials, source)
         self.springs, self.point_masses, self.dashpots = np.zeros((3, self.local))
-        self.pressures: FollowerPressures | None = None
+        self.pressures: Any = None
         self._compile_forms()
         self.inertia = Inertia(
             self.space, lambda form: self.density * form * self.dx, self.clamped, self.slanted

@@ -5,7 +5,7 @@ product of the mass matrix m of one component with a small matrix A between the 
 
     m ⊗ A,    m_kl = ∫ ρ φ_k φ_l,    (1)
 
-with A = I for the mass matrix. `fenicsrom.fem.body.rotation` has others. The pattern of (1) is part of
+with A = I for the mass matrix. `fem.body.rotation` has others. The pattern of (1) is part of
 that of a stiffness matrix, which couples all components of two nodes.
 """
 

@@ -22,7 +22,7 @@ force. Time-dependent pressures act in a motion only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import dolfinx.fem.petsc
 import numpy as np
@@ -36,9 +36,6 @@ from fenicsrom.fem.base.linalg import multiply
 from fenicsrom.fem.body.loads import LOAD_DEGREE, check_on_boundary
 from fenicsrom.online.model.pressure import PressurePolynomial
 from fenicsrom.scene import Load
-
-if TYPE_CHECKING:
-    from fenicsrom.fem.body.elasticity import ElasticBody
 
 
 def _area(g: Any, h: Any, normal: Any) -> Any:
@@ -62,7 +59,7 @@ class _Surface:
         bend: (3), or None in 2D.
     """
 
-    def __init__(self, body: ElasticBody, surface: ufl.Measure, u: Any, x: Any):
+    def __init__(self, body: Any, surface: ufl.Measure, u: Any, x: Any):
         trial, test = ufl.TrialFunction(body.space), ufl.TestFunction(body.space)
         facet, d = ufl.FacetNormal(body.mesh.domain), body.dimension
         normal = [facet[k] for k in range(d)]
@@ -92,7 +89,7 @@ class FollowerPressures:
         part: the part of the static pressures that acts; load steps vary it.
     """
 
-    def __init__(self, body: ElasticBody, loads: Sequence[Load]):
+    def __init__(self, body: Any, loads: Sequence[Load]):
         """Compile the forms.
 
         Args:

@@ -18,7 +18,7 @@ true jump stays in one of the halves.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -28,10 +28,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.fem.base.linalg import Factorisation, multiply, negative_eigenvalues
 from fenicsrom.fem.equilibrium.flutter import check_coupling
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-from fenicsrom.scene.rules import counted
-
-if TYPE_CHECKING:
-    from fenicsrom.fem.solid.solid import Solid
+from fenicsrom.words import counted
 
 PUSH = 1e-3
 """Largest displacement of the push, relative to the extent of the body."""
@@ -63,7 +60,7 @@ GROWTH = 1e6
 """A step fails if Newton's decrement grows by this factor."""
 
 
-def check_stability(body: Solid) -> int:
+def check_stability(body: Any) -> int:
     """Leave an unstable equilibrium for a stable one nearby, with a warning. Collective.
 
     A body with contacts keeps its equilibrium, which they may stabilise: the motion starts from the
@@ -110,7 +107,7 @@ def check_stability(body: Solid) -> int:
     return unstable
 
 
-def check_snap(body: Solid, linear: Array) -> None:
+def check_snap(body: Any, linear: Array) -> None:
     """Warn if the body jumps as the static loads grow. Collective.
 
     Args:
@@ -171,13 +168,13 @@ def check_snap(body: Solid, linear: Array) -> None:
             body.pressures.part = 1.0
 
 
-def _probe_text(body: Solid) -> str:
+def _probe_text(body: Any) -> str:
     """The displacement of the probe in the equilibrium, in words."""
     components = body.comm.allreduce(body.probe_rows @ body.equilibrium)
     return f"({', '.join(f'{1e3 * u:.5g}' for u in components)}) mm"
 
 
-def _stable_equilibrium(body: Solid, unstable: int) -> Array | None:
+def _stable_equilibrium(body: Any, unstable: int) -> Array | None:
     """A stable equilibrium (local,) downhill of an unstable one, or None. Collective."""
     try:
         squares, modes = body.eigenmodes(body.factor, min(unstable + 2, body.free))
@@ -209,7 +206,7 @@ def _stable_equilibrium(body: Solid, unstable: int) -> Array | None:
         factor.destroy(matrix=True)
 
 
-def _side(body: Solid, shape: Array) -> float:
+def _side(body: Any, shape: Array) -> float:
     """1 or -1: the direction of a shape (local,) to which the loads push, else the probe's."""
     force = body.load_vectors.sum(axis=1)
     work = body.dot(force, shape)
@@ -220,7 +217,7 @@ def _side(body: Solid, shape: Array) -> float:
 
 
 def _step(
-    body: Solid, start: Array, c: float, matrix: PETSc.Mat, factor: Factorisation
+    body: Any, start: Array, c: float, matrix: PETSc.Mat, factor: Factorisation
 ) -> Array | None:
     """The solution (local,) of (1) near its start, or None without convergence. Collective.
 

@@ -12,7 +12,7 @@ Source: Bolotin, Nonconservative Problems of the Theory of Elastic Stability, 19
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.reduction.projection import COUPLING
-
-if TYPE_CHECKING:
-    from fenicsrom.fem.solid.solid import Solid
 
 MODES = 8
 """Number of modes Φ besides those with negative squares; half as many squares are judged."""
@@ -34,7 +31,7 @@ IMAGINARY = 1e-6
 """A smaller imaginary part, relative to the absolute value, is the rounding of a double root."""
 
 
-def check_coupling(body: Solid, negative: int) -> int:
+def check_coupling(body: Any, negative: int) -> int:
     """Warn if the follower pressures couple the modes. Collective.
 
     Args:
@@ -73,7 +70,7 @@ def check_coupling(body: Solid, negative: int) -> int:
     return int(np.sum(squared < 0.0))
 
 
-def _coupled_squares(body: Solid, modes: Array) -> NDArray[np.complex128]:
+def _coupled_squares(body: Any, modes: Array) -> NDArray[np.complex128]:
     """The squares ω² of (1) for modes Φ (local, k) of the symmetric part, by absolute value."""
     assert body.pressures is not None
 

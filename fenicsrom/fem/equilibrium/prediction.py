@@ -19,7 +19,7 @@ path, there is no prediction.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -28,9 +28,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.dense import negative_eigenvalues
 from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
-
-if TYPE_CHECKING:
-    from fenicsrom.fem.solid.solid import Solid
 
 UNKNOWNS = 10_000
 """With fewer unknowns, the factorisations that a prediction saves cost less than the prediction."""
@@ -54,7 +51,7 @@ LOAD_STEPS = 10
 """Number of steps in which load and Ω² grow; Newton's method needs few iterations in each."""
 
 
-def predicted_equilibrium(body: Solid) -> Array | None:
+def predicted_equilibrium(body: Any) -> Array | None:
     """Predict the equilibrium of a rotating body. Collective.
 
     Args:
@@ -103,7 +100,7 @@ def predicted_equilibrium(body: Solid) -> Array | None:
     return np.asarray(vectors @ q)
 
 
-def _basis(body: Solid, load: Array) -> Array:
+def _basis(body: Any, load: Array) -> Array:
     """The basis (1) (local, n) of a load (local,), orthonormal in the energy norm."""
     vectors = body.factor.solve(load[:, None])
     for _ in range(KRYLOV_VECTORS - 1):
@@ -120,7 +117,7 @@ def _basis(body: Solid, load: Array) -> Array:
     )
 
 
-def _orthonormal(body: Solid, vectors: Array) -> Array:
+def _orthonormal(body: Any, vectors: Array) -> Array:
     """Vectors with the span of others (local, k), orthonormal in the energy norm at rest."""
     products = body.inner(vectors, body.stiffness_times(vectors))
     scale = 1.0 / np.sqrt(np.diag(products))

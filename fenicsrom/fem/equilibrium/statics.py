@@ -2,7 +2,7 @@
 
 A correction solves with a factor of the tangent stiffness that is kept while each correction is
 smaller than the one before by `CONTRACTION`, in the energy norm. Otherwise the mixed tangent at the
-current state (`fenicsrom.fem.body.elasticity`, eq. 5) is factorised. Anderson's acceleration joins up to
+current state (`fem.body.elasticity`, eq. 5) is factorised. Anderson's acceleration joins up to
 five corrections with the same factor (Walker and Ni, SIAM J. Numer. Anal., 2011). The residual is
 always that of the full equations, so the equilibrium does not depend on the tangents. Where this
 fails, at a limit load, plain Newton with the tangent of each state follows.

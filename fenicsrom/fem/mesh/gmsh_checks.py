@@ -15,7 +15,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     model_nodes,
 )
 from fenicsrom.scene import Geometry
-from fenicsrom.scene.rules import are, counted
+from fenicsrom.words import are, counted
 
 DEGENERATE = 1e-12
 """Smaller Jacobian determinants, relative to the cell size to the power d, count as zero."""

@@ -4,7 +4,7 @@ The equilibria u(λ) of
 
     r(u, λ) = f(u) − p₀ − λ p = 0    (1)
 
-(`fenicsrom.fem.paths.path_equations`) form a curve in (u, λ), which is followed through limit points,
+(`fem.paths.path_equations`) form a curve in (u, λ), which is followed through limit points,
 where λ turns back. Lengths are those of
 
     |(du, dλ)|² = |du|² / size² + dλ² / scale².    (2)
@@ -20,7 +20,7 @@ bordered equations by block elimination, with one factor of the tangent stiffnes
 
 where gap is the distance to the hyperplane (Riks 1979; Crisfield 1981). The factor is kept while
 the corrections become smaller by `CONTRACTION`; otherwise the mixed tangent is factorised
-(`fenicsrom.fem.body.elasticity`, eq. 5). At the point found, the exact tangent corrects once more. Its
+(`fem.body.elasticity`, eq. 5). At the point found, the exact tangent corrects once more. Its
 negative pivots count the directions in which the equilibrium is unstable. They change by one at a
 limit point, where the tangent of the curve has no component along λ; any other change is a
 bifurcation, where a mode of K has the eigenvalue zero.

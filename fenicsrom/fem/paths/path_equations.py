@@ -5,7 +5,7 @@ The equilibria of a body under the loads p₀ + λ p solve
     r(u, λ) = f(u) − p₀ − λ p = 0    (1)
 
 with the tangent stiffness K = ∂r/∂u. Follower pressures are parts of p₀ and p that depend on u.
-Under them K may not be symmetric (`fenicsrom.fem.body.pressure`); the negative pivots are then those of
+Under them K may not be symmetric (`fem.body.pressure`); the negative pivots are then those of
 its symmetric part.
 """
 

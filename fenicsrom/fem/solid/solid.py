@@ -1,7 +1,7 @@
 """The solid: a body in its static equilibrium, with its loads and contact points.
 
 In a scene with [rotation], all quantities are described in the rotating frame
-(`fenicsrom.fem.body.rotation`). The centrifugal potential is part of the energy, of the internal force
+(`fem.body.rotation`). The centrifugal potential is part of the energy, of the internal force
 and of the tangent. The equilibrium is that at speed, and is always geometrically nonlinear: a
 linear one would lack the stiffening by the centrifugal tension. In a geometrically linear scene,
 only the vibrations about this equilibrium are linear.
@@ -179,10 +179,10 @@ class Solid(ElasticBody):
 
         self._spinning = self.rotation is not None and self.rotation.omega_squared > 0.0
         pushed = self.comm.allreduce(float(np.abs(self.static_load).sum())) > 0.0
-        self.loaded = self._spinning or bool(pushed) or not self.symmetric
+        self.loaded: bool = self._spinning or bool(pushed) or not self.symmetric
         self._known = known
         if known is not None:
-            self.equilibrium = np.zeros(self.local) + known.displacement
+            self.equilibrium: Array = np.zeros(self.local) + known.displacement
             self.unstable = known.unstable
             self._set_follower_loads()
         else:

@@ -9,11 +9,11 @@ does not depend on the choice, except for rounding.
 
 from __future__ import annotations
 
+from fenicsrom.arrays import Array
 from fenicsrom.online.contact.law import trial_normal_force
 from fenicsrom.online.contact.state import OPEN, ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.kernels.compiled import part
-from fenicsrom.online.step.state import Trial
 
 
 @part
@@ -63,23 +63,30 @@ def list_candidates(scratch: ContactScratch) -> int:
 
 
 @part
-def add_candidates(contacts: Contacts, interval: Interval, trial: Trial) -> int:
+def add_candidates(
+    contacts: Contacts,
+    interval: Interval,
+    free_displacement: Array,
+    end: ContactState,
+    scratch: ContactScratch,
+) -> int:
     """Add the points that touch at the end of a step to its candidates.
 
     Args:
         contacts: the parameters.
         interval: the step.
-        trial: in: `free_displacement` (P, d) holds the displacements at the end of the step; out:
-            those of the points that are no candidates in `contact`.
+        free_displacement: (P, d) the displacements at the end of the step.
+        end: the state at the end of the step; out: `x` and the trial normal force of the points
+            that are no candidates.
+        scratch: in and out: `is_candidate`; out: `candidates` and `directions`.
 
     Returns:
         The number of candidates.
     """
-    scratch, end = trial.scratch, trial.contact
     for p in range(end.x.shape[0]):
         if not scratch.is_candidate[p]:
             for k in range(len(scratch.space)):
-                end.x[p, k] = trial.free_displacement[p, k]
+                end.x[p, k] = free_displacement[p, k]
             after = trial_normal_force(contacts, p, end.x[p], interval.end)
             end.trial_normal_force[p] = after
             scratch.is_candidate[p] = not after <= 0.0

@@ -374,7 +374,7 @@ def mean_friction(
 
 # Longer than 60 lines: the terms share a dozen values of one stretch, and each call of a compiled
 # function with so many arguments costs more than its arithmetic.
-@part
+@kernel
 def add_friction_derivative(
     stiffness: float,
     interval: Interval,
@@ -449,7 +449,7 @@ def add_friction_derivative(
             derivative[k, j] += fraction * (1.0 - until) * force_j
 
 
-@part
+@kernel
 def friction_force(
     contacts: Contacts,
     interval: Interval,

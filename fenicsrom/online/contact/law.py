@@ -18,7 +18,7 @@ current position, however far the point slides.
 
 Over a time step the schemes that weight the ends apply the law at the weighted point
 x_a = a x0 + (1 - a) x1. The discrete gradient averages the forces along the straight path from x0
-to x1, in closed form (`fenicsrom.online.contact.friction`). It locates opening, closing and the change from
+to x1, in closed form (`online.contact.friction`). It locates opening, closing and the change from
 stick to slip inside the step. After this change the point slips, under the law at the middle of the
 rest of the step. This is exact for a point that slides to and fro, and of second order for a point
 that changes its direction as it slides.
@@ -62,7 +62,7 @@ from fenicsrom.online.contact.surfaces import (
     gap_discrete_gradient,
     penetration,
 )
-from fenicsrom.online.kernels.compiled import compiled, part
+from fenicsrom.online.kernels.compiled import compiled, kernel, part
 
 
 @part
@@ -71,7 +71,7 @@ def trial_normal_force(contacts: Contacts, p: int, x: Array, time: float) -> flo
     return contacts.preload[p] + contacts.normal_stiffness[p] * penetration(contacts, p, x, time)
 
 
-@part
+@kernel
 def implicit_blending(
     contacts: Contacts,
     interval: Interval,
@@ -126,7 +126,7 @@ def implicit_blending(
         scratch.blending[p] = ratio**2 / (1.0 + ratio**2)
 
 
-@part
+@kernel
 def _add_normal_force(
     contacts: Contacts,
     interval: Interval,
@@ -170,7 +170,7 @@ def _add_normal_force(
             )
 
 
-@part
+@kernel
 def _tangential_stretch(
     contacts: Contacts,
     interval: Interval,
@@ -226,7 +226,7 @@ def _tangential_stretch(
     project_on_tangent_plane(n, bend, reach, e1, e1_derivative, work)
 
 
-@part
+@kernel
 def contact_force(
     contacts: Contacts,
     interval: Interval,
@@ -273,7 +273,7 @@ def contact_force(
     return True
 
 
-@part
+@kernel
 def commit_contact_state(
     contacts: Contacts,
     interval: Interval,
@@ -335,7 +335,7 @@ def commit_contact_state(
     return dissipated, surface, impact
 
 
-@part
+@kernel
 def _friction_energies(
     contacts: Contacts,
     interval: Interval,
@@ -371,7 +371,7 @@ def _friction_energies(
     return available - stored, surface
 
 
-@part
+@kernel
 def contact_energy(contacts: Contacts, here: ContactState) -> float:
     """Energy in the contact springs, sum of N^2/(2 k_n) + |T|^2/(2 k_t) over the points, J."""
     total = 0.0

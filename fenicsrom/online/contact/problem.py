@@ -28,14 +28,14 @@ from fenicsrom.online.contact.law import contact_force, trial_normal_force
 from fenicsrom.online.contact.semismooth_newton import semismooth_newton
 from fenicsrom.online.contact.state import ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts, advect_with_surface, gap_discrete_gradient
-from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.compiled import kernel
 
 CONTACT_ROUNDS = 100  # rounds of Gauss-Seidel and Newton before the step is rejected
 SWEEPS = 10  # Gauss-Seidel sweeps of a round
 BISECTIONS = 100
 
 
-@part
+@kernel
 def solve_contact(
     contacts: Contacts,
     interval: Interval,
@@ -120,7 +120,7 @@ def nonlinear_gauss_seidel(
             scratch.guess[p, k] = end.x[p, k]
 
 
-@part
+@kernel
 def _bisect_normal_force(
     contacts: Contacts,
     interval: Interval,
@@ -163,7 +163,7 @@ def _bisect_normal_force(
     return force
 
 
-@part
+@kernel
 def _project_friction(
     contacts: Contacts,
     interval: Interval,
@@ -178,7 +178,7 @@ def _project_friction(
     """Write the friction of point p, a force on the disc of radius mu `force`, to `held_friction`.
 
     Friction is taken at the weighted point, with the initial stretch, the limits and the fraction
-    of contact of `fenicsrom.online.contact.friction`. This friction is close to the mean along the path, so
+    of contact of `online.contact.friction`. This friction is close to the mean along the path, so
     Newton's iteration then finds the solution.
     """
     point, d = scratch.point, len(scratch.space)

@@ -15,14 +15,14 @@ from fenicsrom.online.contact.compliance import (
 from fenicsrom.online.contact.law import contact_force
 from fenicsrom.online.contact.state import ContactScratch, ContactState, Interval
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.compiled import kernel, part
 from fenicsrom.online.kernels.dense import lu_factor, lu_solve
 
 CONTACT_ITERATIONS = 25  # Newton iterations; a longer iteration counts as a cycle between states
 ROUNDING = 4e-15  # relative to the displacements: a smaller residual is rounding
 
 
-@part
+@kernel
 def _write_residual(
     candidates: NDArray[np.int64],
     compliance: Compliance,
@@ -62,7 +62,7 @@ def _largest_entry(candidates: NDArray[np.int64], scratch: ContactScratch) -> fl
     return size
 
 
-@part
+@kernel
 def _solve_touching(
     candidates: NDArray[np.int64], delassus: Array, count: int, scratch: ContactScratch
 ) -> bool:
@@ -89,7 +89,7 @@ def _solve_touching(
     return True
 
 
-@part
+@kernel
 def _update_all(
     candidates: NDArray[np.int64], delassus: Array, count: int, scratch: ContactScratch
 ) -> None:
@@ -119,7 +119,7 @@ def _update_all(
             residual[candidates[touching[t]], k] = update[t * d + k, 0]
 
 
-@part
+@kernel
 def _update(
     candidates: NDArray[np.int64], compliance: Compliance, count: int, scratch: ContactScratch
 ) -> bool:
@@ -132,7 +132,7 @@ def _update(
     return True
 
 
-@part
+@kernel
 def semismooth_newton(
     contacts: Contacts,
     interval: Interval,

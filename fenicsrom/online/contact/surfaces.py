@@ -218,7 +218,7 @@ def gap_discrete_gradient(
         _add_waves(contacts, p, first, second, time, n, derivative)
 
 
-@part
+@kernel
 def _add_waves(
     contacts: Contacts,
     p: int,

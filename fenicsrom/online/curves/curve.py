@@ -56,14 +56,14 @@ class CurvePoint:
         alternation: (P d,) change of the contact displacement (of the probe without contact) from
             the start of the motion to the end of the first period of the loads, m; zero if m is 1.
         harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
-            `fenicsrom.online.curves.curve_measures.harmonics`.
+            `online.curves.curve_measures.harmonics`.
         period_states: (phases, P) contact states over the period.
         damping_dissipation: energy dissipated by damping in the period, J.
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
-            `fenicsrom.online.curves.turning_pairs`.
+            `online.curves.turning_pairs`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
         period: of the motion, s.
-        sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
+        sense: of the tangent: 1, or -1 against `online.curves.arc`'s null vector v.
     """
 
     parameter: float

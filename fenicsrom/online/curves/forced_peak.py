@@ -77,7 +77,7 @@ def forced_peaks(
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
         amplitude: of a motion with these data, m.
-        displaced: (s,) as in `fenicsrom.online.periodic.families.frequency_family`.
+        displaced: (s,) as in `online.periodic.families.frequency_family`.
 
     Raises:
         ConvergenceError: a motion or a peak was not found; the error names the factor.

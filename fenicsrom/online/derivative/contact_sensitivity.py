@@ -94,7 +94,7 @@ def law_derivative(contacts: Contacts, points: int, d: int) -> LawDerivative:
     )
 
 
-@part
+@kernel
 def perturb(contacts: Contacts, p: int, base: Contacts, drift: Contacts, size: float) -> None:
     """Set the parameters of point p to base + i size drift."""
     contacts.preload[p] = complex(base.preload[p], size * drift.preload[p])
@@ -114,7 +114,7 @@ def perturb(contacts: Contacts, p: int, base: Contacts, drift: Contacts, size: f
         contacts.phase[p, k] = complex(base.phase[p, k], size * drift.phase[p, k])
 
 
-@part
+@kernel
 def state_of(
     contacts: Contacts, p: int, time: complex, here: ContactState, scratch: ContactScratch
 ) -> None:

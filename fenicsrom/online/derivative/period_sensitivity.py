@@ -33,7 +33,7 @@ from fenicsrom.online.derivative.step_sensitivity import (
     solve_step,
     write_load_derivative,
 )
-from fenicsrom.online.kernels.compiled import kernel, part
+from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.complex_step import STEP
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.step.scheme import Scheme
@@ -43,7 +43,7 @@ REST = ComplexInterval(0j, 0j, 0.0, False)
 """The step of zero length in which the points are at rest."""
 
 
-@part
+@kernel
 def start_derivatives(
     model: ReducedModel, s: Sensitivity, memory: NDArray[np.int64], with_a: bool
 ) -> None:
@@ -82,7 +82,7 @@ def start_derivatives(
     write_load_derivative(model, s, 0j, s.load_derivative[1])
 
 
-@part
+@kernel
 def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> int:
     """Write the step of a row of the record, of size h, into s.
 
@@ -104,7 +104,7 @@ def begin_step(record: Record, row: int, h: float, last_step: float, s: Sensitiv
     return list_candidates(s.law.scratch)
 
 
-@part
+@kernel
 def end_step(record: Record, row: int, h: float, last_step: float, s: Sensitivity) -> None:
     """Write the end of the step of a row of the record as the start of the next one."""
     n, growth = s.step.size, 2.0 / (h + last_step)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.derivative.sensitivity import Drift, Sensitivity
-from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.compiled import kernel, part
 from fenicsrom.online.kernels.complex_step import STEP
 from fenicsrom.online.kernels.dense import add_combined_rows, lu_factor, lu_solve
 from fenicsrom.online.model.loads import write_factors
@@ -38,7 +38,7 @@ from fenicsrom.online.step.step import step_coefficients
 class EndCoefficients(NamedTuple):
     """How velocity and acceleration at the end of a step depend on dq, v0 and a0.
 
-    `fenicsrom.online.step.step.accept` has the same factors, written out: there they are part of the
+    `online.step.step.accept` has the same factors, written out: there they are part of the
     compiled loop, whose machine code is not to depend on that of the derivatives.
     """
 
@@ -84,7 +84,7 @@ def with_damping(scheme: Scheme, damping: complex) -> Scheme:
     )
 
 
-@part
+@kernel
 def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> None:
     """Write the derivatives of the mean elastic force by q0 and by dq: by_start and by_step."""
     q0, dq, elastic, work, shares = s.before[0], s.step, model.elastic, model.work, s.shares
@@ -102,7 +102,7 @@ def elastic_tangents(model: ReducedModel, scheme: Scheme, s: Sensitivity) -> Non
     write_tangents(elastic, work.columns, q, work.products, shares, s.by_start, s.by_step)
 
 
-@part
+@kernel
 def add_pressure(
     model: ReducedModel, scheme: Scheme, behind: complex, ahead: complex, s: Sensitivity
 ) -> None:
@@ -133,7 +133,7 @@ def add_pressure(
                     s.by_step[i, j] -= factor.real * point * tangent[i, j]
 
 
-@part
+@kernel
 def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, out: Array) -> None:
     """Write the derivative (n,) of the load vector by the parameter at a time."""
     write_factors(s.histories, time, s.factors)
@@ -144,7 +144,7 @@ def write_load_derivative(model: ReducedModel, s: Sensitivity, time: complex, ou
         out[i] = value / STEP
 
 
-@part
+@kernel
 def add_term(
     matrix: Array, by_dq: complex, by_v: complex, by_a: complex, with_a: bool, s: Sensitivity
 ) -> None:
@@ -168,7 +168,7 @@ def add_term(
     add_combined_rows(matrix, s.combined, s.dq)
 
 
-@part
+@kernel
 def add_structure(
     model: ReducedModel,
     scheme: Scheme,
@@ -222,7 +222,7 @@ def add_structure(
     return g.mass, g.velocity_dq
 
 
-@part
+@kernel
 def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
     """Add the mean contact force of point p to S and to the right-hand side."""
     n, k = s.q.shape
@@ -251,7 +251,7 @@ def add_contact(model: ReducedModel, s: Sensitivity, p: int) -> None:
                 s.dq[a, c] += factor * s.force[row + i, c]
 
 
-@part
+@kernel
 def solve_step(s: Sensitivity) -> bool:
     """Solve S d(dq) = -s.dq in place; False if S is singular."""
     n, k = s.q.shape
@@ -264,7 +264,7 @@ def solve_step(s: Sensitivity) -> bool:
     return True
 
 
-@part
+@kernel
 def advance_derivatives(scheme: Scheme, h: complex, s: Sensitivity) -> None:
     """Add the step to the derivatives of coordinates, velocities and accelerations."""
     g = end_coefficients(scheme, h)
@@ -285,7 +285,7 @@ def advance_derivatives(scheme: Scheme, h: complex, s: Sensitivity) -> None:
         s.v[i, last] += (g.v_dq.imag * dq[i] + g.v_v.imag * v0[i] + g.v_a.imag * a0[i]) / STEP
 
 
-@part
+@kernel
 def advance_sliders(model: ReducedModel, s: Sensitivity) -> None:
     """Carry the derivatives of the sliders and of the contact displacements over the step.
 
@@ -325,7 +325,7 @@ def advance_sliders(model: ReducedModel, s: Sensitivity) -> None:
             s.x[r, c] = x1[r, c]
 
 
-@part
+@kernel
 def advance_extrapolation(period_drift: float, h: float, last_step: float, s: Sensitivity) -> None:
     """Carry the derivatives of the mean velocity and its growth, which extrapolate, over a step."""
     n, k = s.q.shape

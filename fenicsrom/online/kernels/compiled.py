@@ -1,89 +1,172 @@
 """Compilation with numba.
 
-Three private interfaces of numba make the kernels fast; those in `fenicsrom.online.kernels.stored_code`
-load them fast. Each was checked with the versions of numba from `FIRST` to `LAST`; any other
-version runs without them, slower and with the same results:
+A compiled function has two sides. Compiled code calls the function itself, a part of a larger
+program. Python calls an entry, which makes references of the named tuples among its arguments
+(`online.kernels.references`), and whose machine code holds all parts below it
+(`online.kernels.emission`). The machine code of entries is stored for the next process.
 
-- `_source_stamp` of a cache file decides whether stored machine code is still valid. Without it
-  nothing is stored, because numba's own rule misses changes in other files.
-- the option `_nrt=False` compiles a function without the counting of references to arrays.
-- `meminfo` and `parent` of an array are cleared by `borrowed`, so that callers count nothing.
+Numba finds stored code by the place and the name of a function, and keeps it until the file of the
+function changes. The machine code depends on other files too. It is therefore kept until one of the
+modules changes that the module of the function imports. Where numba is of a version that was not
+checked, the digest of these modules is a part of the name.
 """
 
 from __future__ import annotations
 
 import hashlib
 import re
+import sys
 from collections.abc import Callable, Iterable
-from functools import cache
+from functools import cache, update_wrapper
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
-from numba import njit, types
-from numba.core import cgutils
-from numba.extending import intrinsic, overload, overload_method
+from numba import njit, typeof, types
+from numba.extending import overload_method, register_jitable
 
-_FOLDER = Path(__file__).parent
-TYPES = ("model", "scheme")  # modules of the named tuples that kernels receive but do not import
-FIRST, LAST = (0, 61), (0, 65)  # versions of numba that were checked
+from fenicsrom.online.kernels.emission import ENTRY, IS_CHECKED, PART
+from fenicsrom.online.kernels.references import TupleReference, borrow
 
+PACKAGE = "fenicsrom.online"
+TYPES = ("fenicsrom.online.model.model", "fenicsrom.online.step.scheme")
+"""Modules of the named tuples that kernels receive but do not import."""
+KERNEL = {**PART, "_nrt": False}
+"""Options of a part that makes no arrays, so that it need not count references to arrays."""
+SHORT = {**KERNEL, "forceinline": True}
+"""Options of a part of a few lines, which is always inlined."""
 
-def _is_supported(version: str) -> bool:
-    """Whether the private interfaces were checked with this version of numba."""
-    found = re.match(r"(\d+)\.(\d+)", version)
-    return found is not None and FIRST <= (int(found[1]), int(found[2])) <= LAST
-
-
-PRIVATE = _is_supported(numba.__version__) and not numba.config.DISABLE_JIT
-UNCOUNTED: dict[str, bool] = {"_nrt": False} if PRIVATE else {}
-"""Options of a function that makes no arrays, so that it need not count references."""
-INLINED = {**UNCOUNTED, "forceinline": True}
+_FOLDER = Path(sys.modules[PACKAGE].__path__[0])
+_IMPORT = re.compile(
+    rf"^\s*(?:from|import) ({re.escape(PACKAGE)}[\w.]*)(?: import (\([^)]*\)|.*))?", re.MULTILINE
+)
 
 
 @cache
-def _stamp(module: str) -> str:
-    """A digest of a module and of all modules of this package on which its machine code depends.
+def read_sources(folder: Path = _FOLDER) -> dict[str, str]:
+    """The text of every module of `PACKAGE` and of its sub-packages, by its dotted name.
 
-    These are the modules that it imports and those of `TYPES`. For a module of another package,
-    these are all modules.
+    Args:
+        folder: the folder of `PACKAGE`.
     """
-    package, _, own = module.rpartition(".")
-    found: dict[str, str] = {}
-    queue = [own, *TYPES] if package == __package__ else [p.stem for p in _FOLDER.glob("*.py")]
+    texts = {}
+    for path in folder.rglob("*.py"):
+        places = path.relative_to(folder).with_suffix("").parts
+        name = ".".join([PACKAGE, *(place for place in places if place != "__init__")])
+        texts[name] = path.read_text(encoding="utf-8")
+    return texts
+
+
+@cache
+def _imports(text: str) -> set[str]:
+    """The names of `PACKAGE` that a module imports, some of which may be modules.
+
+    `from a.b import name` may import the module `a.b.name` or an object of the module `a.b`.
+    """
+    found = set()
+    for module, names in _IMPORT.findall(text):
+        found |= {module, *(f"{module}.{name}" for name in re.findall(r"\w+", names))}
+    return found
+
+
+def stamp(module: str, sources: dict[str, str]) -> str:
+    """A digest of a module and of all modules of `PACKAGE` on which its machine code depends.
+
+    These are the modules that it imports, directly or through others, and those of `TYPES`. For a
+    module of another package, these are all modules.
+
+    Args:
+        module: the name of the module.
+        sources: all modules, as from `read_sources`.
+    """
+    found: set[str] = set()
+    queue = {module, *TYPES} if module in sources else set(sources)
     while queue:
-        name = queue.pop()
-        path = _FOLDER / f"{name}.py"
-        if name not in found and path.exists():
-            found[name] = path.read_text(encoding="utf-8")
-            queue += re.findall(r"from fenicsrom\.online\.(\w+) import", found[name])
-    return hashlib.sha256("".join(found[name] for name in sorted(found)).encode()).hexdigest()
+        found |= queue
+        queue = set().union(*(_imports(sources[name]) for name in queue)) & set(sources) - found
+    return hashlib.sha256("".join(sources[name] for name in sorted(found)).encode()).hexdigest()
 
 
-def compiled(function: Callable[..., Any], **options: Any) -> Any:
-    """Compile a function with numba, and store the machine code for the next process.
+class Compiled:
+    """A compiled function; it must not return an array that is, or is in, one of its arguments.
 
-    Numba's own rule keeps stored code until the function's own file changes. The code contains
-    functions and constants of other files too, so this decorator keeps it until any of these files
-    changes.
+    Attributes:
+        py_func: the function of Python.
+        part: what compiled code calls.
+        entry: what Python calls.
     """
-    dispatcher = njit(cache=PRIVATE, error_model="numpy", **options)(function)
-    if PRIVATE:
-        dispatcher._cache._cache_file._source_stamp = _stamp(function.__module__)
-    return dispatcher
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]):
+        """Compile a function.
+
+        Args:
+            function: the function.
+            options: `PART`, `KERNEL` or `SHORT`.
+        """
+        self.py_func = function
+        self.part = njit(error_model="numpy", **options)(function)
+        digest = stamp(function.__module__, read_sources())
+        name = function.__qualname__ if IS_CHECKED else f"{function.__qualname__}_{digest}"
+        self.entry = njit(error_model="numpy", cache=True, **ENTRY)(
+            _entry(function, name, self.part)
+        )
+        if IS_CHECKED:
+            self.entry._cache._cache_file._source_stamp = digest
+        update_wrapper(self, function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code."""
+        return self.entry(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type of the part, for numba."""
+        return typeof(self.part)
+
+
+def _entry(function: Callable[..., Any], name: str, part: Any) -> Any:
+    """The function of Python that calls a part, at the place of another function.
+
+    It is no closure: the stored code of a closure holds what it closes over.
+    """
+    code = _call.__code__.replace(
+        co_filename=function.__code__.co_filename,
+        co_firstlineno=function.__code__.co_firstlineno,
+        co_name=function.__name__,
+        co_qualname=name,
+    )
+    return FunctionType(code, {"__name__": function.__module__, "part": part, "borrow": borrow})
+
+
+def _call(*arguments):  # type: ignore[no-untyped-def]
+    """Call the part; the code of every entry."""
+    return part(*borrow(arguments))
+
+
+def _with(options: dict[str, Any], function: Callable[..., Any]) -> Any:
+    """Compile a function with these options, unless numba is told to compile nothing."""
+    return function if numba.config.DISABLE_JIT else Compiled(function, options)
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Compile a function that may make arrays."""
+    return _with(PART, function)
 
 
 def kernel(function: Callable[..., Any]) -> Any:
     """Compile a function that makes no arrays."""
-    return compiled(function, **UNCOUNTED)
+    return _with(KERNEL, function)
 
 
 def part(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes no arrays and is always inlined into its callers.
+    """Compile a function of a few lines that makes no arrays and is inlined into its callers."""
+    return _with(SHORT, function)
 
-    Passing tuples of many arrays costs more than the arithmetic of a short function.
-    """
-    return compiled(function, **INLINED)
+
+def also_compiled(function: Callable[..., Any]) -> Any:
+    """Let compiled code call a function that stays one of Python."""
+    return register_jitable(**PART)(function)
 
 
 def compile_methods(cls: Any, names: Iterable[str]) -> None:
@@ -95,9 +178,10 @@ def compile_methods(cls: Any, names: Iterable[str]) -> None:
             hide a field of the same name of any named tuple.
     """
     for name in names:
-        overload_method(types.NamedTuple, name, inline="always", strict=False)(
-            _method_of(cls, getattr(cls, name))
-        )
+        for kind in (types.NamedTuple, TupleReference):
+            overload_method(kind, name, inline="always", strict=False, jit_options=PART)(
+                _method_of(cls, getattr(cls, name))
+            )
 
 
 def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
@@ -111,43 +195,3 @@ def _method_of(cls: Any, method: Callable[..., Any]) -> Callable[..., Any]:
         return method if model.instance_class is cls else None
 
     return choose
-
-
-# Numba counts the references to every array of every tuple that is passed on, in atomic operations
-# that took more than half of the run time. The compiled loop therefore works with arrays without an
-# owner, which are not counted; the caller of the loop keeps their memory alive. Never write to such
-# an array in the function that calls `borrowed`: numba does not see that both arrays share memory,
-# and would remove the write as dead code. Pass the array to another function and write to it there.
-
-
-def borrowed(value):  # type: ignore[no-untyped-def]
-    """The value itself; in compiled code, with arrays whose references are not counted."""
-    return value
-
-
-def _without_owners(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Clear the owner of every array in a value of this type."""
-    if isinstance(kind, types.BaseTuple):
-        members = [
-            _without_owners(context, builder, k, builder.extract_value(value, i))
-            for i, k in enumerate(kind)
-        ]
-        return context.make_tuple(builder, kind, members)
-    if isinstance(kind, types.Array):
-        array = context.make_array(kind)(context, builder, value)
-        array.meminfo = cgutils.get_null_value(array.meminfo.type)
-        array.parent = cgutils.get_null_value(array.parent.type)
-        return array._getvalue()
-    return value
-
-
-@intrinsic
-def _borrow(typing_context, value):  # type: ignore[no-untyped-def]
-    return value(value), lambda context, builder, _, arguments: _without_owners(
-        context, builder, value, arguments[0]
-    )
-
-
-@overload(borrowed, jit_options={"forceinline": True})
-def _borrowed(value):  # type: ignore[no-untyped-def]
-    return (lambda value: _borrow(value)) if PRIVATE else (lambda value: value)

@@ -6,11 +6,12 @@ The reduced model works on millions of them, each too small for BLAS and LAPACK 
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.compiled import INLINED, UNCOUNTED, compiled, kernel, part
+from fenicsrom.online.kernels.compiled import KERNEL, SHORT, compiled, kernel, part
 
 MANY_ROWS = 8  # of a matrix whose product combines its columns
 
@@ -224,29 +225,22 @@ def negative_eigenvalues(matrix: Array) -> int:
 # more than the arithmetic on a short vector, so results are written into arrays that exist.
 
 
-def combine(out, *terms):  # type: ignore[no-untyped-def]
-    """Write a x + b y (+ c z) into out (n,), which may be one of the vectors.
-
-    Args:
-        out: (n,).
-        terms: a, x, b, y and optionally c, z.
-    """
-    out[:] = sum(factor * vector for factor, vector in zip(terms[::2], terms[1::2], strict=True))
+def combine(out, a, x, b, y, c=0.0, z=None):  # type: ignore[no-untyped-def]
+    """Write a x + b y (+ c z) into out (n,), which may be one of the vectors."""
+    out[:] = a * x + b * y if z is None else a * x + b * y + c * z
 
 
-@overload(combine, jit_options=UNCOUNTED)
-def _combine(out, *terms):  # type: ignore[no-untyped-def]
-    def two(out, *terms):  # type: ignore[no-untyped-def]
-        a, x, b, y = terms
+@overload(combine, jit_options=KERNEL)
+def _combine(out, a, x, b, y, c=0.0, z=None):  # type: ignore[no-untyped-def]
+    def two(out, a, x, b, y, c=0.0, z=None):  # type: ignore[no-untyped-def]
         for i in range(out.size):
             out[i] = a * x[i] + b * y[i]
 
-    def three(out, *terms):  # type: ignore[no-untyped-def]
-        a, x, b, y, c, z = terms
+    def three(out, a, x, b, y, c=0.0, z=None):  # type: ignore[no-untyped-def]
         for i in range(out.size):
             out[i] = a * x[i] + b * y[i] + c * z[i]
 
-    return {4: two, 6: three}.get(len(terms))
+    return three if isinstance(z, types.Array) else two
 
 
 def copy_vector(out, vector):  # type: ignore[no-untyped-def]
@@ -254,7 +248,7 @@ def copy_vector(out, vector):  # type: ignore[no-untyped-def]
     out[:] = vector
 
 
-@overload(copy_vector, jit_options=INLINED)
+@overload(copy_vector, jit_options=SHORT)
 def _copy_vector(out, vector):  # type: ignore[no-untyped-def]
     def one(out, vector):  # type: ignore[no-untyped-def]
         for i in range(out.size):
@@ -273,7 +267,7 @@ def copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
     points[:] = displacement.reshape(points.shape)
 
 
-@overload(copy_to_points, jit_options=INLINED)
+@overload(copy_to_points, jit_options=SHORT)
 def _copy_to_points(points, displacement):  # type: ignore[no-untyped-def]
     def copy_entries(points, displacement):  # type: ignore[no-untyped-def]
         d = points.shape[1]
@@ -297,7 +291,7 @@ def subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-de
     out[:] = y - np.dot(unit, force[points].reshape(-1))
 
 
-@overload(subtract_contact, jit_options=INLINED)
+@overload(subtract_contact, jit_options=SHORT)
 def _subtract_contact(out, y, unit, points, force):  # type: ignore[no-untyped-def]
     def subtract_entries(out, y, unit, points, force):  # type: ignore[no-untyped-def]
         d = force.shape[1]

@@ -4,7 +4,7 @@ With each stored function, numba parses the function's intermediate code, fills 
 compiler, and imports all of `scipy.linalg` at the first call of BLAS or LAPACK. Here the first two
 wait until numba compiles a function, and only the two modules with the addresses of the routines
 are imported. Files of stored functions end with a checksum, and a damaged one counts as missing.
-Beside `fenicsrom.online.kernels.compiled`, this is the only module that uses private interfaces of numba;
+Beside `online.kernels.compiled`, this is the only module that uses private interfaces of numba;
 another version than those that were checked loads as numba does.
 """
 
@@ -27,7 +27,7 @@ from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 
-from fenicsrom.online.kernels.compiled import PRIVATE
+from fenicsrom.online.kernels.emission import IS_CHECKED
 
 ROUTINES = ("scipy.linalg.cython_blas", "scipy.linalg.cython_lapack")
 """Modules with the addresses of the routines of BLAS and LAPACK that compiled code calls."""
@@ -129,7 +129,7 @@ def _drop_damaged_index(stored: Any) -> None:
 @cache
 def load_code_only() -> None:
     """Let this process load stored functions in this way from now on."""
-    if not PRIVATE:
+    if not IS_CHECKED:
         return
     CompileResultCacheImpl.rebuild = _rebuild
     Cache.load_overload = _load_overload

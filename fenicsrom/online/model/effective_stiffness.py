@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.compliance import Compliance, form_delassus, is_formed
-from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.kernels.dense import lu_factor, lu_solve
 
 
-@part
+@kernel
 def factorise_effective(
     mass: Array,
     velocity_matrix: Array,
@@ -45,7 +45,7 @@ def factorise_effective(
     key[2] = tangent_coefficient
 
 
-@part
+@kernel
 def write_effective_solution(
     rows: Array,
     directions: NDArray[np.int64],

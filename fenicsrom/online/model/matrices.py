@@ -106,6 +106,14 @@ def model_arrays(model: ReducedModel, source: str = "") -> ModelArrays:
 
     Raises:
         SceneError: a follower pressure acts on the model, for which equation (1) has no term.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> arrays = fr.model_arrays(fr.load_model("out/beam.npz").model)
+        >>> arrays.mass.shape, arrays.loads.shape, arrays.contact_rows.shape
+        ((9, 9), (9, 1), (2, 9))
+        >>> float(arrays.damping[0, 0] / arrays.mass[0, 0])  # the key superelement.mass_damping
+        5.0
     """
     if model.pressure.numbers.size:
         key = f"loads[{int(model.pressure.numbers[0])}].follower"

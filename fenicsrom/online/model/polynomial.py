@@ -110,7 +110,7 @@ def elastic_products(columns: Array, cubic: Array, q: Array, s: Array, a: Array,
     add_combined_rows(s, cubic, b)
 
 
-@part
+@kernel
 def elastic_mean(
     elastic: ElasticPolynomial,
     columns: Array,
@@ -240,7 +240,7 @@ def elastic_force(elastic: ElasticPolynomial, q: Array, force: Array, tangent: A
     )
 
 
-@part
+@kernel
 def elastic_force_with(
     elastic: ElasticPolynomial,
     columns: Array,

@@ -18,7 +18,7 @@ position in the step, which two Gauss points integrate exactly.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.kernels.compiled import kernel
 from fenicsrom.online.model.loads import LoadHistories, write_factors
-
-if TYPE_CHECKING:
-    from fenicsrom.online.model.model import Workspace
+from fenicsrom.online.model.workspace import Workspace
 
 _HALF = 0.5 / np.sqrt(3.0)
 GAUSS = (0.5 - _HALF, 0.5 + _HALF)

@@ -19,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.loads import LoadHistories, factors, of_loads
-from fenicsrom.online.motion.motion import Motion
 from fenicsrom.scene import Harmonic, Harmonics, Load, Pulse, Scene, Sweep, Table
 from fenicsrom.scene.excitation import shortest_period
 from fenicsrom.scene.loads import SupportDisplacement
@@ -54,14 +52,6 @@ def support_displacement(loads: Sequence[Load], time: Array, dimension: int) -> 
         if load.moves_supports:
             found += np.outer(_travel(load, time), np.array(load.direction))
     return found
-
-
-def absolute_displacement(scene: Scene, points: ContactPoints, motion: Motion) -> Array:
-    """The displacement of a motion plus that of the supports, in the frames of `displacement`."""
-    moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
-    if len(points.contact):
-        return np.asarray(motion.displacement + np.einsum("pij,kj->kpi", points.frame, moved))
-    return np.asarray(motion.displacement + moved[:, None, : motion.displacement.shape[2]])
 
 
 def moves_supports(scene: Scene) -> bool:

@@ -5,7 +5,7 @@ The balance of a motion is (Gonzalez 1996, Simo and Tarnow 1992, for schemes tha
     d(t) = [T + V + V_c + D](t) - W(t) - the same at the start,
 
 with kinetic energy T, elastic energy V, energy of the contact springs V_c, energy D dissipated by
-damping and friction, and work W of the loads (`fenicsrom.online.motion.motion.Motion.imbalance`). The
+damping and friction, and work W of the loads (`online.motion.motion.Motion.imbalance`). The
 balance is zero except for the error of the scheme: d > 0 is energy that was created, d < 0 energy
 that was lost. Where Newton's method has replaced the marched motion by the periodic one, the state
 jumps: each part of the motion (`Motion.parts`) is judged alone, from its own start.
@@ -19,7 +19,7 @@ import numpy as np
 
 from fenicsrom.errors import AccuracyError, ErrorKind
 from fenicsrom.online.motion.motion import Motion
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 # Largest imbalance that the time integration accepts, relative to the largest energy plus the
 # largest work of the run, by scheme. The discrete gradient keeps the balance to Newton's tolerance;

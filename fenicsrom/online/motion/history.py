@@ -84,11 +84,19 @@ def read_history(path: str | os.PathLike[str], period: float | None = None) -> d
             run.
 
     Returns:
-        The motion of each model that ran, by its name: "reduced", "full", "beam".
+        The motion of each model that ran, by its name ("reduced", "full" or "beam").
 
     Raises:
         SceneError: the file is missing, damaged, or not a `history.npz`, or the period is not a
             positive number.
+
+    Example:
+        The folder is that of `fenicsrom run --from out/beam.npz --output out/beam`.
+
+        >>> import fenicsrom as fr
+        >>> motions = fr.read_history("out/beam/history.npz", period=1 / 3.2)
+        >>> list(motions), round(fr.amplitudes(motions["reduced"])["tangential"][0], 5)
+        (['reduced'], 0.12352)
     """
     path = Path(path)
 

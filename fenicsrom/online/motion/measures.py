@@ -10,8 +10,10 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.support_motion import support_displacement
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.state import PeriodicSearch
+from fenicsrom.scene import Scene
 
 STATE_NAMES = {-1: "open", 0: "slip", 1: "stick"}
 # a motion is at rest if its amplitude, relative to the largest displacement, is smaller
@@ -163,7 +165,14 @@ def amplitudes(motion: Motion) -> dict[str, Any]:
             global axes, and then the first axis counts as the normal direction.
 
     Returns:
-        `{"normal": m, "tangential": [m, ...]}`, one tangential amplitude per tangent direction.
+        The amplitudes in m: the number "normal", and under "tangential" a list with one number for
+        each tangent direction.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> motion = fr.load_model("out/beam.npz").simulate()
+        >>> round(1e3 * fr.amplitudes(motion)["tangential"][0], 2)  # mm
+        123.52
     """
     half = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2
     return {"normal": float(half[0]), "tangential": [float(value) for value in half[1:]]}
@@ -175,7 +184,13 @@ def contact_fractions(motion: Motion) -> dict[str, float]:
     The trapezoidal rule weights the instants, because the steps may differ.
 
     Returns:
-        `{"open": ..., "slip": ..., "stick": ...}`, which sum to 1; without contact "open" is 1.
+        The fractions "open", "slip" and "stick", whose sum is 1; without contact "open" is 1.
+
+    Example:
+        >>> import fenicsrom as fr
+        >>> motion = fr.load_model("out/beam.npz").simulate()
+        >>> {state: round(part, 2) for state, part in fr.contact_fractions(motion).items()}
+        {'open': 0.0, 'slip': 0.93, 'stick': 0.07}
     """
     if not has_contact(motion):
         return {"open": 1.0, "slip": 0.0, "stick": 0.0}
@@ -330,3 +345,11 @@ def _weights(time: Array) -> Array:
         return np.ones(len(time))
     steps = np.diff(time)
     return (np.append(steps, 0.0) + np.insert(steps, 0, 0.0)) / (2 * (time[-1] - time[0]))
+
+
+def absolute_displacement(scene: Scene, points: ContactPoints, motion: Motion) -> Array:
+    """The displacement of a motion plus that of the supports, in the frames of `displacement`."""
+    moved = support_displacement(scene.loads, motion.time, scene.geometry.dimension)
+    if len(points.contact):
+        return np.asarray(motion.displacement + np.einsum("pij,kj->kpi", points.frame, moved))
+    return np.asarray(motion.displacement + moved[:, None, : motion.displacement.shape[2]])

@@ -1,6 +1,6 @@
 """Periodic motions by shooting: Newton's method on the period map of the time stepping.
 
-A periodic motion is a root of r(z) = P(z) - z, with P the map of `fenicsrom.online.periodic.period_map`. The
+A periodic motion is a root of r(z) = P(z) - z, with P the map of `online.periodic.period_map`. The
 eigenvalues of dP/dz are its Floquet multipliers: the motion is stable if all lie inside the unit
 circle, and loses stability by a fold where a real multiplier passes +1, by period doubling where
 one passes -1, and by a torus bifurcation where a complex pair leaves the circle.
@@ -28,7 +28,7 @@ from fenicsrom.online.periodic.period_map import PeriodEnd, PeriodMap
 from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import Checkpoint, Record
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 60

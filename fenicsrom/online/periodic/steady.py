@@ -1,12 +1,12 @@
 """The end of a run: Newton's method finds the periodic motion to which a march tends.
 
 A run marches a few periods, and then tries Newton's method on the period map from the state that
-the march has reached (`fenicsrom.online.periodic.shooting`). The motion that it finds replaces the marched
+the march has reached (`online.periodic.shooting`). The motion that it finds replaces the marched
 one if three conditions hold:
 
-1. its relative residual is at most `fenicsrom.online.periodic.shooting.TOLERANCE`;
+1. its relative residual is at most `online.periodic.shooting.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
-3. the marched motion tends to it (`fenicsrom.online.periodic.tendency`).
+3. the marched motion tends to it (`online.periodic.tendency`).
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the

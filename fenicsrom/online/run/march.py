@@ -94,7 +94,7 @@ def integrate(
     """Integrate a model to its steady state, or to the given time.
 
     With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
-    code (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given `start`.
+    code (`online.periodic.steady`). It tries at once where the run begins with a given `start`.
 
     Args:
         model: a `ReducedModel` or any `Model`.
@@ -125,7 +125,7 @@ def integrate(
     Raises:
         ConvergenceError: Newton's method did not converge at the smallest step; `partial` holds the
             motion up to this step.
-        AccuracyError: the energy balance is off (`fenicsrom.online.motion.energy`); `partial` holds the
+        AccuracyError: the energy balance is off (`online.motion.energy`); `partial` holds the
             motion.
         Interrupted: `stop` returned True; `partial` holds the motion so far.
     """

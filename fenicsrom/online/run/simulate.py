@@ -36,7 +36,7 @@ def simulate(
     """Integrate a model (stored, reduced, full or beam) under a scene.
 
     A stored model runs under the loads, damping, contacts and time integration of the scene, as
-    `fenicsrom.online.store.archive.StoredModel.simulate` does. Any other model must have the loads, the
+    `online.store.archive.StoredModel.simulate` does. Any other model must have the loads, the
     damping and the number of contacts of the scene; the parameters of the contacts and the table
     [time] are those of the scene.
 
@@ -55,10 +55,8 @@ def simulate(
         ConvergenceError: the smallest step did not converge.
         AccuracyError: the energy balance is off.
     """
-    from fenicsrom.online.store.archive import StoredModel
-
     load_code_only()
-    if isinstance(model, StoredModel):
+    if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
     contacts = checked_contacts(model, scene)
     return integrate(

@@ -43,7 +43,7 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
     """Equilibrium of a model, nearest to q = 0 if that is stable.
 
     Args:
-        model: a `fenicsrom.online.model.operations.Model` whose q = 0 is its equilibrium under the static
+        model: a `online.model.operations.Model` whose q = 0 is its equilibrium under the static
             loads.
         contacts: parameters of the P contact points.
         dimension: d, of space.

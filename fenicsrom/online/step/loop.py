@@ -7,11 +7,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import penetration
-from fenicsrom.online.kernels.compiled import borrowed, compiled
+from fenicsrom.online.kernels.compiled import also_compiled, compiled
 from fenicsrom.online.kernels.dense import combine
 from fenicsrom.online.step.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
 from fenicsrom.online.step.step import accept, attempt, extrapolate, mass_coefficient
@@ -22,7 +21,7 @@ SMALLEST_STEP = 1e-6  # smallest step as a part of the nominal step; a smaller s
 DONE, FULL, FAILED = 0, 1, 2
 
 
-@register_jitable(inline="always")
+@also_compiled
 def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     """Write the state to a row of the record."""
     s = state.scalars
@@ -59,7 +58,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.coordinates[row, 2 * n :] = state.a
 
 
-@register_jitable(inline="always")
+@also_compiled
 def error_ratio(model, scheme, control, state, h):  # type: ignore[no-untyped-def]
     """Estimated local error of a converged step, relative to the allowed error.
 
@@ -149,20 +148,4 @@ def march(model, contacts, scheme, control, state, origin, end, record):  # type
     return DONE, rows
 
 
-# inlined, so that the compiler sees that the arrays it is passed have no owner
-_inlined_march = compiled(march, forceinline=True)
-
-
-@compiled
-def compiled_march(model, contacts, scheme, control, state, origin, end, record):  # type: ignore[no-untyped-def]
-    """`march` in compiled code, without the counting of references to arrays."""
-    return _inlined_march(
-        borrowed(model),
-        borrowed(contacts),
-        borrowed(scheme),
-        control,
-        borrowed(state),
-        origin,
-        end,
-        borrowed(record),
-    )
+compiled_march = compiled(march)

@@ -1,6 +1,6 @@
 """One time step: Newton's method, acceptance, and the energy ledger.
 
-The functions that take a model are plain Python, for any `fenicsrom.online.model.operations.Model`, and
+The functions that take a model are plain Python, for any `online.model.operations.Model`, and
 are inlined into the compiled loop of `fenicsrom.online.step.loop` for a `ReducedModel`. Arrays of
 contact points are written by functions that numba does not inline: its removal of dead code does
 not follow an array through the unpacking of a tuple, and drops such writes.
@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from fenicsrom.online.contact.candidates import add_candidates, choose_candidates, keep_open
 from fenicsrom.online.contact.law import (
@@ -21,7 +20,7 @@ from fenicsrom.online.contact.law import (
 )
 from fenicsrom.online.contact.problem import solve_contact
 from fenicsrom.online.contact.state import Interval
-from fenicsrom.online.kernels.compiled import part
+from fenicsrom.online.kernels.compiled import also_compiled, kernel, part
 from fenicsrom.online.kernels.dense import combine, copy_to_points, copy_vector, subtract_contact
 from fenicsrom.online.step.state import (
     CONTACT,
@@ -64,14 +63,14 @@ class StepCoefficients(NamedTuple):
     velocity_a: float
 
 
-@register_jitable(inline="always")
+@also_compiled
 def mass_coefficient(scheme, h):  # type: ignore[no-untyped-def]
     """Coefficient of M dq in the balance of a step of size h."""
     damping = scheme.damping * (1.0 - scheme.alpha_f) * scheme.gamma / (scheme.beta * h)
     return (1.0 - scheme.alpha_m) / (scheme.beta * h * h) + damping
 
 
-@register_jitable(inline="always")
+@also_compiled
 def step_coefficients(scheme, h):  # type: ignore[no-untyped-def]
     """The `StepCoefficients` of a step of size h."""
     am, af, beta, gamma = scheme.alpha_m, scheme.alpha_f, scheme.beta, scheme.gamma
@@ -87,7 +86,7 @@ def step_coefficients(scheme, h):  # type: ignore[no-untyped-def]
     )
 
 
-@register_jitable(inline="always")
+@also_compiled
 def extrapolate(out, state, h):  # type: ignore[no-untyped-def]
     """Write dq of a step of size h, extrapolated from the previous steps.
 
@@ -97,7 +96,7 @@ def extrapolate(out, state, h):  # type: ignore[no-untyped-def]
     combine(out, h, state.mean_velocity, 0.5 * h * (h + last), state.mean_acceleration)
 
 
-@register_jitable(inline="always")
+@also_compiled
 def write_residual(model, scheme, state, coefficients, elastic):  # type: ignore[no-untyped-def]
     """Write the residual of the equations of motion without contact to the trial."""
     trial = state.trial
@@ -135,7 +134,7 @@ def contact_decrement(decrement, candidates, trial):  # type: ignore[no-untyped-
     return abs(decrement), carried
 
 
-@register_jitable(inline="always")
+@also_compiled
 def has_converged(decrement, last, iteration, scale, carried, quadratic):  # type: ignore[no-untyped-def]
     """Whether the next decrement will be small, or this one is rounding.
 
@@ -154,7 +153,7 @@ def has_converged(decrement, last, iteration, scale, carried, quadratic):  # typ
     return coming <= NEWTON_TOLERANCE**2 * scale or rounding
 
 
-@register_jitable(inline="always")
+@also_compiled
 def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Solve one step of size h from `state`, writing only to its trial.
 
@@ -182,14 +181,16 @@ def attempt(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-u
             return converged, iterations
         combine(trial.vector, 1.0, state.q, 1.0, trial.dq)
         copy_to_points(trial.free_displacement, model.contact_displacement(trial.vector))
-        found = add_candidates(contacts, interval, trial)
+        found = add_candidates(
+            contacts, interval, trial.free_displacement, trial.contact, trial.scratch
+        )
         if found == count:
             return True, iterations
         count = found
         guess_step(model, state, h)
 
 
-@register_jitable(inline="always")
+@also_compiled
 def guess_step(model, state, h):  # type: ignore[no-untyped-def]
     """Write the first guess of a step of size h and of the contact displacements at its end."""
     trial = state.trial
@@ -198,7 +199,7 @@ def guess_step(model, state, h):  # type: ignore[no-untyped-def]
     copy_to_points(trial.contact.x, model.contact_displacement(trial.vector))
 
 
-@register_jitable(inline="always")
+@also_compiled
 def iterate(model, contacts, scheme, state, interval, coefficients, count):  # type: ignore[no-untyped-def]
     """Newton's method for a step from its first guess, with so many contact candidates.
 
@@ -259,7 +260,7 @@ def iterate(model, contacts, scheme, state, interval, coefficients, count):  # t
     return False, NEWTON_ITERATIONS
 
 
-@register_jitable(inline="always")
+@also_compiled
 def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-untyped-def]
     """Write a converged step into the state, with its entries in the energy ledger.
 
@@ -301,7 +302,7 @@ def accept(model, contacts, scheme, state, h, load_ahead):  # type: ignore[no-un
     measure(model, contacts, state)
 
 
-@part
+@kernel
 def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
     """Write the contact points at the end of a step into the state, and their energies."""
     s, trial, contact, end = state.scalars, state.trial, state.contact, state.trial.contact
@@ -326,7 +327,7 @@ def accept_contact(contacts, interval, state):  # type: ignore[no-untyped-def]
             contact.slider[p, k] = end.slider[p, k]
 
 
-@register_jitable(inline="always")
+@also_compiled
 def measure(model, contacts, state):  # type: ignore[no-untyped-def]
     """Write the energies of the state, the scales of the run, and the elastic force."""
     s = state.scalars

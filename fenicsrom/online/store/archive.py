@@ -24,7 +24,7 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     point_frame          (P, d, d)    1          rows: normal into the surface, then tangents
     frequencies_hz       (v,)         Hz         natural frequencies of the normal modes
     pressure_linear      (k, n, n)    m          G of k follower pressures
-    pressure_quadratic   (k, c, n, n) 1          H (`fenicsrom.online.model.pressure`), c = n, 0 in 2D
+    pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
 A model without follower pressures has no arrays of them. That of a body that static loads or its
@@ -160,6 +160,15 @@ class StoredModel:
 
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
+
+        Example:
+            >>> import fenicsrom as fr
+            >>> stored = fr.load_model("out/beam.npz")
+            >>> for force in (50, 100):
+            ...     motion = stored.with_overrides(f"loads.0.force={force}").simulate()
+            ...     print(f"{force} N: {1e3 * fr.amplitudes(motion)['tangential'][0]:.1f} mm")
+            50 N: 13.9 mm
+            100 N: 103.2 mm
         """
         source = self.file or self.scene.source
         return self._with_scene(changed_scene(self.scene, overrides, source), source)
@@ -175,6 +184,14 @@ class StoredModel:
             SceneError: the scene differs in a key of the offline stage.
             ConvergenceError: the smallest step did not converge.
             AccuracyError: the error of the energy balance is too large.
+
+        Example:
+            >>> import fenicsrom as fr
+            >>> motion = fr.load_model("out/beam.npz").simulate()
+            >>> motion.time.size == motion.displacement.shape[0]
+            True
+            >>> round(float(motion.force[:, 0, 0].max()), 1)  # normal force of the first point, N
+            40.0
         """
         run = self if scene is None else self.with_scene(scene)
         return simulate(run.model, run.scene, **options)
@@ -256,6 +273,15 @@ def load_model(path: Path) -> StoredModel:
     Raises:
         SceneError: the file is missing, damaged or of another format, or its arrays do not fit
             together.
+
+    Example:
+        A run without a mesh: `fenicsrom import demos/superelement/beam.op4 --scene
+        demos/superelement/rub.toml --output out/beam.npz` writes this model.
+
+        >>> import fenicsrom as fr
+        >>> stored = fr.load_model("out/beam.npz")
+        >>> stored.size, stored.frequencies_hz[:2].round(2).tolist()
+        (9, [3.28, 20.58])
     """
     with read_archive(path, "a reduced model", FORMAT, EARLIER) as (header, data):
         return model_of_contents(path, header, data)

@@ -287,7 +287,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Scene, dict[str, Any]]:
 
 
 def keeper(path: Path, model: ReducedModel, scene: Scene) -> Callable[[Checkpoint], None]:
-    """A callback of `fenicsrom.online.run.march.integrate` that writes a checkpoint each `INTERVAL`."""
+    """A callback of `online.run.march.integrate` that writes a checkpoint each `INTERVAL`."""
     last = clock.monotonic()
 
     def keep(checkpoint: Checkpoint) -> None:

@@ -85,7 +85,7 @@ def find_stresses(
 
     Args:
         recovery: the tables of the model.
-        scene: the scene; its [output] gives the stress and the marked instants.
+        scene: the scene; its [output] gives the stress.
         model: the model; its modes are found if it is a `ReducedModel`.
         motion: its motion, or None. The stresses of a motion need its coordinates.
         modes: number of modes.
@@ -94,8 +94,7 @@ def find_stresses(
     peaks = [equilibrium_peak(table, measure)]
     moving = None
     if motion is not None and motion.coordinates is not None:
-        fractions = scene.output.stress_fractions or ()
-        peaks += motion_peaks(table, motion, measure, fractions)
+        peaks += motion_peaks(table, motion, measure)
         if motion.coordinates.shape[0] > 1:
             moving = motion_reactions(recovery.reactions, scene, model, motion)
     modal: tuple[Peak, ...] = ()
@@ -139,20 +138,16 @@ def equilibrium_peak(table: StressTable, measure: str) -> Peak:
     return peak(table, table.stress(rest, measure), EQUILIBRIUM, rest)
 
 
-def motion_peaks(
-    table: StressTable, motion: Motion, measure: str, fractions: Sequence[float] = ()
-) -> tuple[Peak, ...]:
+def motion_peaks(table: StressTable, motion: Motion, measure: str) -> tuple[Peak, ...]:
     """The largest stresses of the last period of a motion, and at its marked instants.
 
     The marked instants are those of the largest displacement of the first contact point (or of the
-    probe), of the largest contact force, and the given fractions of the last period, each at the
-    nearest step. Without a period, the last period is the whole motion.
+    probe) and of the largest contact force. Without a period, the last period is the whole motion.
 
     Args:
         table: the table of the model.
         motion: the motion, with coordinates.
         measure: one of `fenicsrom.online.stress.stress.MEASURES`.
-        fractions: parts of the last period, from 0 at its start to 1 at its end.
     """
     q, time = motion.coordinates, motion.coordinate_time
     assert q is not None and time is not None
@@ -163,9 +158,6 @@ def motion_peaks(
     rows["largest displacement"] = int(np.argmax(moved))
     if has_contact(motion) and np.any(motion.force[recorded, :, 0] > 0.0):
         rows["largest contact force"] = int(np.argmax(motion.force[recorded, :, 0].sum(axis=1)))
-    for fraction in fractions:
-        instant = time[0] + fraction * (time[-1] - time[0])
-        rows[f"fraction {fraction:g}"] = int(np.argmin(np.abs(time - instant)))
     return tuple(
         peak(table, table.stress(q[row], measure), name, q[row], float(time[row]))
         for name, row in rows.items()

@@ -75,7 +75,7 @@ def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
 
 
 def in_order(amplitude: Mapping[str, Any]) -> list[float]:
-    """Amplitudes as `online.motion.measures.amplitudes` gives them, in the order of the directions."""
+    """Amplitudes of `online.motion.measures.amplitudes`, in the order of the directions."""
     return [amplitude["normal"], *amplitude["tangential"]]
 
 

@@ -25,7 +25,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SCENE_FILE = "scene.toml"
 RECORD = "provenance.json"
@@ -148,7 +148,7 @@ def commit() -> str | None:
     """The commit of the program, with "-dirty" after changes; None where it is not known."""
     if given := os.environ.get(COMMIT):
         return given
-    checkout = Path(__file__).resolve().parents[2]
+    checkout = Path(__file__).resolve().parents[3]
     if not (checkout / ".git").exists():
         return None
     words = ["git", "-c", "safe.directory=*", "-C", str(checkout), "describe", "--always"]

@@ -1,10 +1,16 @@
-"""A picture that is not drawn yet."""
+"""Pictures: what is drawn, and the drawing of it to files."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+from fenicsrom.post.base.optional import missing_module
+from fenicsrom.post.base.writers import write_figure
+from fenicsrom.progress import tracked
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -18,8 +24,61 @@ class Picture:
         heading: its heading in the report.
         name: name of the file.
         draw: makes the figure.
+        note: what the picture shows, below it in the report.
     """
 
     heading: str
     name: str
     draw: Callable[[], Figure]
+    note: str = ""
+
+
+def not_drawn(names: Sequence[str]) -> str | None:
+    """Say in one sentence that these pictures are left out; None if matplotlib is installed."""
+    reason = missing_module("matplotlib")
+    if reason is None or not names:
+        return None
+    *most, last = names
+    listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
+    return f"{listed} not drawn: {reason}"
+
+
+def draw_pictures(
+    pictures: Sequence[Picture], folder: Path, notes: list[str]
+) -> list[tuple[str, Path]]:
+    """Draw and write pictures; one that cannot be drawn becomes a warning.
+
+    Args:
+        pictures: the pictures.
+        folder: folder of the files.
+        notes: receives the warnings.
+
+    Returns:
+        The headings and files of the written pictures.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    if sentence := not_drawn([picture.name for picture in pictures]):
+        notes.append(sentence)
+        return []
+    written = []
+    for picture in tracked(pictures):
+        with softly(picture.name, notes):
+            written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
+    return written
+
+
+@contextmanager
+def softly(name: str, notes: list[str]) -> Iterator[None]:
+    """Turn an error in the drawing of a picture into a warning: the numbers are written.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    try:
+        yield
+    except OSError:
+        raise
+    except Exception as error:
+        notes.append(f"{name} was not drawn: {type(error).__name__}: {error}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from fenicsrom.assess.curves.backbone import Backbone, ModePoint
 from fenicsrom.online.motion.measures import STATE_NAMES
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.result_files import write_results
-from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.curves.backbone_figures import NO_DAMPING, figure
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 AMPLITUDES_NOTE = (
     "The linear amplitude is that of the probe in a motion of the linear mode with the same modal "
@@ -150,30 +148,18 @@ def peak_table(found: Backbone) -> list[list[Any]]:
     return [head, *listed] if listed else []
 
 
-def write(found: Backbone, folder: Path) -> list[Path]:
-    """Write `backbone.csv`, `backbone.json`, `backbone.png` and `report.html`.
-
-    Returns:
-        The files, the one to open first at the head.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    return write_results(
-        folder,
+def report(found: Backbone) -> Report:
+    """The report of a nonlinear mode: `backbone.csv`, `backbone.json` and `backbone.png`."""
+    peaks = peak_table(found)
+    return Report(
+        "backbone",
+        f"nonlinear mode {found.table.mode}",
         found.scene,
-        Picture("Nonlinear mode", "backbone.png", lambda: figure(found)),
-        title=f"nonlinear mode {found.table.mode}",
-        rows=rows(found),
-        summary=lambda: summary(found),
-        sentences=[*sentences(found), AMPLITUDES_NOTE],
-        warnings=found.warnings,
-        tables={"Peaks of the forced response": peak_table(found)},
+        sentences(found),
+        found.warnings,
+        [Section("Peaks of the forced response", [peaks] if peaks else [])],
+        rows(found),
+        lambda: summary(found),
+        [Picture("Nonlinear mode", "backbone.png", lambda: figure(found))],
+        [AMPLITUDES_NOTE],
     )
-
-
-def terminal(found: Backbone) -> str:
-    """The table of peaks and the sentences, for the terminal."""
-    table = peak_table(found)
-    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
-    return "\n\n".join(parts)

@@ -10,10 +10,9 @@ from fenicsrom.assess.curves.equilibrium_path import Equilibrium, EquilibriumPat
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.online.stress.deformation import extremes
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.result_files import write_results
-from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.curves.equilibrium_figures import figure
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 ENDS = {
     "end of the range": "The path reached the end of the range of the load factor.",
@@ -112,31 +111,24 @@ def sentences(found: EquilibriumPath) -> list[str]:
     return lines
 
 
-def write(found: EquilibriumPath, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
-    """Write `equilibria.csv`, `equilibria.json`, `equilibria.png` and `report.html`.
+def report(found: EquilibriumPath, more: Sequence[Picture] = ()) -> Report:
+    """The report of a path: `equilibria.csv`, `equilibria.json` and `equilibria.png`.
 
     Args:
         found: the path.
-        folder: folder of the files.
-        more: other pictures of the report.
-
-    Returns:
-        The files, the one to open first at the head.
-
-    Raises:
-        OSError: a file cannot be written.
+        more: other pictures.
     """
-    return write_results(
-        folder,
+    special = special_table(found)
+    return Report(
+        "equilibria",
+        "equilibria",
         found.scene,
-        Picture("Equilibrium path", "equilibria.png", lambda: figure(found)),
-        title="equilibria",
-        rows=rows(found),
-        summary=lambda: summary(found),
-        sentences=sentences(found),
-        warnings=found.warnings,
-        tables={"Limit points and bifurcations": special_table(found)},
-        more=more,
+        sentences(found),
+        found.warnings,
+        [Section("Limit points and bifurcations", [special] if special else [])],
+        rows(found),
+        lambda: summary(found),
+        [Picture("Equilibrium path", "equilibria.png", lambda: figure(found)), *more],
     )
 
 
@@ -158,10 +150,3 @@ def write_shapes(found: EquilibriumPath, folder: Path) -> list[Path]:
     notes = {f"load_factor_of_{name}": f"{f:.7g}" for name, f in zip(fields, factors, strict=False)}
     space = found.body.space
     return [write_fields(folder, "equilibria", space, fields, Attached(notes=notes))]
-
-
-def terminal(found: EquilibriumPath) -> str:
-    """The table of special points and the sentences, for the terminal."""
-    table = special_table(found)
-    parts = [*([text_table(table)] if table else []), "\n".join(sentences(found))]
-    return "\n\n".join(parts)

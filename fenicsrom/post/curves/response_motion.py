@@ -19,7 +19,7 @@ from fenicsrom.post.curves.response_figures import largest_direction
 from fenicsrom.post.paraview.fields import write_last_period
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 ARCHIVE = "motions.npz"
 FOLDER = "motions"

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from fenicsrom.assess.curves.response_results import Response
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.curves.contact_map import contact_map
 from fenicsrom.post.curves.response_details import harmonics_figure, multiplier_figure
 from fenicsrom.post.curves.response_figures import figure
@@ -27,14 +26,10 @@ from fenicsrom.post.curves.response_tables import (
     trust_table,
     varied_keys,
 )
-from fenicsrom.post.run.pictures import draw_pictures
 from fenicsrom.post.run.sentences import MULTIPLIER_NOTE
-from fenicsrom.scene import scene_heading
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
-
-MULTIPLIERS = "multipliers.png"
+    from fenicsrom.records import Study
 
 CHECKS_NOTE = (
     "Each row compares one motion of a curve: that of the largest amplitude, a fold, the first and "
@@ -45,64 +40,44 @@ CHECKS_NOTE = (
 """What the table of estimated errors holds."""
 
 
-def write_numbers(found: Response, folder: Path) -> list[Path]:
-    """Write `response.json` and `response.csv`, and `response_full.csv` of the full model.
+def report(found: Response) -> Report:
+    """The report of response curves: `response.csv`, `response.json` and the pictures.
 
-    Raises:
-        OSError: a file cannot be written.
+    Where points of the full model were computed, `response_full.csv` has their numbers.
     """
-    files = [
-        write_summary(folder / "response.json", summary(found)),
-        write_rows(folder / "response.csv", rows(found)),
-    ]
-    if full := full_rows(found):
-        files.append(write_rows(folder / "response_full.csv", full))
-    return files
-
-
-def _pictures(found: Response) -> list[Picture]:
-    """The pictures of response curves."""
-    contact = Picture(
+    keys = 1 if found.table.families is None else 2
+    special, full, of_full = event_table(found), full_table(found), full_rows(found)
+    states = Picture(
         "Contact states over the period", "contact_map.png", lambda: contact_map(found)
     )
-    return [
-        Picture("Response curves", "response.png", lambda: figure(found)),
-        *([contact] if found.contacts else []),
-        Picture("Floquet multipliers", MULTIPLIERS, lambda: multiplier_figure(found)),
-        Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
-    ]
-
-
-def write_pictures(found: Response, folder: Path) -> list[tuple[str, Path]]:
-    """Draw the pictures; one that fails becomes a warning. Give their headings and files.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    listed = _pictures(found) if found.scene.output.pictures else []
-    return draw_pictures(listed, folder, found.warnings)
-
-
-def write_page(found: Response, pictures: list[tuple[str, Path]], folder: Path) -> Path:
-    """Write `report.html`.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    table, full = event_table(found), full_table(found)
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, found.warnings)]),
-        *(
-            (heading, [path, *([MULTIPLIER_NOTE] if path.name == MULTIPLIERS else [])])
-            for heading, path in pictures
-        ),
-        *([("Special points", [table])] if table else []),
-        *([("Full model", [full])] if full else []),
-        ("Estimated errors", [trust_table(found), CHECKS_NOTE]),
-        ("Effort", [run_table(found)]),
-    ]
-    title = f"{scene_heading(found.scene, varied_keys(found))}: response curves"
-    return write_report(folder / "report.html", title, sections)
+    return Report(
+        "response",
+        "response curves",
+        found.scene,
+        sentences(found),
+        found.warnings,
+        [
+            Section("Special points", [special] if special else [], keys=keys),
+            Section("Full model", [full] if full else [], keys=keys),
+            Section("Estimated errors", [trust_table(found), CHECKS_NOTE], terminal=False),
+            Section("Effort", [run_table(found)], terminal=False),
+        ],
+        rows(found),
+        lambda: summary(found),
+        [
+            Picture("Response curves", "response.png", lambda: figure(found)),
+            *([states] if found.contacts else []),
+            Picture(
+                "Floquet multipliers",
+                "multipliers.png",
+                lambda: multiplier_figure(found),
+                MULTIPLIER_NOTE,
+            ),
+            Picture("Harmonics", "harmonics.png", lambda: harmonics_figure(found)),
+        ],
+        varied=varied_keys(found),
+        more_rows={"response_full.csv": of_full} if of_full else {},
+    )
 
 
 def write(
@@ -110,7 +85,7 @@ def write(
 ) -> list[Path]:
     """Write the numbers, then the motions, the pictures and the report.
 
-    Collective if a study is given, for the ParaView files of the motions.
+    With a study, all ranks must call this: each writes its part of the ParaView files.
 
     Args:
         found: the curves.
@@ -124,17 +99,11 @@ def write(
     Raises:
         OSError: a file cannot be written.
     """
-    first = study is None or study.solid.comm.rank == 0
-    files = write_numbers(found, folder) if first else []
-    motions = marked_motions(found, stored)
+    first, composed = study is None or study.solid.comm.rank == 0, report(found)
     if first:
-        files.append(write_motion_arrays(motions, folder))
+        composed.write_numbers(folder)
+    motions = marked_motions(found, stored)
+    files = [write_motion_arrays(motions, folder)] if first else []
     if study is not None and found.scene.output.motion:
         files += write_motion_fields(study, motions, folder)
-    if not first:
-        return []
-    warnings = len(found.warnings)
-    pictures = write_pictures(found, folder)
-    if len(found.warnings) > warnings:
-        write_summary(folder / "response.json", summary(found))
-    return [write_page(found, pictures, folder), *files, *(path for _, path in pictures)]
+    return [*composed.write(folder), *files] if first else []

@@ -13,7 +13,6 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import LARGEST, Check
 from fenicsrom.assess.errors.verdicts import in_percent
 from fenicsrom.online.curves.curve import COMPLETE, CurvePoint
-from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.curves.response_figures import (
     direction_name,
     key_label,
@@ -21,8 +20,8 @@ from fenicsrom.post.curves.response_figures import (
     parameter_label,
 )
 from fenicsrom.post.curves.response_motion import largest_point
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import counted
 
 
 def varied_keys(found: Response) -> list[str]:
@@ -207,11 +206,3 @@ def trust_table(found: Response) -> list[list[Any]]:
         for check in curve.checks
     ]
     return [[*([] if families is None else [key_label(found, families.key)]), *head], *lines]
-
-
-def terminal(found: Response) -> str:
-    """The tables of events and of the full model and the sentences, for the terminal."""
-    tables = [table for table in (event_table(found), full_table(found)) if table]
-    keys = 1 if found.table.families is None else 2
-    parts = [*(text_table(table, keys) for table in tables), "\n".join(sentences(found))]
-    return "\n\n".join(parts)

@@ -26,7 +26,7 @@ from fenicsrom.post.paraview.vtk import Attached, write_fields, write_motion, wr
 from fenicsrom.post.paraview.vtk_files import in_space
 
 if TYPE_CHECKING:
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
     from fenicsrom.scene import Scene
 
 ABSOLUTE = "absolute_displacement_m"

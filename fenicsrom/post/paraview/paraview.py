@@ -23,7 +23,7 @@ from fenicsrom.scene import Elasticity, GroupMaterial, scene_heading
 
 if TYPE_CHECKING:
     from fenicsrom.fem.solid.solid import Solid
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 INDEX = "results.pvd"
 BLOCKS = "results"  # folder of the lists of blocks, one per instant

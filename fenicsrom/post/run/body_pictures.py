@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fenicsrom.fem.solid.solid import Solid
-    from fenicsrom.post.base.record import Study
+    from fenicsrom.records import Study
 
 SLENDER = 8.0
 """Ratio of the length to the height of the box around a straight slender body.

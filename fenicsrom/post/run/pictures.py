@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,9 +12,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.signals import LEAST_SAMPLES
 from fenicsrom.online.motion.measures import is_unsteady, point_summaries
 from fenicsrom.post.base.directions import direction_names
-from fenicsrom.post.base.optional import missing_module
-from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.writers import write_figure
+from fenicsrom.post.base.picture import Picture, draw_pictures, not_drawn, softly
 from fenicsrom.post.body.centreline import centreline
 from fenicsrom.post.body.film import write_film
 from fenicsrom.post.paraview.fields import shapes
@@ -38,7 +35,6 @@ from fenicsrom.post.run.motion_figures import (
     plot_transient,
 )
 from fenicsrom.post.run.motion_table import FEW_POINTS, touching_points
-from fenicsrom.progress import tracked
 from fenicsrom.scene import Scene
 from fenicsrom.scene.excitation import surface_spin
 
@@ -48,8 +44,8 @@ if TYPE_CHECKING:
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.base.record import Study
     from fenicsrom.post.body.body_view import View
+    from fenicsrom.records import Study
 
 LEAST_PERIODS = 3.5  # fewer periods show no trend of the energies
 NO_FREQUENCIES = np.zeros(0)
@@ -139,57 +135,6 @@ def _contact_pictures(
         Picture(f"Contact point {point + 1}", f"contact_{point + 1}.png", draw(point))
         for point in touching
     ]
-
-
-def not_drawn(names: Sequence[str]) -> str | None:
-    """Say in one sentence that these pictures are left out; None if matplotlib is installed."""
-    reason = missing_module("matplotlib")
-    if reason is None or not names:
-        return None
-    *most, last = names
-    listed = f"{', '.join(most)} and {last} were" if most else f"{last} was"
-    return f"{listed} not drawn: {reason}"
-
-
-def draw_pictures(
-    pictures: Sequence[Picture], folder: Path, notes: list[str]
-) -> list[tuple[str, Path]]:
-    """Draw and write pictures; one that cannot be drawn becomes a warning.
-
-    Args:
-        pictures: the pictures.
-        folder: folder of the files.
-        notes: receives the warnings.
-
-    Returns:
-        The headings and files of the written pictures.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    if sentence := not_drawn([picture.name for picture in pictures]):
-        notes.append(sentence)
-        return []
-    written = []
-    for picture in tracked(pictures):
-        with softly(picture.name, notes):
-            written.append((picture.heading, write_figure(folder / picture.name, picture.draw())))
-    return written
-
-
-@contextmanager
-def softly(name: str, notes: list[str]) -> Iterator[None]:
-    """Turn an error in the drawing of a picture into a warning: the numbers are written.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
-    try:
-        yield
-    except OSError:
-        raise
-    except Exception as error:
-        notes.append(f"{name} was not drawn: {type(error).__name__}: {error}")
 
 
 def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:

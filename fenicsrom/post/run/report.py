@@ -12,7 +12,6 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
 from fenicsrom.post.base.html_page import write_report
-from fenicsrom.post.base.record import Rerun, Study
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import RESPONSE_NOTE, open_sentence, points_note, response_rows
 from fenicsrom.post.run.sentences import (
@@ -34,8 +33,9 @@ from fenicsrom.post.run.stress_tables import (
     stress_rows,
 )
 from fenicsrom.post.run.summary import errors_of
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene, scene_heading
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 REPORT = "report.html"
 

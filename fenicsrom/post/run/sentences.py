@@ -27,13 +27,13 @@ from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.run.mode_agreement import agreement_sentence
 from fenicsrom.post.run.stress_tables import stress_sentences
 from fenicsrom.post.run.summary import errors_of, support_summary
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.step_size import refined, step_key
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from fenicsrom.assess.errors.estimates import MotionErrors
     from fenicsrom.online.store.archive import StoredModel
-    from fenicsrom.post.base.record import Rerun, Study
+    from fenicsrom.records import Rerun, Study
     from fenicsrom.scene import Scene
 
 MULTIPLIER_NOTE = (

@@ -13,12 +13,12 @@ from fenicsrom.assess.errors.estimates import MotionErrors
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.support_motion import (
-    absolute_displacement,
     moves_supports,
     support_displacement,
 )
 from fenicsrom.online.motion.history import HISTORY_ARRAYS, JUMP
 from fenicsrom.online.motion.measures import (
+    absolute_displacement,
     amplitudes,
     errors_percent,
     point_summaries,
@@ -28,11 +28,11 @@ from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.online.store.checkpoints import save_end
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.record import Rerun, Study
 from fenicsrom.post.base.writers import write_arrays, write_summary
 from fenicsrom.post.paraview.fields import contact_places
 from fenicsrom.post.run.mode_agreement import agreement_summary
 from fenicsrom.post.run.stress_tables import stress_summary, write_stresses
+from fenicsrom.records import Rerun, Study
 from fenicsrom.scene import Scene
 
 SUMMARY = "summary.json"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,10 +10,9 @@ import numpy as np
 from fenicsrom.assess.rotation.campbell import Campbell
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.result_files import write_results
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import COLOURS, new_figure, styled
-from fenicsrom.post.base.tables import text_table
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -187,47 +185,29 @@ def _draw_orders(axis: Axes, found: Campbell, right: float, top: float) -> None:
         )
 
 
-def write(found: Campbell, folder: Path, more: Sequence[Picture] = ()) -> list[Path]:
-    """Write `campbell.csv`, `campbell.json`, `report.html` and `campbell.png`.
+def report(found: Campbell, more: Sequence[Picture] = ()) -> Report:
+    """The report of a Campbell diagram: `campbell.csv`, `campbell.json` and `campbell.png`.
 
     Args:
         found: the diagram.
-        folder: folder of the files.
-        more: other pictures of the report.
-
-    Returns:
-        The files; the first one is the file to open.
-
-    Raises:
-        OSError: a file cannot be written.
+        more: other pictures.
     """
     numbers = np.column_stack([found.speeds_rpm, found.frequencies_hz, found.mac])
     modes = range(1, found.squares.shape[1] + 1)
     columns = ["speed_rpm", *(f"mode_{k}_hz" for k in modes), *(f"mode_{k}_mac" for k in modes)]
-    rows = [dict(zip(columns, map(float, row), strict=True)) for row in numbers]
-    return write_results(
-        folder,
+    margins = margin_table(found)
+    return Report(
+        "campbell",
+        "Campbell diagram",
         found.scene,
-        Picture("Campbell diagram", "campbell.png", lambda: figure(found)),
-        title="Campbell diagram",
-        rows=rows,
-        summary=lambda: summary(found),
-        sentences=sentences(found),
-        warnings=found.warnings,
-        tables={
-            "Critical speeds": critical_table(found) if found.critical else [],
-            "Margins at the speed of operation": margin_table(found),
-            "Frequencies": frequency_table(found),
-        },
-        more=more,
+        sentences(found),
+        found.warnings,
+        [
+            Section("Critical speeds", [critical_table(found)] if found.critical else []),
+            Section("Margins at the speed of operation", [margins] if margins else []),
+            Section("Frequencies", [frequency_table(found)]),
+        ],
+        [dict(zip(columns, map(float, row), strict=True)) for row in numbers],
+        lambda: summary(found),
+        [Picture("Campbell diagram", "campbell.png", lambda: figure(found)), *more],
     )
-
-
-def terminal(found: Campbell) -> str:
-    """The tables and the sentences, for the terminal."""
-    tables = [
-        text_table(frequency_table(found)),
-        *([text_table(critical_table(found))] if found.critical else []),
-        *([text_table(margins)] if (margins := margin_table(found)) else []),
-    ]
-    return "\n\n".join([*tables, "\n".join(sentences(found))])

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.full.full_cache import machine
-from fenicsrom.assess.studies.compare import Comparison
+from fenicsrom.assess.studies.compare import REPEATS, Comparison
 from fenicsrom.online.motion.measures import response_summary
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.directions import error_names
-from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.tables import text_table
-from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.studies.compare_figures import (
     METHODS,
     amplitude_error,
@@ -23,8 +18,7 @@ from fenicsrom.post.studies.compare_figures import (
     pareto_figure,
     size_figure,
 )
-from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 SMALL = 9  # largest number of coordinates of a small basis
 ERRORS = {
@@ -249,10 +243,9 @@ def _runs(count: int | None) -> str:
 def timing_note(comparison: Comparison) -> list[str]:
     """State how the run times were measured, and on which machine."""
     here = machine()
-    repeats = comparison.scene.compare.repeats
     short = {o.timed_periods for o in comparison.outcomes if o.timed_periods is not None}
     found = [
-        f"Online seconds are the median of {counted(repeats, 'run')}; ± is half of their "
+        f"Online seconds are the median of {counted(REPEATS, 'run')}; ± is half of their "
         "range. Offline seconds are the sum of the stages that a basis needs. Compilation and "
         f"warm-up took {comparison.compilation:.2g} s and are not included.",
         f"Measured on {here['processor']}, {counted(here['cores'], 'core')}, {here['system']}, "
@@ -274,64 +267,47 @@ def timing_note(comparison: Comparison) -> list[str]:
     return found
 
 
-PICTURES = (
-    (
-        "pareto",
-        "Error against run time",
-        "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the dot, "
-        "the number of coordinates. The points on the line are the Pareto front: no other basis is "
-        "both faster and more accurate.",
-        pareto_figure,
-    ),
-    ("size", "Error against the size of the basis", "", size_figure),
-    (
-        "indicator",
-        "Error against the residual",
-        "The residual of the full equations at the reduced motion, in the energy norm, relative to "
-        "the loads.",
-        indicator_figure,
-    ),
-)
-
-
-def write_comparison(comparison: Comparison, folder: Path) -> list[Path]:
-    """Write `comparison.csv`, `comparison.json`, the pictures and `report.html`.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    files = [
-        write_rows(folder / "comparison.csv", rows(comparison)),
-        write_summary(folder / "comparison.json", summary(comparison)),
-    ]
-    warnings = list(comparison.warnings)
-    pictures: list[tuple[str, list[Any]]] = []
+def pictures(comparison: Comparison) -> list[Picture]:
+    """The pictures of a comparison with a full model."""
     rated = any(o.errors.get("amplitude_tangential") is not None for o in comparison.outcomes)
-    if comparison.scene.output.pictures and comparison.full is not None and rated:
-        words = {heading: text for _, heading, text, _ in PICTURES}
-        listed = [
-            Picture(heading, f"{name}.png", partial(draw, comparison))
-            for name, heading, _, draw in PICTURES
-        ]
-        for heading, path in draw_pictures(listed, folder, warnings):
-            pictures.append((heading, [path, *filter(None, [words[heading]])]))
-            files.append(path)
-    sections: list[tuple[str, list[Any]]] = [
-        ("Results", sentences(comparison) or ["There is no full model to compare with."]),
-        *pictures,
-        ("All combinations", [table(comparison), *warnings]),
-        ("Timing", timing_note(comparison)),
+    if comparison.full is None or not rated:
+        return []
+    return [
+        Picture(
+            "Error against run time",
+            "pareto.png",
+            lambda: pareto_figure(comparison),
+            "R is Rubin, CB is Craig–Bampton; then come the number of normal modes and, after the "
+            "dot, the number of coordinates. The points on the line are the Pareto front: no other "
+            "basis is both faster and more accurate.",
+        ),
+        Picture("Error against the size of the basis", "size.png", lambda: size_figure(comparison)),
+        Picture(
+            "Error against the residual",
+            "indicator.png",
+            lambda: indicator_figure(comparison),
+            "The residual of the full equations at the reduced motion, in the energy norm, "
+            "relative to the loads.",
+        ),
     ]
-    title = f"{scene_heading(comparison.scene)}: error against run time"
-    return [write_report(folder / "report.html", title, sections), *files]
 
 
-def terminal(comparison: Comparison) -> str:
-    """Compose the table and the sentences for the terminal."""
-    rows = terminal_table(comparison)
-    keys = rows[0].index("size")
+def report(comparison: Comparison) -> Report:
+    """The report of a comparison: `comparison.csv`, `comparison.json` and the pictures."""
+    short = terminal_table(comparison)
     note = TERMINAL_NOTE.format(error_heads(comparison)["amplitude_tangential"])
-    return "\n".join([text_table(rows, keys), "", note, *sentences(comparison)])
+    return Report(
+        "comparison",
+        "error against run time",
+        comparison.scene,
+        sentences(comparison) or ["There is no full model to compare with."],
+        comparison.warnings,
+        [
+            Section("", [short, note], page=False, keys=short[0].index("size")),
+            Section("All combinations", [table(comparison)], terminal=False),
+            Section("Timing", timing_note(comparison), terminal=False),
+        ],
+        rows(comparison),
+        lambda: summary(comparison),
+        pictures(comparison),
+    )

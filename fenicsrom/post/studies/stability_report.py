@@ -5,20 +5,16 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 from dataclasses import fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fenicsrom.assess.studies.stability import NEGLIGIBLE, Finding, Matrix, Verdict
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.picture import Picture
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.base.style import new_figure, styled
-from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
-from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
+from fenicsrom.words import counted
 
 COLOURS = {
     Verdict.CONVERGED: "#B7E1CD",
@@ -149,20 +145,29 @@ def _tile(x: float, y: float, colour: str) -> Any:
     return Rectangle((x + 0.02, y + 0.04), 0.96, 0.92, facecolor=colour, edgecolor="none")
 
 
-def write(matrix: Matrix, folder: Path) -> list[Path]:
-    """Write `stability.json`, `stability.csv`, `stability.png` and `report.html`.
-
-    Returns:
-        The files, the report first.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
+def report(matrix: Matrix) -> Report:
+    """The report of a matrix: `stability.csv`, `stability.json` and `stability.png`."""
     rows = [row(finding) for finding in matrix.findings]
-    files = [folder / f"{name}" for name in ("report.html", "stability.json", "stability.csv")]
-    write_summary(
-        files[1],
-        {
+    tables = [
+        (verdict, [f for f in matrix.findings if f.verdict is verdict])
+        for verdict in (Verdict.WRONG, Verdict.REFUSED, Verdict.UNSTEADY, Verdict.CONVERGED)
+    ]
+    return Report(
+        "stability",
+        "stability",
+        matrix.scene,
+        sentences(matrix),
+        [],
+        [
+            *(
+                Section(verdict.capitalize(), [table(found)], terminal=False)
+                for verdict, found in tables
+                if found
+            ),
+            Section("Left out", matrix.left_out),
+        ],
+        rows,
+        lambda: {
             "scene": matrix.scene.source,
             "verdicts": {verdict.value: matrix.count(verdict) for verdict in Verdict},
             "seconds": matrix.seconds,
@@ -170,23 +175,6 @@ def write(matrix: Matrix, folder: Path) -> list[Path]:
             "runs": rows,
             "provenance": provenance(),
         },
+        [Picture("Verdicts", "stability.png", lambda: figure(matrix))],
+        [HOW],
     )
-    write_rows(files[2], rows)
-    pictures: list[tuple[str, Path]] = []
-    notes: list[str] = []
-    if matrix.scene.output.pictures:
-        tiles = Picture("Verdicts", "stability.png", lambda: figure(matrix))
-        pictures = draw_pictures([tiles], folder, notes)
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(matrix), HOW, *map("Warning: {}".format, notes)]),
-        *((name, [path]) for name, path in pictures),
-    ]
-    for verdict in reversed(Verdict):
-        chosen = [finding for finding in matrix.findings if finding.verdict is verdict]
-        if chosen:
-            sections.append((verdict.capitalize(), [table(chosen)]))
-    if matrix.left_out:
-        sections.append(("Left out", list(matrix.left_out)))
-    title = f"Stability: {scene_heading(matrix.scene)}"
-    write_report(files[0], title, sections)
-    return [*files, *(path for _, path in pictures)]

@@ -32,7 +32,7 @@ def starter_scene(found: Inspection, folder: Path) -> str:
         f"# A first scene for {found.path.name}, with numbers to be replaced. Units are SI.",
         "#   fenicsrom modes SCENE   computes frequencies, mode shapes and pictures",
         "#   fenicsrom run SCENE     needs a load, see below",
-        "# All keys: demos/README.md of the program.",
+        "# All keys: demos/keys.md of the program.",
         "",
         f"title = {_quoted(name)}",
         "",

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 from fenicsrom.assess.studies.sweep_runs import DONE, DOUBTFUL, FAILED, Sweep
 from fenicsrom.online.store.provenance import provenance
-from fenicsrom.post.base.html_page import write_report
 from fenicsrom.post.base.picture import Picture
-from fenicsrom.post.base.tables import text_table
-from fenicsrom.post.base.writers import write_rows, write_summary
-from fenicsrom.post.run.pictures import draw_pictures
+from fenicsrom.post.base.report import Report, Section
 from fenicsrom.post.studies.sweep_columns import COLUMNS, key_labels
 from fenicsrom.post.studies.sweep_figures import figure
-from fenicsrom.scene import scene_heading
-from fenicsrom.scene.rules import counted
 from fenicsrom.scene.units import column_name
+from fenicsrom.words import counted
 
 MOST_LINES = 20  # of a table in the terminal, without its head
 
@@ -94,43 +89,23 @@ def summary(found: Sweep) -> dict[str, Any]:
     }
 
 
-def write(found: Sweep, folder: Path) -> list[Path]:
-    """Write `sweep.csv`, `sweep.json`, `sweep.png` and `report.html`.
-
-    Returns:
-        The files, the one to open first at the head.
-
-    Raises:
-        OSError: a file cannot be written.
-    """
-    names = {key: column_name(found.scene, key) for key in swept_keys(found)}
-    named = [{names.get(key, key): value for key, value in row.items()} for row in found.rows]
-    write_rows(folder / "sweep.csv", named)
-    write_summary(folder / "sweep.json", summary(found))
-    pictures: list[tuple[str, Path]] = []
-    notes: list[str] = []
-    if found.scene.output.pictures and found.with_outcome(DONE, DOUBTFUL):
-        drawn = Picture("Results", "sweep.png", lambda: figure(found))
-        pictures = draw_pictures([drawn], folder, notes)
-    noted = remarks(found)
-    sections: list[tuple[str, list[Any]]] = [
-        ("What was found", [*sentences(found), *map("Warning: {}".format, notes)]),
-        *((heading, [path]) for heading, path in pictures),
-        *([("Doubtful and failed runs, and warnings", noted)] if noted else []),
-        ("Runs", [table(found)]),
-    ]
-    title = f"{scene_heading(found.scene, swept_keys(found))}: sweep"
-    write_report(folder / "report.html", title, sections)
-    files = ("report.html", "sweep.csv", "sweep.json")
-    return [*(folder / name for name in files), *(path for _, path in pictures)]
-
-
-def terminal(found: Sweep) -> str:
-    """The table (or its beginning) and the sentences, for the terminal."""
-    lines = table(found)
-    more = len(lines) - MOST_LINES - 1
-    shown = lines if more <= 1 else lines[: MOST_LINES + 1]  # the sentence takes a line, too
-    parts = [text_table(shown, 1 + len(swept_keys(found)))]
-    if more > 1:
-        parts.append(f"sweep.csv lists {counted(more, 'more run')}.")
-    return "\n".join([*parts, *sentences(found), *remarks(found)])
+def report(found: Sweep) -> Report:
+    """The report of a sweep: `sweep.csv`, `sweep.json` and `sweep.png`."""
+    keys = swept_keys(found)
+    names = {key: column_name(found.scene, key) for key in keys}
+    drawn = found.with_outcome(DONE, DOUBTFUL)
+    return Report(
+        "sweep",
+        "sweep",
+        found.scene,
+        sentences(found),
+        [],
+        [
+            Section("Doubtful and failed runs, and warnings", remarks(found)),
+            Section("Runs", [table(found)], keys=1 + len(keys), most=MOST_LINES),
+        ],
+        [{names.get(key, key): value for key, value in row.items()} for row in found.rows],
+        lambda: summary(found),
+        [Picture("Results", "sweep.png", lambda: figure(found))] if drawn else [],
+        varied=keys,
+    )

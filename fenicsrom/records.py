@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from fenicsrom.online.stress.deformation import Deformation
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
-    from fenicsrom.post.body.body_view import View
     from fenicsrom.reduction.basis import ReducedBasis
     from fenicsrom.reduction.modes import ComponentModes
     from fenicsrom.reduction.stages import Derivatives
@@ -103,7 +102,7 @@ class Study:
     unfinished: tuple[str, Exception] | None = None
     files: list[Path] = field(default_factory=list)
     pictures: list[tuple[str, Path]] = field(default_factory=list)
-    view: View | None = None
+    view: Any = None
 
     @property
     def warnings(self) -> list[str]:

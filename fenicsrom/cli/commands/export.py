@@ -1,13 +1,24 @@
-"""The commands that exchange models with other programs; each returns the exit code."""
+"""`fenicsrom export`: write a stored model, or the deck of a scene, for another program."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from fenicsrom.cli.arguments import FILE, SET, Argument, Command
 from fenicsrom.cli.output import require_lasting, require_other
 from fenicsrom.cli.printing import print_results
 from fenicsrom.errors import ErrorKind, SceneError
+
+MODEL = Argument("model", help="the reduced_model.npz of an earlier run; for inp a scene file")
+FORMAT = Argument(
+    "--format",
+    required=True,
+    choices=("mat", "fmu", "dmig", "op4", "inp"),
+    help="mat (MATLAB and Octave) and fmu (a Functional Mock-up Unit) hold "
+    "the nonlinear model; dmig and op4 (Nastran) hold the linear part of the model; inp "
+    "is the CalculiX deck of a scene",
+)
 
 
 def export(options: argparse.Namespace) -> int:
@@ -57,30 +68,14 @@ def _export_scene(options: argparse.Namespace) -> int:
     return 0
 
 
-def import_matrices(options: argparse.Namespace) -> int:
-    """Make a stored model of the matrices of a superelement.
-
-    Raises:
-        SceneError: the matrices or the scene cannot be used.
-    """
-    from fenicsrom.exchange.superelement import read_matrices, superelement_model
-    from fenicsrom.online.store import archive
-    from fenicsrom.scene.rules import counted
-    from fenicsrom.scene.superelement import read_superelement_scene
-
-    matrices, scene = Path(options.matrices), options.superelement_scene
-    path = Path(options.output or f"{matrices.stem}.npz")
-    require_lasting(path)
-    require_other(path, [matrices, Path(scene)])
-    given = read_superelement_scene(scene, matrices)
-    stored = superelement_model(read_matrices(matrices), given)
-    archive.save_model(path, stored)
-    points = stored.model.points.contact.size
-    lowest = ", ".join(f"{value:.6g}" for value in stored.frequencies_hz[:5])
-    lines = [
-        f"{counted(stored.size, 'coordinate')}, {counted(points, 'contact point')}",
-        f"lowest natural frequencies: {lowest} Hz",
-        f"Now run: fenicsrom run --from {path}",
-    ]
-    print_results(stored.scene, "", [], lines, [path])
-    return 0
+COMMAND = Command(
+    "export",
+    "write a stored reduced model for MATLAB or Nastran, or a scene for CalculiX",
+    export,
+    (
+        MODEL,
+        FORMAT,
+        SET,
+        FILE,
+    ),
+)

@@ -1,0 +1,66 @@
+"""Arguments of the command line, and what a command consists of."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+class Argument:
+    """An argument of a command, as `ArgumentParser.add_argument` takes it."""
+
+    def __init__(self, *names: str, **settings: Any):
+        """Store the names and the settings."""
+        self.names = names
+        self.settings = settings
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command.
+
+    Attributes:
+        name: name of the command.
+        help: one line for the list of commands.
+        run: function that runs the command and returns the exit code.
+        arguments: arguments of the command.
+    """
+
+    name: str
+    help: str
+    run: Callable[[argparse.Namespace], int]
+    arguments: tuple[Argument, ...]
+
+
+SCENE_OR_MODEL = Argument("scene", nargs="?", help="scene file (TOML)")
+FROM = Argument(
+    "--from",
+    dest="stored",
+    metavar="MODEL",
+    help="use the reduced_model.npz of an earlier run, without a mesh and dolfinx",
+)
+SET = Argument(
+    "--set",
+    action="append",
+    default=[],
+    metavar="KEY=VALUE",
+    dest="overrides",
+    help="change a value of the scene, such as loads.0.force=200; put text in quotes; "
+    "may be repeated",
+)
+FRESH = Argument(
+    "--fresh",
+    action="store_true",
+    help="compute modes and reduced model again, also where an earlier run left them in the cache",
+)
+OUTPUT = Argument("--output", metavar="DIR", help="output folder (default: out/NAME of the scene)")
+FORCE = Argument(
+    "--force", action="store_true", help="replace the results of another run in the output folder"
+)
+SCENE = Argument("scene", help="scene file (TOML)")
+MESH = Argument("mesh", help="mesh or geometry file")
+SCALE = Argument("--scale", metavar="NUMBER", help="unit of the coordinates in m, such as 1e-3")
+SIZE = Argument("--size", metavar="NUMBER", help="cell size in m, for a .step file")
+FILE = Argument("--output", metavar="FILE", help="file to write")

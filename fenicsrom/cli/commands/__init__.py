@@ -1,0 +1,45 @@
+"""The commands, one module each: its arguments, and the function that carries it out."""
+
+from __future__ import annotations
+
+from fenicsrom.cli.commands import (
+    backbone,
+    cache,
+    campbell,
+    compare,
+    export,
+    import_matrices,
+    init,
+    inspect,
+    modes,
+    plan,
+    response,
+    run,
+    schema,
+    stability,
+    statics,
+    sweep,
+)
+
+COMMANDS = tuple(
+    module.COMMAND
+    for module in (
+        run,
+        plan,
+        modes,
+        inspect,
+        init,
+        compare,
+        campbell,
+        response,
+        backbone,
+        statics,
+        sweep,
+        export,
+        import_matrices,
+        cache,
+        schema,
+        stability,
+    )
+)
+"""In the order of the help."""

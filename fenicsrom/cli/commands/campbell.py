@@ -1,0 +1,35 @@
+"""`fenicsrom campbell`: compute a Campbell diagram."""
+
+from __future__ import annotations
+
+import argparse
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import FORCE, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.ending import finish
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.starting import start
+
+TURNING_SCENE = Argument(
+    "scene", help="scene file (TOML) with a [rotation] table; its [campbell] table gives the speeds"
+)
+
+
+def campbell(options: argparse.Namespace) -> int:
+    """Compute a Campbell diagram."""
+    comm, say, scene = start(options, unloaded=True)
+    with opened(options, scene, comm) as folder:
+        return finish(study.campbell(scene, comm, say, folder=folder), comm)
+
+
+COMMAND = Command(
+    "campbell",
+    "compute a Campbell diagram: frequencies and critical speeds",
+    campbell,
+    (
+        TURNING_SCENE,
+        SET,
+        OUTPUT,
+        FORCE,
+    ),
+)

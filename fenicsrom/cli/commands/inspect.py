@@ -1,0 +1,51 @@
+"""`fenicsrom inspect`: describe a mesh file."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fenicsrom.cli.arguments import MESH, OUTPUT, SCALE, SIZE, Argument, Command
+from fenicsrom.cli.mesh_files import inspected, positive
+from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.printing import print_results
+
+DENSITY = Argument("--density", metavar="NUMBER", help="density in kg/m³, for the mass")
+
+
+def inspect(options: argparse.Namespace) -> int:
+    """Describe a mesh file.
+
+    Raises:
+        SceneError: the file cannot be read, or its mesh cannot be used.
+    """
+    from fenicsrom.post.base.picture import draw_pictures
+    from fenicsrom.post.studies import mesh_report
+
+    density = positive(options.density, "--density")
+    found = inspected(options)
+    warnings, files = list(found.warnings), []
+    if found.refusal is None:
+        folder = Path(options.output or f"out/{Path(options.mesh).stem}")
+        require_lasting(folder)
+        picture = mesh_report.group_picture(found)
+        files = [path for _, path in draw_pictures([picture], folder, warnings)]
+    lines = mesh_report.lines(found, density)
+    print_results(None, "\n".join(lines), warnings, files=files)
+    if found.refusal is not None:
+        raise found.refusal
+    return 0
+
+
+COMMAND = Command(
+    "inspect",
+    "describe a mesh file: cells, box, volume, mass, groups and what is not read",
+    inspect,
+    (
+        MESH,
+        DENSITY,
+        SCALE,
+        SIZE,
+        OUTPUT,
+    ),
+)

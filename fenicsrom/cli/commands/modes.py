@@ -1,0 +1,37 @@
+"""`fenicsrom modes`: compute modes and modal derivatives."""
+
+from __future__ import annotations
+
+import argparse
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import FORCE, OUTPUT, SCENE, SET, Command
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import print_results
+from fenicsrom.cli.starting import start
+from fenicsrom.cli.termination import is_terminated
+
+
+def modes(options: argparse.Namespace) -> int:
+    """Compute modes and modal derivatives."""
+    comm, say, scene = start(options, unloaded=True)
+    from fenicsrom.post.run import sentences
+
+    with opened(options, scene, comm) as folder:
+        found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
+        if comm.rank == 0:
+            print_results(None, "", found.warnings, sentences.mode_lines(found), found.files)
+    return 0
+
+
+COMMAND = Command(
+    "modes",
+    "compute only the modes and modal derivatives, for ParaView",
+    modes,
+    (
+        SCENE,
+        SET,
+        OUTPUT,
+        FORCE,
+    ),
+)

@@ -1,0 +1,72 @@
+"""`fenicsrom plan`: list the stages of a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import SCENE, SET, Argument, Command
+from fenicsrom.cli.output import require_lasting
+from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.starting import given_keys
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import read_scene
+
+PICTURE = Argument(
+    "--picture",
+    metavar="FILE",
+    help="draw the undeformed mesh with its supports, loads and contacts to this PNG file",
+)
+
+
+OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
+"""Commands that have a table in the scene; the table has the name of the command."""
+
+
+def plan(options: argparse.Namespace) -> int:
+    """List the stages of `run`, and the other commands that the scene has tables for.
+
+    The parts of a stage are indented. With --picture, the set-up is drawn.
+
+    Raises:
+        SceneError: the scene or the file of the picture cannot be used.
+    """
+    scene = read_scene(options.scene, options.overrides)
+    print(f"fenicsrom run {options.scene}:")
+    for item in study.plan(scene):
+        name = item.name if isinstance(item, study.Stage) else f"  {item.name}"
+        print(f"{'runs     ' if item.needed else 'left out '} {name:26} {item.reason}")
+    for command in OWN_TABLES:
+        if any(key.split(".")[0] == command for key in given_keys(options)):
+            print(
+                f"the table [{command}] is for another command: fenicsrom {command} {options.scene}"
+            )
+    if options.picture is not None:
+        from fenicsrom.post.base.picture import draw_pictures
+
+        path = Path(options.picture)
+        require_lasting(path, "--picture")
+        if path.suffix.lower() != ".png":
+            raise SceneError(
+                f"--picture {path}: must end in .png",
+                kind=ErrorKind.FORMAT,
+                key="--picture",
+                source=str(path),
+            )
+        picture, warnings = study.setup_picture(scene, path.name, progress)
+        files = [path for _, path in draw_pictures([picture], path.parent, warnings)]
+        print_results(None, "", warnings, files=files)
+    return 0
+
+
+COMMAND = Command(
+    "plan",
+    "list the stages of a scene: which ones run, which ones are left out, and why",
+    plan,
+    (
+        SCENE,
+        SET,
+        PICTURE,
+    ),
+)

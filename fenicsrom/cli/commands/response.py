@@ -1,0 +1,59 @@
+"""`fenicsrom response`: follow periodic motions over a parameter."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import FORCE, FRESH, FROM, OUTPUT, SET, Argument, Command
+from fenicsrom.cli.ending import finish
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.starting import source
+from fenicsrom.cli.termination import is_terminated
+
+RESPONDING_SCENE = Argument(
+    "scene",
+    nargs="?",
+    help="scene file (TOML); its [response] table gives the parameter and its range",
+)
+RESUME_CURVES = Argument(
+    "--resume",
+    metavar="STATE",
+    help="continue the curves from the folder response_state of an earlier run",
+)
+
+
+def response(options: argparse.Namespace) -> int:
+    """Compute the response curves of a scene or of a stored model."""
+    from fenicsrom.assess.processes import available_cores
+
+    comm, say, given, scene = source(options)
+    with opened(options, scene, comm) as folder:
+        found = study.response(
+            given,
+            comm,
+            say,
+            folder=folder,
+            resume=Path(options.resume) if options.resume else None,
+            workers=available_cores(),
+            stop=is_terminated,
+            fresh=options.fresh,
+        )
+        return finish(found, comm, found.curves)
+
+
+COMMAND = Command(
+    "response",
+    "follow periodic motions over a parameter: response curves and stability",
+    response,
+    (
+        RESPONDING_SCENE,
+        FROM,
+        RESUME_CURVES,
+        SET,
+        FRESH,
+        OUTPUT,
+        FORCE,
+    ),
+)

@@ -1,0 +1,104 @@
+"""`fenicsrom run`: run a scene, or integrate a stored model again."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import (
+    FORCE,
+    FRESH,
+    FROM,
+    OUTPUT,
+    SCENE_OR_MODEL,
+    SET,
+    Argument,
+    Command,
+)
+from fenicsrom.cli.ending import end
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import print_results, progress
+from fenicsrom.cli.starting import changed_model, given_keys, importing, require_scene, start
+from fenicsrom.cli.termination import is_terminated
+
+RESUME = Argument(
+    "--resume",
+    metavar="CHECKPOINT",
+    help="continue the reduced model from the checkpoint.npz of an earlier run",
+)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run a scene or a stored model."""
+    if options.stored:
+        return _rerun(options)
+    require_scene(options)
+    comm, say, scene = start(options)
+    from fenicsrom.post.base.directions import direction_names
+    from fenicsrom.post.run import motion_table, sentences
+
+    resume = Path(options.resume) if options.resume else None
+    with opened(options, scene, comm) as folder:
+        found = study.run(
+            scene,
+            comm,
+            say,
+            folder=folder,
+            resume=resume,
+            stop=is_terminated,
+            fresh=options.fresh,
+        )
+        if comm.rank == 0:
+            names = direction_names(scene, found.solid.points)
+            table = motion_table.response_table(found.motions, found.sizes, names, scene)
+            lines = sentences.study_sentences(found)
+            print_results(scene, table, found.warnings, lines, found.files)
+        return end(comm, found.unfinished[1] if found.unfinished else None)
+
+
+def _rerun(options: argparse.Namespace) -> int:
+    """Integrate a stored model again."""
+    from dataclasses import replace
+
+    with importing():
+        from fenicsrom.online.store import archive, checkpoints
+        from fenicsrom.post.base.directions import direction_names
+        from fenicsrom.post.run import motion_table, sentences
+
+    stored = archive.load_model(Path(options.stored))
+    resume = Path(options.resume) if options.resume else None
+    if resume is not None:  # the stopped run may have used another scene than the model
+        stored = replace(stored, scene=checkpoints.load_scene(resume))
+    current = changed_model(options, stored)
+    with opened(options, current.scene) as folder:
+        found = study.rerun(
+            current,
+            folder,
+            resume=resume,
+            say=progress,
+            stop=is_terminated,
+            given=given_keys(options),
+        )
+        sizes = {"reduced": stored.size}
+        names = direction_names(current.scene, current.model.points)
+        table = motion_table.response_table({"reduced": found.motion}, sizes, names, current.scene)
+        lines = sentences.rerun_sentences(found)
+        print_results(current.scene, table, found.warnings, lines, found.files)
+        return end(None, found.unfinished)
+
+
+COMMAND = Command(
+    "run",
+    "run a scene, or integrate a stored reduced model again",
+    run,
+    (
+        SCENE_OR_MODEL,
+        FROM,
+        RESUME,
+        SET,
+        FRESH,
+        OUTPUT,
+        FORCE,
+    ),
+)

@@ -1,0 +1,89 @@
+"""`fenicsrom stability`: run extreme or random variants of a scene."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import FORCE, OUTPUT, SCENE, SET, Argument, Command
+from fenicsrom.cli.ending import finish
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import progress
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.scene import read_scene
+
+
+def natural(text: str) -> int:
+    """Read a whole number of at least 0.
+
+    Raises:
+        ValueError: the text is not a whole number of at least 0.
+    """
+    number = int(text)
+    if number < 0:
+        raise ValueError(text)
+    return number
+
+
+AXIS = Argument(
+    "--axis",
+    action="append",
+    default=[],
+    metavar="NAME",
+    help="run this axis only, such as friction; may be repeated",
+)
+RANDOM = Argument(
+    "--random",
+    type=natural,
+    default=0,
+    metavar="N",
+    help="run N random variants instead of the axes, and compare them with the full model",
+)
+SEED = Argument(
+    "--seed", type=natural, default=0, metavar="S", help="seed of the random variants (default: 0)"
+)
+
+
+def stability(options: argparse.Namespace) -> int:
+    """Run extreme or random variants of a scene.
+
+    Raises:
+        SceneError: --axis and --random are given together.
+    """
+    from fenicsrom.assess.studies.stability import Verdict
+
+    if options.random and options.axis:
+        raise SceneError(
+            "--random and --axis: give one of them, because random variants are not on an axis",
+            kind=ErrorKind.CONFLICT,
+            key="--random",
+        )
+    with opened(options, read_scene(options.scene, options.overrides)) as folder:
+        found = study.stability(
+            Path(options.scene),
+            options.overrides,
+            progress,
+            axes=options.axis,
+            variants=options.random,
+            seed=options.seed,
+            folder=folder,
+        )
+        finish(found, None)
+    return 1 if found.count(Verdict.WRONG) else 0
+
+
+COMMAND = Command(
+    "stability",
+    "run extreme or random variants of a scene, with a verdict on each",
+    stability,
+    (
+        SCENE,
+        AXIS,
+        RANDOM,
+        SEED,
+        SET,
+        OUTPUT,
+        FORCE,
+    ),
+)

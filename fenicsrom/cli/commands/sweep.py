@@ -1,0 +1,119 @@
+"""`fenicsrom sweep`: run a scene or a stored model for many values of its keys."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from fenicsrom import study
+from fenicsrom.cli.arguments import (
+    FORCE,
+    FRESH,
+    FROM,
+    OUTPUT,
+    SCENE_OR_MODEL,
+    SET,
+    Argument,
+    Command,
+)
+from fenicsrom.cli.ending import finish
+from fenicsrom.cli.output import opened
+from fenicsrom.cli.printing import progress
+from fenicsrom.cli.ranks import is_ranked
+from fenicsrom.cli.starting import changed_model, importing, ranks, require_scene
+from fenicsrom.cli.termination import is_terminated
+from fenicsrom.scene import Scene, read_scene
+
+OVER = Argument(
+    "--over",
+    action="append",
+    default=[],
+    metavar="KEY=VALUES",
+    help="values of a key of the scene: a list such as loads.0.force=[50, 100], or a range "
+    "FIRST:LAST:COUNT, with :log in equal ratios; all combinations run; may be repeated",
+)
+ZIP = Argument(
+    "--zip",
+    action="append",
+    default=[],
+    metavar="KEY=VALUES",
+    dest="together",
+    help="as --over, but all keys of --zip change together; may be repeated",
+)
+RESUME_SWEEP = Argument(
+    "--resume",
+    action="store_true",
+    help="keep the results of the same runs in the output folder, and compute only the others",
+)
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Run a scene or a stored model for lists or ranges of values of its keys.
+
+    Returns:
+        0, or 1 if a run has no motion.
+
+    Raises:
+        KeyboardInterrupt: the sweep was interrupted.
+    """
+    from fenicsrom.assess.processes import available_cores, start_server
+    from fenicsrom.scene.variations import make_axes
+
+    axes = make_axes(options.over, options.together)
+    workers = available_cores()
+    if workers > 1 and not is_ranked():  # it imports the program while MPI starts
+        start_server()
+    comm = ranks()
+    with importing():
+        from fenicsrom.assess.studies.sweep_runs import FAILED
+        from fenicsrom.online.store import archive
+
+    if options.stored:
+        model = archive.load_model(Path(options.stored))
+        scene = changed_model(options, model).scene
+        source: str | None = options.stored
+    else:
+        require_scene(options)
+        scene, source = read_scene(options.scene, options.overrides), None
+
+    def variant(overrides: Sequence[str]) -> Scene:
+        if options.scene is not None:
+            return read_scene(options.scene, [*options.overrides, *overrides])
+        return archive.changed_scene(model.scene, [*options.overrides, *overrides], model.file)
+
+    first = comm is None or comm.rank == 0
+    with opened(options, scene, comm) as folder:
+        found = study.run_sweep(
+            scene,
+            variant,
+            axes,
+            folder,
+            stored=Path(source) if source else None,
+            comm=comm,
+            say=progress if first else lambda line: None,
+            workers=workers,
+            resume=options.resume,
+            stop=is_terminated,
+            fresh=options.fresh,
+        )
+        finish(found, comm)
+    return 1 if found.with_outcome(FAILED) else 0
+
+
+COMMAND = Command(
+    "sweep",
+    "run a scene or a stored model for lists or ranges of values of its keys",
+    sweep,
+    (
+        SCENE_OR_MODEL,
+        FROM,
+        OVER,
+        ZIP,
+        RESUME_SWEEP,
+        SET,
+        FRESH,
+        OUTPUT,
+        FORCE,
+    ),
+)

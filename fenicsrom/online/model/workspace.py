@@ -1,0 +1,62 @@
+"""Scratch arrays of a reduced model."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.compliance import Compliance
+
+
+class Workspace(NamedTuple):
+    """The results of a `ReducedModel` of n coordinates and m contact displacements.
+
+    The results are valid until the next call of the model. In models of this size a new array costs
+    compiled code more than the arithmetic on it.
+
+    Attributes:
+        columns: (n, p) the columns of the quadratic coefficients; they are combined faster than the
+            rows.
+        points: (2, n) coordinates.
+        products: (3, 2, p) see `elastic_products`.
+        force: (n,) elastic force.
+        tangent: (n, n) its derivative.
+        factor: (n, n) factors of the last effective stiffness.
+        pivots: (n,)
+        key: (3,) mass, velocity and tangent coefficient of the factor, by which a linear model
+            keeps it; the first is NaN if the matrix is singular.
+        compliance: the response to contact forces; its array `unit` holds right-hand sides and
+            solutions.
+        contact_columns: (n, m) the columns of the contact rows.
+        contact: (m,) contact displacement.
+        mass_product: (n,) M v.
+        velocity_product: (n,) D v.
+        factors: (loads,) time factors of the loads.
+        load_vector: (n,) load vector, N.
+        pressure_factors: (2, k) factors of the follower pressures at the start and at the end of
+            the step.
+        pressure_vectors: (2, n) coordinates and a force of a follower pressure.
+        pressure_tangent: (n, n) its derivative.
+    """
+
+    columns: Array
+    points: Array
+    products: Array
+    force: Array
+    tangent: Array
+    factor: Array
+    pivots: NDArray[np.int64]
+    key: Array
+    compliance: Compliance
+    contact_columns: Array
+    contact: Array
+    mass_product: Array
+    velocity_product: Array
+    factors: Array
+    load_vector: Array
+    pressure_factors: Array
+    pressure_vectors: Array
+    pressure_tangent: Array

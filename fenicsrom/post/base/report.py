@@ -1,0 +1,152 @@
+"""Reports: what a command found, as files and in the terminal; the same for all commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.post.base.html_page import html_report, write_report
+from fenicsrom.post.base.picture import Picture, draw_pictures
+from fenicsrom.post.base.tables import text_table
+from fenicsrom.post.base.writers import write_rows, write_summary
+from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.words import counted
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Table = Sequence[Sequence[Any]]
+"""The rows of a table; the first row is the header."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report.
+
+    Attributes:
+        heading: its heading on the page.
+        items: tables, and paragraphs as texts. A section without items is left out.
+        page: whether the page shows it.
+        terminal: whether the terminal shows it.
+        keys: number of the first columns, which tell the rows of a table apart.
+        most: most rows of a table in the terminal; None for all.
+    """
+
+    heading: str
+    items: Sequence[Table | str]
+    page: bool = True
+    terminal: bool = True
+    keys: int = 1
+    most: int | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class Report:
+    """What a command found.
+
+    Attributes:
+        name: name of the numbers, such as "campbell": `campbell.csv` and `campbell.json`.
+        title: what the report shows, after the heading of the scene.
+        scene: the scene, which says whether pictures are drawn.
+        sentences: what was found.
+        warnings: warnings for the user; a picture that cannot be drawn adds one.
+        sections: the tables.
+        rows: rows of the CSV file.
+        summary: gives the content of the JSON file, with the warnings.
+        pictures: the pictures.
+        notes: paragraphs below the sentences, on the page only.
+        varied: keys of the scene that its heading leaves out.
+        more_rows: rows of other CSV files, by the name of the file.
+    """
+
+    name: str
+    title: str
+    scene: Scene
+    sentences: Sequence[str]
+    warnings: list[str]
+    sections: Sequence[Section]
+    rows: Sequence[Mapping[str, Any]]
+    summary: Callable[[], Mapping[str, Any]]
+    pictures: Sequence[Picture] = ()
+    notes: Sequence[str] = ()
+    varied: Collection[str] = ()
+    more_rows: Mapping[str, Sequence[Mapping[str, Any]]] = field(default_factory=dict)
+
+    def write_numbers(self, folder: Path) -> list[Path]:
+        """Write `NAME.csv`, `NAME.json` and the other CSV files.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        return [
+            write_rows(folder / f"{self.name}.csv", self.rows),
+            write_summary(folder / f"{self.name}.json", self.summary()),
+            *(write_rows(folder / name, rows) for name, rows in self.more_rows.items()),
+        ]
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write the numbers, the pictures and `report.html`.
+
+        Returns:
+            The files, the one to open first at the head.
+
+        Raises:
+            OSError: a file cannot be written.
+        """
+        files, known = self.write_numbers(folder), len(self.warnings)
+        listed = self.pictures if self.scene.output.pictures else ()
+        pictures = draw_pictures(listed, folder, self.warnings)
+        if len(self.warnings) > known:
+            files = self.write_numbers(folder)
+        notes = {picture.name: picture.note for picture in listed}
+        drawn = [(heading, [path, notes[path.name]]) for heading, path in pictures]
+        page = write_report(folder / "report.html", self._heading(), self._parts(drawn))
+        return [page, *files, *(path for _, path in pictures)]
+
+    def plot(self) -> Figure:
+        """Draw the first picture, a matplotlib figure."""
+        return self.pictures[0].draw()
+
+    def __repr__(self) -> str:
+        """The sentences."""
+        return "\n".join([self._heading(), *self.sentences])
+
+    def _repr_html_(self) -> str:
+        """The page with its first picture, for notebooks."""
+        first = [(p.heading, [p.draw(), p.note]) for p in self.pictures[:1]]
+        return html_report(self._heading(), self._parts(first))
+
+    def _heading(self) -> str:
+        """The heading of the page."""
+        return f"{scene_heading(self.scene, self.varied)}: {self.title}"
+
+    def _parts(self, pictures: Sequence[tuple[str, list[Any]]]) -> list[tuple[str, list[Any]]]:
+        """The parts of the page: headings and items."""
+        warned = map("Warning: {}".format, self.warnings)
+        return [
+            ("What was found", [*self.sentences, *self.notes, *warned]),
+            *((heading, list(filter(None, items))) for heading, items in pictures),
+            *((s.heading, list(s.items)) for s in self.sections if s.page and s.items),
+        ]
+
+    def text(self) -> str:
+        """The tables and the sentences, for the terminal."""
+        parts = [
+            self._shown(item, section)
+            for section in self.sections
+            if section.terminal
+            for item in section.items
+        ]
+        return "\n\n".join([*parts, "\n".join(self.sentences)])
+
+    def _shown(self, item: Table | str, section: Section) -> str:
+        """A table or a paragraph in the terminal."""
+        if isinstance(item, str):
+            return item
+        more = 0 if section.most is None else len(item) - 1 - section.most
+        if more <= 1:  # the sentence takes a line, too
+            return text_table(item, section.keys)
+        shown = text_table(item[: 1 + (section.most or 0)], section.keys)
+        return f"{shown}\n{self.name}.csv lists {counted(more, 'more row')}."

@@ -1,0 +1,41 @@
+"""The report of every record that a command finds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from fenicsrom.post.base.report import Report
+
+
+def report(found: Any) -> Report:
+    """The report of a record that `response`, `backbone`, `statics`, .. return.
+
+    `report(found).write(folder)` writes its files, `.text()` gives it for the terminal, and
+    `.plot()` draws its first picture. A notebook shows it as a page.
+
+    Raises:
+        TypeError: the object is no such record.
+    """
+    compose: Callable[[Any], Report]
+    match type(found).__name__:  # each report is imported when it is needed
+        case "Backbone":
+            from fenicsrom.post.curves.backbone_report import report as compose
+        case "Campbell":
+            from fenicsrom.post.studies.campbell_report import report as compose
+        case "Comparison":
+            from fenicsrom.post.studies.compare_report import report as compose
+        case "EquilibriumPath":
+            from fenicsrom.post.curves.equilibrium_report import report as compose
+        case "Matrix":
+            from fenicsrom.post.studies.stability_report import report as compose
+        case "Response":
+            from fenicsrom.post.curves.response_report import report as compose
+        case "Sweep":
+            from fenicsrom.post.studies.sweep_report import report as compose
+        case name:
+            raise TypeError(
+                f"{name}: must be what response, backbone, statics, campbell, compare, sweep or "
+                "stability returns"
+            )
+    return compose(found)

@@ -1,0 +1,164 @@
+"""Analyses that need no reduced model of their own: paths, diagrams, comparisons, extremes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.study.execution import all_ranks
+from fenicsrom.study.stopwatch import never
+
+if TYPE_CHECKING:
+    from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath
+    from fenicsrom.assess.rotation.campbell import Campbell
+    from fenicsrom.assess.studies.compare import Comparison
+    from fenicsrom.assess.studies.stability import Matrix
+    from fenicsrom.scene import Scene
+
+
+def quiet(line: str) -> None:
+    """Receive a line of progress, and show it to nobody."""
+
+
+def statics(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] = quiet,
+    *,
+    folder: Path | None = None,
+    stop: Callable[[], bool] = never,
+) -> EquilibriumPath:
+    """Follow the static equilibria of a scene over a load factor. Collective.
+
+    Args:
+        scene: a scene with static loads and a table [statics].
+        comm: MPI communicator; by default all ranks.
+        say: receives the progress, one line at a time; by default nobody.
+        folder: folder of the output files; None writes no files.
+        stop: asked at each equilibrium; the path ends where it returns True.
+
+    Returns:
+        The path. After an interrupt it ends where it was, and `interrupted` is set; if it was lost,
+        `unfinished` holds the error.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.curves.equilibrium_path import equilibrium_path
+
+    comm = comm or all_ranks()
+    found = equilibrium_path(scene, comm, say, stop)
+    if folder is not None and found.points:
+        from fenicsrom.post.curves import equilibrium_report
+        from fenicsrom.post.run.body_pictures import setup_pictures
+
+        shapes = equilibrium_report.write_shapes(found, folder)
+        setup = setup_pictures(found.body, scene)
+        if comm.rank == 0:
+            found.files = [*equilibrium_report.report(found, setup).write(folder), *shapes]
+    return found
+
+
+def campbell(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] = quiet,
+    *,
+    folder: Path | None = None,
+) -> Campbell:
+    """Compute the Campbell diagram of a scene. Collective.
+
+    Args:
+        scene: a scene with the tables [rotation] and [campbell].
+        comm: MPI communicator; by default all ranks.
+        say: receives the progress, one line at a time; by default nobody.
+        folder: folder of the output files; None writes no files.
+
+    Returns:
+        The diagram; `unfinished` holds an error that stopped it before the last speed.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: the body has no modes at the first speed.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.rotation import campbell as diagram
+
+    comm = comm or all_ranks()
+    found = diagram.campbell(scene, comm, say)
+    if folder is not None:
+        from fenicsrom.post.run.body_pictures import setup_pictures
+        from fenicsrom.post.studies.campbell_report import report
+
+        setup = setup_pictures(found.body, scene)
+        if comm.rank == 0:
+            found.files = report(found, setup).write(folder)
+    return found
+
+
+def compare(
+    scene: Scene,
+    comm: Any = None,
+    say: Callable[[str], None] = quiet,
+    *,
+    folder: Path | None = None,
+) -> Comparison:
+    """Compare reduced bases of a scene with its full model: error against run time. Collective.
+
+    Args:
+        scene: a scene with a table [compare].
+        comm: MPI communicator; by default all ranks.
+        say: receives the progress, one line at a time; by default nobody.
+        folder: folder of the output files; None writes no files.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        ConvergenceError, AccuracyError: the full model has no motion.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.studies import compare as comparison
+
+    comm = comm or all_ranks()
+    found = comparison.compare(scene, comm, say)
+    if folder is not None and comm.rank == 0:
+        from fenicsrom.post.studies.compare_report import report
+
+        found.files = report(found).write(folder)
+    return found
+
+
+def stability(
+    scene: Path,
+    overrides: Sequence[str] = (),
+    say: Callable[[str], None] = quiet,
+    *,
+    axes: Sequence[str] = (),
+    variants: int = 0,
+    seed: int = 0,
+    folder: Path | None = None,
+) -> Matrix:
+    """Run extreme or random variants of a scene file, with a verdict on each.
+
+    Args:
+        scene: the scene file.
+        overrides: changes of the scene, as "KEY=VALUE".
+        say: receives the progress, one line at a time; by default nobody.
+        axes: names of the axes that are run; by default all.
+        variants: number of random variants, which run instead of the axes.
+        seed: of the random variants.
+        folder: folder of the output files; None writes no files.
+
+    Raises:
+        SceneError: the scene cannot be used.
+        OSError: a file cannot be written.
+    """
+    from fenicsrom.assess.studies import stability as extremes
+
+    found = extremes.stability(scene, overrides, say, axes, variants=variants, seed=seed)
+    if folder is not None:
+        from fenicsrom.post.studies.stability_report import report
+
+        found.files = report(found).write(folder)
+    return found

@@ -1,0 +1,75 @@
+"""What curves start from: a stored model, or a scene whose reduced model is built first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fenicsrom.scene import Scene
+from fenicsrom.study.execution import offline
+
+if TYPE_CHECKING:
+    from fenicsrom.online.store.archive import StoredModel
+    from fenicsrom.records import Study
+    from fenicsrom.study.stopwatch import Stopwatch
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A reduced model and where it came from.
+
+    Attributes:
+        stored: the model under its scene.
+        warnings: of its offline stages, or of its equilibrium.
+        study: the record of the offline stages; None of a stored model.
+    """
+
+    stored: StoredModel
+    warnings: list[str]
+    study: Study | None
+
+    @property
+    def first(self) -> bool:
+        """Whether this rank writes files."""
+        return self.study is None or self.study.solid.comm.rank == 0
+
+    @property
+    def ranks(self) -> int:
+        """Number of ranks of the offline stages; 1 for a stored model."""
+        return 1 if self.study is None else self.study.solid.comm.size
+
+
+def source_of(
+    given: Scene | StoredModel,
+    comm: Any,
+    watch: Stopwatch,
+    folder: Path | None,
+    stop: Callable[[], bool],
+    fresh: bool,
+) -> Source:
+    """Take a stored model as it is, or build the model of a scene and write it to the folder.
+
+    Arguments and errors as `fenicsrom.study.execution.offline`.
+
+    Raises:
+        OSError: the model cannot be written.
+    """
+    from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.online.store.archive import save_model
+    from fenicsrom.post.base.origin import MODEL
+    from fenicsrom.post.run.summary import stored_model
+
+    if not isinstance(given, Scene):
+        return Source(given, equilibrium_warnings(given.deformation), None)
+    built = offline(given, comm, watch, stop=stop, fresh=fresh)
+    found = Source(stored_model(built), built.warnings, built)
+    if folder is not None and found.first:
+        save_model(folder / MODEL, found.stored)
+    return found
+
+
+def scene_of(given: Scene | StoredModel) -> Scene:
+    """The scene of a stored model, or the scene itself."""
+    return given if isinstance(given, Scene) else given.scene
