@@ -261,7 +261,7 @@ def test_peak_of_the_forced_response_is_on_the_backbone_of_light_damping() -> No
     factors = [0.01, 0.02, 0.04]
     period = 2.0 * np.pi
 
-    def amplitude(problem: object, point: CurvePoint) -> float:
+    def amplitude(point: CurvePoint) -> float:
         return float(point.amplitude.max())
 
     found = list(

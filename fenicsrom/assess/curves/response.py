@@ -11,6 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from fenicsrom.assess.curves.branches import Piece
 from fenicsrom.assess.curves.curve_progress import CurveProgress, CurveWalk
 from fenicsrom.assess.curves.grazing import resolved_events
@@ -26,9 +28,11 @@ from fenicsrom.assess.curves.response_results import (
 from fenicsrom.assess.curves.trust import Check, RicherModel, contradictions, inaccuracies
 from fenicsrom.assess.processes import run_jobs
 from fenicsrom.errors import AccuracyError, ConvergenceError
+from fenicsrom.online.contact.points import contacts_of
 from fenicsrom.online.curves.contact_events import Extremes
 from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
-from fenicsrom.online.periodic.shooting import FALLBACK_STEPS
+from fenicsrom.online.curves.nonlinear_mode import linear_modes
+from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
@@ -136,6 +140,7 @@ def response(
         found.interrupted = True
     found.curves = [curve for curve in found.curves if curve.points]
     _leave_out_unresolved(found)
+    found.warnings += _light_modes(stored)
     _warn_of_errors(found)
     found.seconds = clock.perf_counter() - begin
     return found
@@ -155,6 +160,33 @@ def _leave_out_unresolved(found: Response) -> None:
             )
 
 
+def _light_modes(stored: StoredModel) -> list[str]:
+    """Sentences on higher modes that are hardly damped and that a harmonic of the loads excites."""
+    scene = stored.scene
+    table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
+    low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
+    try:
+        modes = linear_modes(
+            stored.model, settled_contacts(contacts_of(scene, stored.model.points))
+        )
+    except ConvergenceError:
+        return []
+    found = []
+    for mode in modes[1:]:
+        own = mode.omega / (2.0 * np.pi)
+        orders = np.arange(2, HARMONIC + 1)
+        hit = orders[
+            (own >= orders * low * (1.0 - AROUND)) & (own <= orders * high * (1.0 + AROUND))
+        ]
+        if hit.size and mode.damping_ratio < LIGHT:
+            found.append(
+                f"mode {mode.number} ({own:.5g} Hz, contact points that touch stick) has a damping "
+                f"ratio of {mode.damping_ratio:.1g}: harmonic {hit[0]} of the loads can excite it "
+                "in a narrow resonance; [damping] gives each mode its ratio."
+            )
+    return found
+
+
 def _warn_of_errors(found: Response) -> None:
     """Judge curves with large errors, or whose stability a richer basis judges otherwise."""
     for curve in found.curves:
@@ -166,6 +198,9 @@ def _warn_of_errors(found: Response) -> None:
             found.unfinished = AccuracyError(f"response: {said[0]}")
 
 
+LIGHT = 1e-3  # damping ratio below which a higher mode is named
+HARMONIC = 20  # highest harmonic of the loads whose resonance with a higher mode is named
+AROUND = 0.01  # part of a frequency within which a harmonic excites a mode
 ADVICE = {
     LOST: "no next point was found; more time.steps_per_period or softer contacts may help",
     OUT_OF_POINTS: "it has as many points as response.points allows; raise this limit of its cost, "

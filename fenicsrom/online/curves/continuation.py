@@ -17,6 +17,7 @@ from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.arc import ArcLength, Place, Values
 from fenicsrom.online.curves.bifurcations import change_of_sign, special_points
 from fenicsrom.online.curves.contact_events import occurrences
+from fenicsrom.online.curves.crest import half_range
 from fenicsrom.online.curves.curve import LOST, Curve, CurvePoint, norm
 from fenicsrom.online.curves.curve_measures import harmonics, states_over_period
 from fenicsrom.online.curves.turning_pairs import turning_pairs, unseen_points
@@ -110,6 +111,7 @@ class Continuation(ArcLength):
             turning=turning,
             turn_rates=turn_rates,
             period=m * problem.period,
+            probe_amplitude=half_range(record.time, record.probe),
         )
 
     def _monodromy(self, jacobian: Array) -> Array:

@@ -40,6 +40,7 @@ class CurvePoint:
         tangent: (N + 1,) direction of the curve in (s, p).
         amplitude: (P, d) half of peak-to-peak of the contact displacement, or (1, d) of the probe
             without contact, m.
+        probe_amplitude: (d,) half of peak-to-peak of the displacement of the probe, m.
         peak_force: (P,) largest normal force, N.
         friction_dissipation: energy dissipated by friction in the period, J.
         multipliers: (N,) Floquet multipliers, the largest first.
@@ -91,6 +92,7 @@ class CurvePoint:
     turn_rates: Array = field(default_factory=lambda: np.zeros(0))
     period: float = np.nan
     sense: float = 1.0
+    probe_amplitude: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def stable(self) -> bool:

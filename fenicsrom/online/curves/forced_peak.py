@@ -22,7 +22,7 @@ from fenicsrom.online.contact.surfaces import Contacts
 from fenicsrom.online.curves.continuation import Continuation
 from fenicsrom.online.curves.curve import END, LOST, Curve, CurvePoint
 from fenicsrom.online.model.model import ReducedModel
-from fenicsrom.online.periodic.families import Family, Problem, force_family, frequency_family
+from fenicsrom.online.periodic.families import Family, force_family, frequency_family
 from fenicsrom.online.periodic.shooting import Shooting, hold_sliders
 
 SMALL_FORCE = 1e-2  # part of the first force at which the motion is sought from rest
@@ -63,7 +63,7 @@ def forced_peaks(
     rest: tuple[Array, Array],
     frequency: float,
     factors: Sequence[float],
-    amplitude: Callable[[Problem, CurvePoint], float],
+    amplitude: Callable[[CurvePoint], float],
     displaced: NDArray[np.bool_] | None = None,
 ) -> Iterator[ForcedPeak]:
     """Find the peaks at ascending factors on the loads, each from the one before.
@@ -76,7 +76,7 @@ def forced_peaks(
         rest: coordinates (n,) and sliders (P, d) of the equilibrium.
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
-        amplitude: of a motion with these data, m.
+        amplitude: of a motion, m.
         displaced: (s,) as in `online.periodic.families.frequency_family`.
 
     Raises:
@@ -96,13 +96,9 @@ def forced_peaks(
         by_force = force_family(here.model, contacts, here.period)
         s = _at_larger_force(shooting, by_force, s, before, factor)
         size, family = float(np.linalg.norm(s)), at_force(factor)
-
-        def height(point: CurvePoint, family: Family = family) -> float:
-            return amplitude(family(point.parameter), point)
-
         path = Continuation(shooting, family, frequency / WINDOW, frequency * WINDOW, size)
         first = path.at_parameter(s, frequency)
-        top, ends = (None, ()) if first is None else _climb(path, first, height)
+        top, ends = (None, ()) if first is None else _climb(path, first, amplitude)
         if top is None:
             early = [end for end in dict.fromkeys(ends) if end != "fallen"]
             reasons = " and ".join(early) or "no convergence"
@@ -112,7 +108,7 @@ def forced_peaks(
                 f"ended early ({reasons})"
             )
         s, frequency, before = top.s, top.parameter, factor
-        yield ForcedPeak(factor, frequency, height(top), top, (ends[0], ends[1]))
+        yield ForcedPeak(factor, frequency, amplitude(top), top, (ends[0], ends[1]))
 
 
 def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
