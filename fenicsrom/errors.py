@@ -6,6 +6,7 @@ A message is one printable line for the user. Code never reads the message: it c
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any
 
@@ -80,15 +81,24 @@ class ConvergenceError(RuntimeError):
     Attributes:
         partial: what was computed before the failure (a `Motion`, a list of equilibria), or None.
         kind: what failed.
+        decrements: of each iteration of the last attempt of Newton's method: the decrement
+            |residual · change| in J, or the relative residual of a periodic motion. Empty if
+            another method failed.
     """
 
     def __init__(
-        self, message: str, partial: Any = None, *, kind: ErrorKind = ErrorKind.CONVERGENCE
+        self,
+        message: str,
+        partial: Any = None,
+        *,
+        kind: ErrorKind = ErrorKind.CONVERGENCE,
+        decrements: Sequence[float] = (),
     ):
-        """Store the sentence and the partial result."""
+        """Store the sentence, the partial result and the decrements."""
         super().__init__(message)
         self.partial = partial
         self.kind = kind
+        self.decrements = tuple(decrements)
 
 
 class AccuracyError(RuntimeError):

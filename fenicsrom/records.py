@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.reduction.selection import Selection
+from fenicsrom.words import brief
 
 if TYPE_CHECKING:
     from fenicsrom.arrays import Array
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from fenicsrom.scene import Scene
 
 
-@dataclass(eq=False)
+@brief("stored", "motion", "errors", "unfinished", "warnings", "stresses", "files")
+@dataclass(eq=False, repr=False)
 class Rerun:
     """The record of a run of a stored model.
 
@@ -52,9 +54,10 @@ class Rerun:
     files: list[Path] = field(default_factory=list)
 
 
-@dataclass(eq=False)
+@brief("scene", "labels", "modes", "model", "motions", "errors", "unfinished", "left_out", "files")
+@dataclass(eq=False, repr=False)
 class Study:
-    """What the stages of a scene found. A stage that did not run leaves its default.
+    """The results of the stages of a scene. A stage that did not run leaves its default.
 
     Attributes:
         scene: the scene.

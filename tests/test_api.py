@@ -9,16 +9,20 @@ import sys
 import tomllib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from support import beam_scene, oscillator, random_model, random_polynomial, refusal
 
 import fenicsrom
+from fenicsrom.assess.studies.sweep_runs import Sweep, digest_of
 from fenicsrom.errors import ErrorKind
 from fenicsrom.online.model.matrices import UNITS, full_tensors
 from fenicsrom.online.model.polynomial import elastic_force, elastic_polynomial
 from fenicsrom.online.motion.history import HISTORY_ARRAYS
+from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.records import Rerun
 from fenicsrom.reduction.strain_products import strain_products
 
 PACKAGE = Path(fenicsrom.__file__).parent
@@ -132,6 +136,81 @@ def test_model_arrays_of_a_linear_model_have_zero_tensors() -> None:
     assert arrays.quadratic.shape == (2, 2, 2) and not arrays.quadratic.any()
     assert arrays.cubic.shape == (2, 2, 2, 2) and not arrays.cubic.any()
     assert arrays.gyroscopic.shape == (2, 2) and not arrays.gyroscopic.any()
+
+
+def test_functions_say_what_to_pass(tmp_path: Path) -> None:
+    model, scene, motion = oscillator()
+    stored = StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.ones(2), {})
+    np.testing.assert_array_equal(
+        fenicsrom.model_arrays(stored).mass, fenicsrom.model_arrays(model).mass
+    )
+    for function, wrong in (
+        (fenicsrom.model_arrays, scene),
+        (fenicsrom.model_arrays, None),
+        (fenicsrom.amplitudes, stored),
+        (fenicsrom.amplitudes, {"reduced": motion}),
+    ):
+        with pytest.raises(TypeError, match=f"{type(wrong).__name__}: must be a") as caught:
+            function(wrong)
+        assert "\n" not in str(caught.value)
+
+
+# ------------------------------------------------------------------ overrides and short records
+
+
+def test_overrides_by_keys_are_those_by_texts() -> None:
+    scene = ROOT / "demos" / "slip_liftoff_2d.toml"
+    values = {
+        "loads.0.force": np.float64(50.0),
+        "basis.modes": np.int64(2),
+        "output.pictures": False,
+        "title": 'of "x"',
+        "contacts.0.normal": (0.0, -1.0),
+        "time.scheme": "average-acceleration",
+    }
+    texts = ["loads.0.force=50.0", "basis.modes=2", "output.pictures=false"]
+    texts += ["title='of \"x\"'", "contacts.0.normal=[0.0, -1.0]"]
+    texts += ["time.scheme='average-acceleration'"]
+    found = fenicsrom.read_scene(scene, values)
+    assert found == fenicsrom.read_scene(scene, texts) and found.loads[0].size == 50.0
+    model, made, _ = oscillator()
+    stored = StoredModel(model, made, "rubin", ("1V", "2V"), 9, np.ones(2), {})
+    changed = stored.with_overrides({"loads.0.force": 50.0})
+    assert changed.scene == stored.with_overrides("loads.0.force=50.0").scene != made
+    with refusal(ErrorKind.TYPE, names="object"):
+        fenicsrom.read_scene(scene, {"loads.0.force": object()})
+    with refusal(ErrorKind.RANGE, "basis.modes"):
+        fenicsrom.read_scene(scene, {"basis.modes": -1})
+
+
+def records() -> list[Any]:
+    """Public records that need no mesh."""
+    model, scene, motion = oscillator()
+    stored = StoredModel(model, scene, "rubin", ("1V", "2V"), 9, np.ones(2), {})
+    demo = fenicsrom.read_scene(ROOT / "demos" / "blade_rub.toml", "output.pictures=false")
+    study = fenicsrom.Study(demo, motions={"reduced": motion}, errors={})
+    found = [stored, motion, study, scene, demo, fenicsrom.model_arrays(stored)]
+    found += [Rerun(stored, motion, {}, None, ["a\nwarning"])]
+    return [*found, Sweep(scene, (), [{"run": 1, "outcome": "done"}] * 1000, 1)]
+
+
+def test_records_in_words_are_short() -> None:
+    for record in records():
+        lines = repr(record).splitlines()
+        assert 3 <= len(lines) <= 10 and max(map(len, lines)) <= 100, lines
+        assert lines[0] == type(record).__name__
+        table = ElementTree.fromstring(record._repr_html_())  # a notebook can show it
+        assert len(table.findall("tr")) == len(lines) - 1
+
+
+def test_scenes_of_a_sweep_that_differ_in_one_number_have_different_digests() -> None:
+    scene = ROOT / "demos" / "blade_rub.toml"
+    found = {
+        digest_of(fenicsrom.read_scene(scene, f"{key}={value}"), "model")
+        for key, values in {"contacts.0.friction": (0.1, 0.2), "time.periods": (7, 8)}.items()
+        for value in values
+    }
+    assert len(found) == 4
 
 
 # ------------------------------------------------------------------ histories

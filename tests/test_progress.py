@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from types import SimpleNamespace
 from typing import Any
 
@@ -101,3 +102,14 @@ def test_motion_says_its_period_and_the_longest_time_left(monkeypatch: pytest.Mo
     now += 3.0
     report(0.1, 1e-2)
     assert "period 1" in lines[0] and "at most 27 s left" in lines[0]
+
+
+def test_stages_are_logged_unless_the_caller_listens(caplog: pytest.LogCaptureFixture) -> None:
+    heard: list[str] = []
+    with caplog.at_level(logging.INFO, "fenicsrom"):
+        with stopwatch.Stopwatch()("100 % of the mesh"):
+            pass
+        with stopwatch.Stopwatch(heard.append)("solid"):
+            pass
+    assert caplog.messages == ["100 % of the mesh .."] and heard == ["solid .."]
+    assert caplog.records[0].name == "fenicsrom"

@@ -1,6 +1,7 @@
 """The site of the pages and docstrings, made by Sphinx: `.ci/site/build`."""
 
 import re
+from pathlib import Path
 from typing import Any
 
 from docutils.nodes import SkipNode
@@ -78,12 +79,17 @@ CHANGELOG
 """
 
 
-def completed(_: Any, page: str, source: list[str]) -> None:
+def completed(app: Any, page: str, source: list[str]) -> None:
     """Add the table of contents to the first page; a link to a package leads to its docstring."""
+    folder = (Path(app.srcdir) / page).parent
+
+    def to_docstring(link: re.Match[str]) -> str:
+        file = f"{link[1]}/__init__.py"
+        return f"]({file})" if (folder / file).exists() else link[0]
+
+    source[0] = re.sub(r"\]\(([\w./]+)\)", to_docstring, source[0])
     if page == root_doc:
         source[0] += TABLE_OF_CONTENTS
-    if page == "fenicsrom/README":
-        source[0] = re.sub(r"\]\(([a-z_/]+)\)", r"](\1/__init__.py)", source[0])
 
 
 def shortened(*event: Any) -> tuple[str | None, ...]:

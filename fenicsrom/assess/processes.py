@@ -83,7 +83,7 @@ def run_jobs(
         The result of each job, or the ConvergenceError of a job whose process was ended.
 
     Raises:
-        KeyboardInterrupt: after the results, if the computation was interrupted in processes.
+        KeyboardInterrupt: the computation was interrupted in a process; raised after all results.
     """
     workers = min(workers, len(jobs))
     if workers > 1:
@@ -104,10 +104,10 @@ def run_jobs_on_ranks(function: Job, jobs: Sequence[Any], tell: Tell, comm: Any)
     """Compute jobs on the ranks of an MPI communicator; rank 0 gives out the jobs.
 
     Args:
-        function: computes one job; it and the jobs must be picklable.
+        function: computes one job; the function and the jobs must be picklable.
         jobs: its arguments.
         tell: receives on rank 0 the number of each job that is done.
-        comm: the communicator, of two ranks or more; all of them must call.
+        comm: communicator of at least two ranks; all ranks must call this function.
 
     Yields:
         On rank 0 the result of each job, in order; on the others nothing.

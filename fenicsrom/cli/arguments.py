@@ -1,4 +1,4 @@
-"""Arguments of the command line, and what a command consists of."""
+"""The arguments of the command line, and the record of a command."""
 
 from __future__ import annotations
 

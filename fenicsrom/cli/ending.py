@@ -1,4 +1,4 @@
-"""How the commands end: what they print, and their exit code."""
+"""The end of a command: its printed report and its exit code."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def finish(found: Any, comm: Any, holds: Any = True) -> int:
     Args:
         found: the record, such as `fenicsrom.response` returns it.
         comm: the communicator; None without MPI.
-        holds: whether the record has results; nothing is printed without them.
+        holds: whether the record has results; without results nothing is printed.
 
     Returns:
         The exit code 0.

@@ -149,7 +149,7 @@ def require_other(path: Path, read: Iterable[Path], option: str = "--output") ->
     Args:
         path: the file to be written.
         read: the files that the command reads.
-        option: the option that gives it.
+        option: the option that gives the path.
 
     Raises:
         SceneError: the command would replace a file that it reads.
@@ -168,7 +168,7 @@ def require_lasting(path: Path, option: str = "--output") -> None:
 
     Args:
         path: the file or folder to be written.
-        option: the option that gives it.
+        option: the option that gives the path.
 
     Raises:
         SceneError: the path lies inside the container and would be deleted with it.

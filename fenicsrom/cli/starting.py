@@ -1,4 +1,4 @@
-"""How the commands start, from a scene or from a stored model."""
+"""The start of a command from a scene or from a stored model."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ damping), with a line for each entry:
     row column value                               format "coordinate"
 
 The file may hold one triangle of a symmetric matrix. A clamped unknown has a diagonal value of 1e36
-in place of its row; it is left out.
+in place of its row; such unknowns are left out.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Entries = dict[tuple[Label, Label], float]
 def read_mtx(path: Path) -> MatrixSet:
     """Read the matrices of a superelement from the file of its stiffness.
 
-    The files of mass and damping are looked for beside it.
+    The files of mass and damping are expected in the same folder.
 
     Raises:
         SceneError: a file cannot be read, or is of another kind.

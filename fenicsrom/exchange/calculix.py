@@ -2,7 +2,7 @@
 
 A deck has up to two steps: the equilibrium under the static loads and the rotation, and the natural
 frequencies about it. With NLGEOM, CalculiX uses the same material as this program: the second
-Piola-Kirchhoff stress is linear in the Green-Lagrange strain. Its step of frequencies then contains
+Piola-Kirchhoff stress is linear in the Green-Lagrange strain. The step of frequencies then contains
 the stress stiffening and the spin softening of the equilibrium.
 """
 
@@ -103,7 +103,7 @@ class Deck:
 
     Attributes:
         title: first line of the deck.
-        notes: what the deck leaves out, one sentence each.
+        notes: one sentence for each part of the scene that the deck leaves out.
         mesh: nodes, one block of cells, its groups and the groups of nodes.
         plane: "stress" or "strain" in 2D.
         sections: the materials.
@@ -233,7 +233,7 @@ def _attachments(deck: Deck, names: _Names) -> Iterator[str]:
 
 
 def _sections(deck: Deck, names: _Names) -> Iterator[str]:
-    """Materials, their axes and the cells that have them."""
+    """Materials with their axes, and the cells of each material."""
     for number, section in enumerate(deck.sections, 1):
         name, cells = f"MATERIAL_{number}", names.new(f"CELLS_{number}")
         yield from _set("ELSET", cells, section.cells)

@@ -155,7 +155,7 @@ def _observed(scene: Scene, solid: Solid, nodes: _Nodes) -> Ints:
 
 
 class _Nodes:
-    """The nodes of the deck among those of the displacement.
+    """For each node of the deck, its number in the displacement space.
 
     Attributes:
         drops: whether nodes are left out.
@@ -243,7 +243,8 @@ class _Nodes:
     def equations(self) -> list[Equation]:
         """The equations of the kept nodes that are held along slanted directions.
 
-        Those of one node are in reduced echelon form: the first component of each is in no other.
+        The equations of one node are in reduced echelon form: the first component of each equation
+        is in no other equation.
         """
         found = []
         slanted = self._solid.slanted
@@ -282,7 +283,7 @@ class _Nodes:
         """The attached masses or stiffnesses (kept nodes, d) from values (local,).
 
         Raises:
-            SceneError: a node that is left out has one.
+            SceneError: a node that is left out has an attachment.
         """
         every = values.reshape(len(self._x), -1)
         dropped = np.ones(len(every), dtype=bool)

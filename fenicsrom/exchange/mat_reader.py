@@ -1,7 +1,7 @@
 """Real matrices of a MATLAB file of version 5 to 7, read.
 
-scipy's reader crashes on some damaged files. This one reads dense and sparse real matrices of two
-dimensions and passes over everything else. After a header of 128 bytes, a file is a sequence of
+scipy's reader crashes on some damaged files. This reader takes dense and sparse real matrices of
+two dimensions and ignores everything else. After a header of 128 bytes, a file is a sequence of
 elements: type and length (4 bytes each, or 2 each if the length is at most 4), data, and zeros up
 to a multiple of 8 bytes. Elements of type 15 hold a compressed element. A matrix (type 14) consists
 of elements itself: flags with the class, dimensions, name and numbers; a sparse one has the rows
@@ -64,7 +64,7 @@ def _decompressed(content: bytes) -> bytes:
     """The data of a compressed element.
 
     Raises:
-        ValueError: they are damaged, or too long.
+        ValueError: the bytes are damaged, or too long.
     """
     stream = zlib.decompressobj()
     try:
@@ -97,7 +97,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _matrix(content: bytes, order: str) -> dict[str, Array]:
-    """A matrix by its name; nothing if it is not a real matrix of two dimensions.
+    """The name and the matrix; nothing if the matrix is not real or has not two dimensions.
 
     Raises:
         ValueError: its parts do not fit together.
@@ -136,7 +136,7 @@ def _numbers(element: tuple[int, bytes], order: str) -> Array:
     """The numbers of an element as float64.
 
     Raises:
-        ValueError: it does not hold numbers.
+        ValueError: the element does not hold numbers.
     """
     kind, content = element
     if kind not in NUMBERS:

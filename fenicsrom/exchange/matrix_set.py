@@ -44,8 +44,8 @@ class MatrixSet:
         mass: (n, n), symmetric, kg.
         stiffness: (n, n), symmetric, N/m.
         damping: (n, n), kg/s, or None.
-        interface: (r, n) rows that give interface displacements, or None: these are the coordinates
-            themselves.
+        interface: (r, n) rows that give interface displacements; None if these displacements are
+            the coordinates themselves.
         labels: (n,) node and direction of each coordinate, or None if the file does not say.
     """
 

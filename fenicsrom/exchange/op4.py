@@ -130,7 +130,7 @@ def _store(matrix: Array, column: int, row: int, values: list[float]) -> None:
     """Store the numbers of a column from a row on.
 
     Raises:
-        IndexError: they do not fit into the matrix.
+        IndexError: the numbers do not fit into the matrix.
     """
     if column < 1 or row < 1 or row - 1 + len(values) > matrix.shape[0]:
         raise IndexError(f"column {column}, row {row} does not exist")

@@ -282,7 +282,7 @@ class _Builder:
         """Check that a symmetric matrix is positive definite.
 
         Raises:
-            SceneError: it is not.
+            SceneError: the matrix is not positive definite.
         """
         diagonal = np.diag(matrix)
         if diagonal.size and np.all(diagonal > 0.0):

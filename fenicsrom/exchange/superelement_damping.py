@@ -1,8 +1,8 @@
-"""The damping of a superelement: that of its file, and that of the table [damping].
+"""The damping of a superelement, from its file and from the table [damping].
 
 A damping matrix of the file that is proportional to the mass becomes the factor α of the model. Any
-other one, with its symmetric and its skew (gyroscopic) part, is a matrix D of forces D v. To it the
-table [damping] of the scene adds
+other damping matrix, with its symmetric and its skew (gyroscopic) part, is a matrix D of forces D
+v. To this matrix the table [damping] of the scene adds
 
     β K + Σ_k 2 ζ_k ω_k (M φ_k) (M φ_k)ᵀ                                              (1)
 

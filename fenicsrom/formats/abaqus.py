@@ -61,7 +61,7 @@ SILENT = {
 
 @dataclass(eq=False)
 class Model:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
         path: the file.
@@ -125,7 +125,7 @@ def _instance(model: Model, keyword: Keyword) -> Part:
 
 
 def _read(model: Model, part: Part, keyword: Keyword) -> bool:
-    """Read one keyword into a part; whether it is read, or has no effect on the physics."""
+    """Read one keyword into a part; return whether it was read or has no effect on the physics."""
     name, path = keyword.name, model.path
     if name in GENERATORS and (keyword.lines or name not in ("SYSTEM", "PARAMETER")):
         raise refuse(
@@ -244,7 +244,7 @@ def _set(path: Path, part: Part, keyword: Keyword) -> None:
 
 
 def _surface(part: Part, keyword: Keyword) -> bool:
-    """Read *SURFACE; whether all of it was read."""
+    """Read *SURFACE; return whether the whole surface was read."""
     name, kind = keyword.parameters.get("NAME", ""), keyword.parameters.get("TYPE", "ELEMENT")
     rows = [fields(line) for line in keyword.lines]
     if kind.upper() == "NODE":

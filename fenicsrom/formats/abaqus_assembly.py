@@ -48,7 +48,7 @@ def assembled(path: Path, root: Part, instances: list[tuple[str, Part, Floats]])
 
     Args:
         path: the file, for messages.
-        root: what stands outside of parts.
+        root: nodes, elements and sets outside of parts.
         instances: name, part and placement of each instance.
 
     Raises:
@@ -167,7 +167,7 @@ def _names(
     notes: list[str],
     keyword: str,
 ) -> list[tuple[str, str, str]]:
-    """Instance, name and name in this program of each set."""
+    """For each set the instance, the name, and the name that this program gives."""
     every = [
         (instance, name)
         for instance, part, _ in placements

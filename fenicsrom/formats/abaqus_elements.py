@@ -38,12 +38,12 @@ _NAMES = {
 
 
 def kind_of(name: str) -> int | None:
-    """The kind of an element type in capitals, or None for one that is left out."""
+    """The kind of an element type in capitals; None for a type that is left out."""
     return next((kind for pattern, kind in _TYPES if pattern.fullmatch(name)), None)
 
 
 def refused(name: str) -> str | None:
-    """What an element type is that would leave a hole in the body, or None."""
+    """Describe an element type that would leave a hole in the body; None for other types."""
     match = re.match(r"C(3D\d+)", name)
     if match:
         return _NAMES.get(match[1], "solid elements")

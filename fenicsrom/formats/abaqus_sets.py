@@ -115,8 +115,8 @@ class Resolver:
     def indices(self, instance: str, name: str, seen: tuple[str, ...] = ()) -> Ints:
         """Sorted indices of a set of an instance, or of the model itself if instance is "".
 
-        Numbers that the file does not define, such as those of elements that are left out, are
-        passed over.
+        Numbers that the file does not define, such as the numbers of elements that are left out,
+        are ignored.
 
         Raises:
             SceneError: there is no such set, or it contains itself.

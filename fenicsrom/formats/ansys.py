@@ -46,7 +46,7 @@ SILENT = re.compile(
 
 @dataclass(eq=False)
 class Archive:
-    """What a file holds.
+    """The content of a file.
 
     Attributes:
         path: the file.

@@ -164,7 +164,7 @@ def _blocks(
 
 
 def _element(card: Card) -> tuple[int, int, list[int]]:
-    """Number, kind and grid points of an element; 0 for a grid point on an edge that is left out.
+    """Number, kind and grid points of an element; 0 for a mid-edge point that the file leaves out.
 
     Raises:
         ValueError: the entry lacks corners.

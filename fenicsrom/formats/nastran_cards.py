@@ -41,7 +41,7 @@ class Card:
             raise ValueError(f"{self.text(index)!r} is not a number") from None
 
     def integers(self, first: int) -> list[int]:
-        """All fields from `first` on as integers; 0 for blank ones; none behind the last one."""
+        """All fields from `first` to the last one as integers; 0 for blank fields."""
         found = [int(text or 0) for text in self.fields[first:]]
         while found and not found[-1]:
             found.pop()
@@ -103,8 +103,8 @@ def _split(path: Path, line: str) -> tuple[str, list[str], str | None, str]:
     """Split a line of bulk data.
 
     Returns:
-        The name of the entry; its data fields; None, or the mark by which the line continues an
-        entry; and the mark of the line that continues this one.
+        The name of the entry; its data fields; the mark by which the line continues an entry, or
+        None; and the mark of the line that continues this line.
     """
     if "," in line:
         words = [word.strip() for word in line.split(",")]

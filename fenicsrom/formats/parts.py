@@ -101,7 +101,7 @@ def _cell_facets(cells: list[Block]) -> dict[int, tuple[int, Ints]]:
 
 
 def _matching(blocks: list[Block], corners: int, facets: Ints) -> list[tuple[Ints, Marks]]:
-    """For the elements of each block: the facet with the same corners, and whether there is one."""
+    """For each element, the facet with the same corners, and whether such a facet exists."""
     if not blocks:
         return []
     if not len(facets):

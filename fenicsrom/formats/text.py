@@ -43,7 +43,7 @@ def included(path: Path, name: str, what: str, depth: int) -> Path:
         depth: number of files that include each other so far.
 
     Raises:
-        SceneError: it is not there, or files include each other without end.
+        SceneError: the file does not exist, or files include each other without end.
     """
     found = path.parent / name.strip().strip("'\"").replace("\\", "/")
     if not found.is_file():

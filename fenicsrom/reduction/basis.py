@@ -23,6 +23,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.words import brief
 
 DEPENDENCE = 1e-7
 """A vector is dropped if the relative norm of its independent part is at most this."""
@@ -37,7 +38,8 @@ ORTHOGONALITY = 1e-10
 """Largest error of the properties (1), relative to the largest sum of terms |b r| in Bᵀ R."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class ReducedBasis:
     """A basis of n vectors, the first m for the contact displacements.
 

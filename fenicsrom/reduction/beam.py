@@ -255,12 +255,14 @@ class BeamStructure:
         def converged(u: Array, decrement: float, first: float, last: float) -> bool:
             return small_against_load(decrement, first, float(load @ u))
 
-        found = newton(start, correct, converged, STATIC_ITERATIONS)
+        decrements: list[float] = []
+        found = newton(start, correct, converged, STATIC_ITERATIONS, decrements=decrements)
         if found is None:
             raise ConvergenceError(
                 "static equilibrium of the 1D beam: Newton's method did not converge in "
                 f"{STATIC_ITERATIONS} iterations",
                 start,
+                decrements=decrements,
             )
         return found
 

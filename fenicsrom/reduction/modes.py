@@ -35,7 +35,7 @@ from fenicsrom.reduction.masters import master_directions, scaled_condition
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 PAIR_TOLERANCE = 5e-3
 """Two modes are in one group if the relative distance of their frequencies is smaller.
@@ -47,7 +47,8 @@ FACING_TOLERANCE = 1e-6
 """Smaller works of a mode on a direction, relative to the largest work, count as zero."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class ComponentModes:
     """The component modes X = [Φ, Ψ] of a method.
 

@@ -338,7 +338,7 @@ def snapshot_rows(coordinates: Array, time: Array, excitation: float) -> NDArray
     added.
 
     Args:
-        coordinates: (k, n) of the motion.
+        coordinates: (k, n) coordinates of the motion.
         time: (k,) s.
         excitation: the highest frequency that the scene excites, Hz.
     """

@@ -26,7 +26,7 @@ from fenicsrom.scene.loads import (
     Traction,
 )
 from fenicsrom.scene.materials import Elasticity, GroupMaterial, Material
-from fenicsrom.scene.overrides import override_table
+from fenicsrom.scene.overrides import Overrides, override_table, override_texts
 from fenicsrom.scene.places import Place, Plane, Region, Support
 from fenicsrom.scene.reading import make_scene, parse_scene, read_scene, scene_table
 from fenicsrom.scene.response import Families, Parameter, Response, parameter_of
@@ -83,6 +83,7 @@ __all__ = [
     "Material",
     "NoStep",
     "Output",
+    "Overrides",
     "Parameter",
     "Periodic",
     "Place",
@@ -112,6 +113,7 @@ __all__ = [
     "json_schema",
     "make_scene",
     "override_table",
+    "override_texts",
     "parameter_of",
     "parse_scene",
     "read_scene",

@@ -8,12 +8,12 @@ The heading of a report therefore names every changed value, also after a second
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import fields
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from fenicsrom.scene.overrides import names_of
+from fenicsrom.scene.overrides import Overrides, names_of, override_texts
 from fenicsrom.scene.tables import plain
 from fenicsrom.scene.writing import toml_value
 
@@ -26,7 +26,7 @@ WITHOUT_EFFECT = ("title", "output", "reference", "response", "backbone")
 LONGEST = 40  # longest text of one value in a heading
 
 
-def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str) -> dict[str, Any]:
+def titled(table: Mapping[str, Any], overrides: Overrides, source: str) -> dict[str, Any]:
     """Give the table of a scene with a title that holds the keys of some overrides.
 
     Args:
@@ -37,7 +37,7 @@ def titled(table: Mapping[str, Any], overrides: str | Sequence[str], source: str
     title = table.get("title", "")
     if not isinstance(title, str):
         return dict(table)
-    for override in [overrides] if isinstance(overrides, str) else overrides:
+    for override in override_texts(overrides):
         path = names_of(override.partition("=")[0])
         if path[0] not in WITHOUT_EFFECT and f"{{{'.'.join(path)}}}" not in title:
             name = ".".join(path)

@@ -10,18 +10,35 @@ from typing import Any
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.rules import show
-from fenicsrom.scene.tables import without_alternatives
+from fenicsrom.scene.tables import plain, without_alternatives
 from fenicsrom.scene.times import Time
 from fenicsrom.scene.toml import parse_toml
+from fenicsrom.scene.writing import toml_value
+
+Overrides = str | Sequence[str] | Mapping[str, Any]
+"""Changes of a scene: one or several texts KEY=VALUE, or the new values by their keys."""
 
 DEEPEST = 20  # names in the path of a key
 # tables whose keys exclude each other, by the first name and the number of names before the key
 ALTERNATIVES: dict[tuple[str, int], type] = {("time", 1): Time, ("loads", 2): Load}
 
 
-def override_table(
-    table: Mapping[str, Any], overrides: str | Sequence[str], source: str
-) -> dict[str, Any]:
+def override_texts(overrides: Overrides) -> list[str]:
+    """Write overrides as texts KEY=VALUE, with the values as TOML writes them.
+
+    Raises:
+        SceneError: TOML has no such value.
+    """
+    if not isinstance(overrides, Mapping):
+        return [overrides] if isinstance(overrides, str) else list(overrides)
+    try:
+        return [f"{key}={toml_value(plain(value))}" for key, value in overrides.items()]
+    except TypeError as error:
+        sentence = f"overrides {show(overrides)}: {error}"
+        raise SceneError(sentence, kind=ErrorKind.TYPE) from None
+
+
+def override_table(table: Mapping[str, Any], overrides: Overrides, source: str) -> dict[str, Any]:
     """Give a copy of the table of a scene with some of its values replaced.
 
     Missing tables on the path of a key are made; entries of lists must exist. A new key of [time]
@@ -30,7 +47,8 @@ def override_table(
 
     Args:
         table: the plain data of a scene.
-        overrides: one or several texts KEY=VALUE, with the value as TOML writes it.
+        overrides: one or several texts KEY=VALUE, with the value as TOML writes it, or the new
+            values by their keys.
         source: name of the table in messages.
 
     Returns:
@@ -40,7 +58,7 @@ def override_table(
         SceneError: an override has no `=`, its value is not TOML, or its path leads nowhere.
     """
     changed = dict(table)
-    for override in [overrides] if isinstance(overrides, str) else overrides:
+    for override in override_texts(overrides):
         names, value = _parsed(override, source)
         branch: Any = changed
         for depth, name in enumerate(names):

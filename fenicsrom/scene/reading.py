@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
 from fenicsrom.scene.headings import titled
 from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
-from fenicsrom.scene.overrides import override_table
+from fenicsrom.scene.overrides import Overrides, override_table
 from fenicsrom.scene.paths import shared_meshes
 from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
 from fenicsrom.scene.schema import Geometry, Rotation, Scene
@@ -32,7 +32,7 @@ from fenicsrom.scene.toml import parse_toml
 
 def read_scene(
     path: str | os.PathLike[str],
-    overrides: str | Sequence[str] = (),
+    overrides: Overrides = (),
     *,
     mesh: bool = True,
     unloaded: bool = False,
@@ -42,7 +42,7 @@ def read_scene(
     Args:
         path: the file.
         overrides: one or several texts KEY=VALUE that replace values of the file, such as
-            "loads.0.force=150". The title names them.
+            "loads.0.force=150", or a dict such as {"loads.0.force": 150.0}. The title names them.
         mesh: whether to look for the mesh file. A stored model needs no mesh: False takes the path
             as it is.
         unloaded: whether the scene may be without loads, contacts and probe, for its modes only.

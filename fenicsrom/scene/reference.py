@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _tables(name: str, heading: str, kind: type) -> Iterator[tuple[str, str, type]]:
-    """Yield a table with its heading, then the tables in it, under the name of the outermost."""
+    """Yield a table and the tables in it: name of the outermost table, heading and dataclass."""
     yield name, heading, kind
     path = "" if name == TOP else heading.strip("`[]") + "."
     for key, rule, _, _ in keys(kind):

@@ -1,4 +1,4 @@
-"""The scene: what to compute, as frozen dataclasses. All quantities are in SI units.
+"""The scene, which says what to compute, as frozen dataclasses in SI units.
 
 Every key of the file is one field below. The annotation of the field holds the rule of the key
 (type, range and unit), and the docstring describes the key. The reference of all keys and the JSON
@@ -28,6 +28,7 @@ from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, n
 from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
+from fenicsrom.words import brief
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -358,7 +359,8 @@ class Campbell:
     engine_orders: Annotated[tuple[int, ...], list_of(integer(1, 1000))] = (1, 2, 3, 4)
 
 
-@dataclass(frozen=True, kw_only=True)
+@brief("title", "source", "geometry", "material", "supports", "loads", "contacts", "basis", "time")
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Scene:
     """Everything a run needs to know.
 

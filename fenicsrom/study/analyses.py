@@ -7,24 +7,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fenicsrom.study.execution import all_ranks
-from fenicsrom.study.stopwatch import never
+from fenicsrom.study.stopwatch import log, never
 
 if TYPE_CHECKING:
     from fenicsrom.assess.curves.equilibrium_path import EquilibriumPath
     from fenicsrom.assess.rotation.campbell import Campbell
     from fenicsrom.assess.studies.compare import Comparison
     from fenicsrom.assess.studies.stability import Matrix
-    from fenicsrom.scene import Scene
-
-
-def quiet(line: str) -> None:
-    """Receive a line of progress, and show it to nobody."""
+    from fenicsrom.scene import Overrides, Scene
 
 
 def statics(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
     stop: Callable[[], bool] = never,
@@ -34,7 +30,7 @@ def statics(
     Args:
         scene: a scene with static loads and a table [statics].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         stop: asked at each equilibrium; the path ends where it returns True.
 
@@ -64,7 +60,7 @@ def statics(
 def campbell(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Campbell:
@@ -73,7 +69,7 @@ def campbell(
     Args:
         scene: a scene with the tables [rotation] and [campbell].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Returns:
@@ -101,7 +97,7 @@ def campbell(
 def compare(
     scene: Scene,
     comm: Any = None,
-    say: Callable[[str], None] = quiet,
+    say: Callable[[str], None] = log.info,
     *,
     folder: Path | None = None,
 ) -> Comparison:
@@ -110,7 +106,7 @@ def compare(
     Args:
         scene: a scene with a table [compare].
         comm: MPI communicator; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
 
     Raises:
@@ -131,8 +127,8 @@ def compare(
 
 def stability(
     scene: Path,
-    overrides: Sequence[str] = (),
-    say: Callable[[str], None] = quiet,
+    overrides: Overrides = (),
+    say: Callable[[str], None] = log.info,
     *,
     axes: Sequence[str] = (),
     variants: int = 0,
@@ -143,11 +139,11 @@ def stability(
 
     Args:
         scene: the scene file.
-        overrides: changes of the scene, as "KEY=VALUE".
-        say: receives the progress, one line at a time; by default nobody.
+        overrides: changes of the scene, as texts "KEY=VALUE" or as values by their keys.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         axes: names of the axes that are run; by default all.
         variants: number of random variants, which run instead of the axes.
-        seed: of the random variants.
+        seed: seed of the random variants.
         folder: folder of the output files; None writes no files.
 
     Raises:
@@ -155,8 +151,11 @@ def stability(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.studies import stability as extremes
+    from fenicsrom.scene import override_texts
 
-    found = extremes.stability(scene, overrides, say, axes, variants=variants, seed=seed)
+    found = extremes.stability(
+        scene, override_texts(overrides), say, axes, variants=variants, seed=seed
+    )
     if folder is not None:
         from fenicsrom.post.studies.stability_report import report
 

@@ -29,10 +29,10 @@ def backbone(
     Args:
         given: a scene with a table [backbone], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         stop: asked between the offline stages; the run ends where it returns True.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Returns:
         The mode. After an interrupt it ends where it was, and `interrupted` is set; if the curve or

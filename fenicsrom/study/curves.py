@@ -34,14 +34,14 @@ def response(
     Args:
         given: a scene with a table [response], or a stored model under such a scene.
         comm: MPI communicator of the offline stages; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
-            `assess.curves.response.response`; with several ranks there are no processes.
+            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Raises:
         SceneError: the scene or the earlier state cannot be used.

@@ -41,14 +41,14 @@ def run(
     Args:
         scene: the scene.
         comm: MPI communicator of the offline stages and the full model; by default all ranks.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         folder: folder of the output files; None writes no files.
         resume: checkpoint from which the reduced model continues.
         modes_only: stop after the modal derivatives.
         stop: called between stages and after each period; the run ends when it returns True.
         mesh: the mesh; None makes or reads the mesh of the scene.
         overwrite: replace the results of another scene in the folder.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Returns:
         The record of the run. If the integration or a check of a model failed, `unfinished` holds
@@ -99,7 +99,7 @@ def offline(
         watch: times the stages.
         mesh: the mesh; None makes or reads the mesh of the scene.
         stop: called between stages; the run ends when it returns True.
-        fresh: compute all results, also where the cache has them.
+        fresh: compute all results, also those that the cache has.
     """
     from fenicsrom.records import Study
 
@@ -118,7 +118,7 @@ def setup_picture(
     Args:
         scene: the scene.
         name: name of the file of the picture.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The picture, not drawn yet, and the warnings of the mesh and the places.
@@ -148,7 +148,7 @@ def build_model(
         scene: the scene.
         mesh: the mesh; None makes or reads the mesh of the scene.
         comm: MPI communicator; by default all ranks.
-        fresh: compute all results, also where the cache has them.
+        fresh: compute all results, also those that the cache has.
 
     Returns:
         The model with its scene and labels, for `StoredModel.simulate` and `save_model`.

@@ -1,4 +1,4 @@
-"""A solid whose results are known; the solid itself is built when more than them is asked for."""
+"""A solid with known results, which is built only when more than these is needed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class LateSolid:
-    """Stands for a solid; other attributes than these build it.
+    """Stands for a solid; the attributes that are not listed here build the solid.
 
     Attributes:
         comm: the communicator.

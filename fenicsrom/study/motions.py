@@ -65,7 +65,7 @@ def compare_modes(study: Study) -> None:
 
 
 def _model(study: Study, name: str) -> Any:
-    """Make the model of this name."""
+    """Make the model with the given name."""
     if name == "full":
         from fenicsrom.fem.full.full import full_model
         from fenicsrom.online.contact.points import contacts_of

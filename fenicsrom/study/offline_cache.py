@@ -56,7 +56,7 @@ class OfflineCache:
     """
 
     def __init__(self, run: Run, folder: Path, keys: tuple[str, str]):
-        """Keep the run, the folder and the hashes of both archives."""
+        """Store the run, the folder and the hashes of both archives."""
         self._run, self._keys = run, keys
         self._paths = [folder / f"{key[:40]}{result_cache.SUFFIX}" for key in keys]
         self._warned = 0
@@ -64,7 +64,7 @@ class OfflineCache:
         self.reused: tuple[str, ...] = ()
 
     def restore(self) -> None:
-        """Read the results that are there into the record, and say what they are."""
+        """Read the stored results into the record, and say which results these are."""
         if not self._read(0, _read_modes):
             return
         self.reused = MODES_STAGES
@@ -78,7 +78,7 @@ class OfflineCache:
         )
 
     def _needed(self) -> list[str]:
-        """The stages that the scene needs, of those whose results were read."""
+        """The stages whose results were read and that the scene needs."""
         from fenicsrom.study.scene_stages import offline_stages
 
         listed = offline_stages(self._run.study.scene, modes_only=False)
@@ -128,7 +128,7 @@ def offline_cache(run: Run, fresh: bool) -> OfflineCache | None:
 
     Args:
         run: a run up to a reduced model that can be stored; on a mesh of its scene.
-        fresh: whether to ignore the results in the cache. They are written again.
+        fresh: whether to ignore the results in the cache. The damaged files are written again.
     """
     folder = result_cache.cache_folder()
     if folder is None or run.comm.size > 1 or run.mesh is not None:
@@ -172,7 +172,7 @@ def _modes_contents(run: Run) -> Contents:
 
 
 def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
-    """Take the equilibrium and the modes into the record."""
+    """Read the equilibrium and the modes into the record."""
     from fenicsrom.online.contact.points import ContactPoints
     from fenicsrom.online.stress.deformation import Deformation
     from fenicsrom.reduction.load_vectors import LoadVectors
@@ -263,7 +263,7 @@ def _read_model(run: Run, path: Path, header: Any, arrays: Any) -> None:
 
 
 def _missing(scene: Scene, modes: Any) -> str | None:
-    """The warning of loads that are too fast for the modes: it depends on the loads of the run."""
+    """The warning of loads of the run that are too fast for the modes."""
     from fenicsrom.reduction.mode_count import missing_modes
     from fenicsrom.scene.excitation import highest_frequency
 
@@ -274,7 +274,7 @@ def _build(run: Run, scene: Scene, body: str) -> Solid:
     """Build the solid of a scene in its known equilibrium.
 
     Raises:
-        AccuracyError: the mesh has other nodes than the one of the results.
+        AccuracyError: the mesh has other nodes than the mesh of the results.
     """
     from fenicsrom.fem.solid.solid import KnownEquilibrium, solid_of
 

@@ -1,4 +1,4 @@
-"""What the offline results of a scene depend on, as hashes: the names of entries in the cache.
+"""Hashes of all that decides the offline results of a scene: the names of cache entries.
 
 The hashes cover the scene with its defaults, without the keys that do not matter; the content of
 the mesh file; every module of this package; the versions of the libraries; the options of PETSc.
@@ -49,7 +49,7 @@ LIBRARIES = (
 
 
 def modes_table(scene: Scene) -> dict[str, Any]:
-    """What the mesh, the equilibrium and the component modes depend on, without the mesh file."""
+    """The values, without the mesh file, on which mesh, equilibrium and component modes depend."""
     table = {name: value for name, value in scene_table(scene).items() if name not in ONLINE_TABLES}
     table["material"] = {**table["material"], "mass_damping": None}
     table["basis"] = {
@@ -63,7 +63,7 @@ def modes_table(scene: Scene) -> dict[str, Any]:
 
 
 def model_table(scene: Scene) -> dict[str, Any]:
-    """What the reduced model depends on besides `modes_table`.
+    """The values on which the reduced model depends, besides `modes_table`.
 
     The linear transient, which selects modes and derivatives, depends on nearly all of the scene.
     """
@@ -111,7 +111,7 @@ def _digest(table: Any) -> str:
 
 
 def _shape(load: Load) -> Any:
-    """What a unit load depends on; all of a static load, which deforms the body."""
+    """The values on which a unit load depends; all values of a load that deforms the body."""
     if load.static:
         return plain(load)
     without_size = {**plain(load.action), load.kind: None}
@@ -127,6 +127,6 @@ def _frames(contact: Contact) -> dict[str, Any]:
 
 
 def _without(table: dict[str, Any], kind: type, kept: tuple[str, ...]) -> dict[str, Any]:
-    """A table without the fields of a dataclass, but with those that are kept."""
+    """A table without the fields of a dataclass, except the fields to keep."""
     dropped = {field.name for field in fields(kind)} - set(kept)
     return {name: value for name, value in table.items() if name not in dropped}

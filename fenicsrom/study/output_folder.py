@@ -1,17 +1,16 @@
-"""The folder of a run: it holds one run, says what was run, and is written by one process.
+"""The output folder, which holds one run, says what was run, and is written by one process.
 
-The same scene may run again in its folder; the new files replace the old ones. The results of
-another scene are replaced only on request. Files of the earlier run wait in a hidden folder until
-the new run ends. A run without results puts them back; a run of the same scene that fails or is
-interrupted puts back those that it has not written again.
+The program touches the names of `fenicsrom.post.base.origin.RESULTS` and its copies of input files,
+and nothing else. The same scene may run again in its folder: new files replace the old ones, and
+old results that a complete run has not written again are removed. The results of another scene are
+removed on request only, before the new run begins.
 """
 
 from __future__ import annotations
 
-import os
 import shutil
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +21,7 @@ if TYPE_CHECKING:
     from fenicsrom.post.base.origin import Origin
     from fenicsrom.scene import Scene
 
-WAITING = ".earlier"  # folder of the files of the earlier run
-UNNAMED_RESULTS = ("report.html", "summary.json")  # of runs without a record
-Stamps = dict[str, tuple[int, int]]
+Stamps = dict[str, list[tuple[int, int]]]
 
 _held: set[Path] = set()
 """The folders that this process holds; a second entry does nothing."""
@@ -44,11 +41,12 @@ def output_folder(
         folder: the folder, made if missing.
         scene: the scene.
         comm: MPI communicator, of which the first rank writes; None for one process.
-        origin: how the computation was started; by default by a Python program.
+        origin: start of the computation; by default a Python program.
         overwrite: replace the results of another scene, too.
 
     Raises:
-        SceneError: another process writes to the folder, or it holds another run.
+        SceneError: another process writes to the folder, it holds another run or files of the user
+            with names of results, or its record is damaged.
         OSError: the folder cannot be written.
     """
     with ExitStack() as stack:
@@ -79,7 +77,7 @@ def _held_folder(
 ) -> Iterator[None]:
     """`output_folder` on the first rank."""
     from fenicsrom.files import locked_folder
-    from fenicsrom.post.base.origin import SCENE_FILE, python_origin, read_record, write_origin
+    from fenicsrom.post.base.origin import python_origin, read_record, write_origin
 
     place = folder.resolve()
     if place in _held:
@@ -87,59 +85,42 @@ def _held_folder(
         return
     made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    with locked_folder(folder) as free:
-        record = read_record(folder)
-        if not free:
-            what = f" ({record['command']}, since {record['began']})" if record else ""
-            raise _refused(folder, f"another run is writing to it{what}; choose another folder")
-        origin = origin or python_origin()
-        _put_back(folder)  # of a run that was killed
-        inputs = [Path(scene.source), scene.geometry.mesh, origin.model, origin.resume]
-        kept = {path.resolve() for path in inputs if path is not None}
-        continued = _continues(folder, record, scene, origin)
-        if record is None and (folder / SCENE_FILE).exists():
-            reason = f"it holds a {SCENE_FILE}, which the run would replace; choose another folder"
-            raise _refused(folder, reason)
-        earlier = [] if continued else _earlier_results(folder, record)
-        same = record is not None and _is_same_run(folder, record, scene, origin)
-        if not (continued or overwrite or same):
-            _require_free(folder, record, earlier)
-        _put_aside(folder, earlier, kept)
-        before = _stamps(folder)
-        _held.add(place)
-        try:
+    try:
+        with locked_folder(folder) as free:
+            origin, earlier = origin or python_origin(), read_record(folder)
+            if not free:
+                what = f" ({earlier['command']}, since {earlier['began']})" if earlier else ""
+                raise _refused(folder, f"another run is writing to it{what}; choose another folder")
+            own, stale = _make_room(folder, earlier, scene, origin, overwrite)
+            before = _stamps(folder)
+            record = write_origin(folder, scene, origin, 1 if comm is None else comm.size, own)
+            _held.add(place)
             try:
-                written = write_origin(folder, scene, origin, 1 if comm is None else comm.size)
-            except BaseException:
-                _restore(folder, set(_stamps(folder)) - set(before))
-                raise
-            own = _earlier_results(folder, record) if continued else []
-            with _recorded(folder, written, before, own, same):
-                yield
-        finally:
-            _held.discard(place)
-            if made and not any(folder.iterdir()):
-                folder.rmdir()
+                with _recorded(folder, record, before, own, stale):
+                    yield
+            finally:
+                _held.discard(place)
+    finally:
+        if made and not any(folder.iterdir()):
+            folder.rmdir()
 
 
 @contextmanager
 def _recorded(
-    folder: Path, record: dict[str, Any], before: Stamps, continued: list[str], same: bool
+    folder: Path, record: dict[str, Any], before: Stamps, own: list[str], stale: list[str]
 ) -> Iterator[None]:
-    """Complete the record when the body ends; without results, restore the earlier state.
+    """Complete the record when the body ends; a folder without results keeps no record.
 
     Args:
         folder: the folder.
         record: the record of the run.
-        before: the entries of the folder before the run.
-        continued: names of the results of the run that this one continues in its own folder.
-        same: whether the earlier run is one of the same scene.
+        before: the results in the folder before the run.
+        own: names of those that belong to this run.
+        stale: names of those that go if the run completes without writing them again.
     """
     from fenicsrom.post.base.origin import RECORD, SCENE_FILE, end_record, write_record
 
     state = "complete"
-    copies = [record[key].get("copy") for key in ("mesh", "model") if record[key]]
-    own = {SCENE_FILE, RECORD, *copies}
     try:
         yield
     except BaseException as error:
@@ -147,34 +128,65 @@ def _recorded(
         state = "interrupted" if interrupted else f"failed: {error}"
         raise
     finally:
-        results = [name for name, stamp in _stamps(folder).items() if before.get(name) != stamp]
-        results = [name for name in results if name not in own]
+        found, copies = _stamps(folder), record["results"]
+        old = {name for name, stamp in found.items() if before.get(name) == stamp}
+        gone = old.intersection(stale) if state == "complete" else set()
+        results = sorted((found.keys() - old | old.intersection(own)) - gone - set(copies))
+        _remove(folder, gone)
         if results or state == "complete":
-            back = _put_back(folder) if same and state != "complete" else []
-            shutil.rmtree(folder / WAITING, ignore_errors=True)
-            results = sorted({*results, *continued, *back})
-            copy = [name for name in own - {SCENE_FILE, RECORD} if name and name not in before]
-            write_record(folder, end_record(record, state, [*results, *copy]))
+            write_record(folder, end_record(record, state, [*results, *copies]))
         else:
-            _restore(folder, {name for name in own if name and name not in before})
+            _remove(folder, [*copies, SCENE_FILE, RECORD])
 
 
-def _require_free(folder: Path, record: dict[str, Any] | None, earlier: list[str]) -> None:
-    """Check that a folder holds no results.
+def _make_room(
+    folder: Path, record: dict[str, Any] | None, scene: Scene, origin: Origin, overwrite: bool
+) -> tuple[list[str], list[str]]:
+    """Check that a run may write to a folder, and remove the results of another run on request.
+
+    Args:
+        folder: the folder.
+        record: that of the earlier run.
+        scene: the scene.
+        origin: how the computation was started.
+        overwrite: replace the results of another run.
+
+    Returns:
+        The names of the results that belong to the run already, and of those among them that go
+        unless the run writes them again.
 
     Raises:
-        SceneError: it holds some.
+        SceneError: the folder holds another run, or files that no run recorded.
     """
-    if record is None:
-        unnamed = [name for name in UNNAMED_RESULTS if (folder / name).exists()]
-        if unnamed:
-            reason = f"it holds {unnamed[0]} of a run without provenance.json"
-            raise _refused(folder, f"{reason}; choose another folder, or add --force")
-    elif earlier:
-        what = f"{record['command']}, {record['began']}"
-        raise _refused(
-            folder, f"it holds another run ({what}); choose another folder, or add --force"
-        )
+    from fenicsrom.post.base.origin import RECORD, SCENE_FILE
+
+    if record is None and (folder / SCENE_FILE).exists():
+        reason = f"it holds a {SCENE_FILE}, which the run would replace; choose another folder"
+        raise _refused(folder, reason)
+    given = (Path(scene.source), scene.geometry.mesh, origin.model, origin.resume)
+    read = [path.resolve() for path in given if path is not None]
+    inputs = {
+        path.name
+        for path in folder.iterdir()
+        if any(path.resolve() in (one, *one.parents) for one in read)
+    }
+    earlier = _earlier_results(folder, record)
+    continued = _continues(folder, record, scene, origin)
+    same = continued or (record is not None and _is_same_run(folder, record, scene, origin))
+    if not overwrite:
+        if record is not None and earlier and not same:
+            what = f"another run ({record['command']}, {record['began']})"
+            raise _refused(folder, f"it holds {what}; choose another folder, or add --force")
+        foreign = sorted(_stamps(folder).keys() - inputs - set(earlier))
+        if foreign:
+            what = f"{foreign[0]}, which is in no provenance.json"
+            raise _refused(folder, f"it holds {what}; choose another folder, or add --force")
+    stale = [name for name in earlier if name not in inputs]
+    if same:
+        return earlier, [] if continued else stale
+    if record is not None:
+        _remove(folder, [*stale, SCENE_FILE, RECORD])  # no record may name the files of another run
+    return [name for name in earlier if name in inputs], []
 
 
 def _continues(folder: Path, record: dict[str, Any] | None, scene: Scene, origin: Origin) -> bool:
@@ -202,11 +214,12 @@ def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
 
     try:
         found = tomllib.loads((folder / SCENE_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found["geometry"].pop("mesh")
+    except (OSError, ValueError, KeyError, AttributeError, RecursionError):  # edited by the user
         return False
     wanted, mesh = scene_table(scene), scene.geometry.mesh
+    wanted["geometry"].pop("mesh")
     for table in (found, wanted):
-        table.get("geometry", {}).pop("mesh", None)
         table.pop("title", None)
     known = record["mesh"]
     same_mesh = known is None or not mesh.is_file() or known["sha256"] == checksum(mesh)
@@ -214,77 +227,49 @@ def _has_same_scene(folder: Path, record: dict[str, Any], scene: Scene) -> bool:
 
 
 def _earlier_results(folder: Path, record: dict[str, Any] | None) -> list[str]:
-    """Names of the files and folders that an earlier run wrote, as far as they are known."""
+    """Names of the results and unchanged copies of an earlier run that are still in the folder."""
+    from fenicsrom.post.base.origin import checksum
+
     if record is None:
         return []
-    if record["results"] is not None:
-        return [name for name in record["results"] if (folder / name).exists()]
-    usual = _usual_names(folder) | {(record["mesh"] or {}).get("copy")}
-    return [name for name in _stamps(folder) if name in usual]
-
-
-def _usual_names(folder: Path) -> set[str]:
-    """Names that a run that was killed may have left: those of this program's kinds of files."""
-    kinds = {".html", ".json", ".npz", ".png", ".gif", ".csv", ".vtu"}
-    return {path.name for path in folder.iterdir() if path.suffix in kinds or _is_series(path)}
-
-
-def _is_series(path: Path) -> bool:
-    """Whether a folder holds a series for ParaView or the state of curves."""
-    return path.is_dir() and (any(path.glob("*.pvd")) or path.name == "response_state")
+    named, found = record["results"] or [], _stamps(folder)
+    kept = [record[key] for key in ("mesh", "model") if record[key]]
+    sums = {one["copy"]: one["sha256"] for one in kept if one.get("copy") in named}
+    copies = [
+        name
+        for name, known in sums.items()
+        if (folder / name).is_file() and checksum(folder / name) == known
+    ]
+    killed = record["state"] == "running"
+    return [*copies, *(name for name in found if name not in sums and (killed or name in named))]
 
 
 def _stamps(folder: Path) -> Stamps:
-    """The entries of a folder that may be results, with marks that change when they are written."""
-    from fenicsrom.post.base.origin import RECORD
+    """The entries of a folder with names of results, with marks that change when they are written.
+
+    The marks of a folder are those of all files in it.
+    """
+    from fenicsrom.post.base.origin import is_result
 
     found = {}
     for path in folder.iterdir():
-        if path.name == WAITING or (path / RECORD).exists():  # a folder of another run
-            continue
-        state = path.stat()
-        found[path.name] = (state.st_ino, state.st_mtime_ns)
+        if is_result(path.name):
+            states = [one.lstat() for one in (path, *sorted(path.rglob("*")))]
+            found[path.name] = [(state.st_ino, state.st_mtime_ns) for state in states]
     return found
 
 
-def _put_aside(folder: Path, names: list[str], kept: set[Path]) -> None:
-    """Move the record and the results, but no input of the new run, into the waiting folder."""
-    from fenicsrom.post.base.origin import RECORD, SCENE_FILE
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    """Remove files and folders; a link is removed, and not what it points to.
 
-    waiting = folder / WAITING
-    if not waiting.exists():
-        waiting.mkdir()
-    for name in dict.fromkeys((SCENE_FILE, RECORD, *names)):
-        path = folder / name
-        own = name in (SCENE_FILE, RECORD)  # the new run writes these again
-        inside = any(path.resolve() in (file, *file.parents) for file in kept)
-        if path.exists() and (own or not inside):
-            os.replace(path, waiting / name)
-    if not any(waiting.iterdir()):
-        waiting.rmdir()
-
-
-def _put_back(folder: Path) -> list[str]:
-    """Put back the waiting files that the new run has not written; give their names."""
-    waiting, back = folder / WAITING, []
-    if waiting.exists():
-        for path in waiting.iterdir():
-            if not (folder / path.name).exists():
-                os.replace(path, folder / path.name)
-                back.append(path.name)
-        shutil.rmtree(waiting)
-    return back
-
-
-def _restore(folder: Path, written: set[str]) -> None:
-    """Remove the files that the new run wrote, and put all earlier ones back."""
-    for name in written:
-        (folder / name).unlink(missing_ok=True)
-    waiting = folder / WAITING
-    if waiting.exists():
-        for path in waiting.iterdir():
-            os.replace(path, folder / path.name)
-        waiting.rmdir()
+    Raises:
+        OSError: one cannot be removed.
+    """
+    for path in map(folder.joinpath, names):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _refused(folder: Path, reason: str) -> SceneError:

@@ -16,7 +16,7 @@ def is_loaded(scene: Scene) -> bool:
 
 
 def solid_parts(scene: Scene) -> tuple[Item, ...]:
-    """List what is assembled and solved with the solid."""
+    """List the matrices and equations that are assembled and solved with the solid."""
     static = sum(load.static and load.size != 0.0 for load in scene.loads)
     rotation = scene.rotation
     turning = rotation is not None and rotation.speed_rpm != 0.0

@@ -1,4 +1,4 @@
-"""What a scene needs and why: its stages in the order in which they run.
+"""The stages of a scene in their order, with the reason why the scene needs each stage.
 
     mesh -> solid -> modes -> selection -> derivatives -> basis -> reduced model -> candidates
         -> motions -> files
@@ -146,7 +146,7 @@ def offline_stages(scene: Scene, modes_only: bool) -> list[Stage]:
 
 
 def _file_stages(scene: Scene, modes_only: bool) -> list[Stage]:
-    """List the stages that write files: the numbers first, the report with its pictures last."""
+    """List the stages that write files, from the numbers to the report with its pictures."""
     output = scene.output
     moving, why_not = _moving(scene, modes_only)
 

@@ -22,7 +22,7 @@ class Source:
 
     Attributes:
         stored: the model under its scene.
-        warnings: of its offline stages, or of its equilibrium.
+        warnings: warnings of its offline stages, or of its equilibrium.
         study: the record of the offline stages; None of a stored model.
     """
 

@@ -1,4 +1,4 @@
-"""A stage of a scene, a line of the plan, and what the stages of one run share."""
+"""A stage of a scene, a line of the plan, and the data that the stages of one run share."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Item:
 
     Attributes:
         name: name of a stage, or of a part of the stage above this line.
-        needed: whether the scene needs it.
+        needed: whether the scene needs the stage.
         reason: why, in a few words.
     """
 
@@ -48,7 +48,7 @@ class Stage(Item):
 
 @dataclass(eq=False)
 class Run:
-    """What the stages of one run share.
+    """The data that the stages of one run share.
 
     Attributes:
         study: the record that the stages fill.

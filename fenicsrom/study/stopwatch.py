@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import logging
 import time as clock
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from fenicsrom.progress import duration, listening, time_left, working_time
 
+log = logging.getLogger("fenicsrom")  # receives the progress, unless the caller does
 PROGRESS_INTERVAL = 2.0  # shortest time between two lines on the progress of a motion, s
 SILENCE = 5.0  # time without a line after which a stage says how far it is, s
 FIRST_STEP = 0.02  # of the work: a smaller first step may contain the compilation of forms
@@ -38,8 +40,8 @@ class Stopwatch:
     """
 
     def __init__(self, say: Callable[[str], None] | None = None):
-        """Announce stages through `say`; by default to nobody."""
-        self.say = say if say is not None else lambda line: None
+        """Announce stages through `say`; by default by the logger, at the level INFO."""
+        self.say: Callable[[str], None] = say if say is not None else log.info
         self.seconds: dict[str, float] = {}
         self.stage = ""
         self._last = clock.perf_counter()

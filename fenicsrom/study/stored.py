@@ -34,9 +34,9 @@ def rerun(
         stored: the stored model, under the scene of the run.
         folder: folder of the output files.
         resume: checkpoint from which the model continues.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
         stop: called between stages and after each period; the run ends when it returns True.
-        given: keys that the user gave, for the warning of those without effect.
+        given: keys that the user gave, for the warning of keys without effect.
 
     Raises:
         SceneError: the checkpoint cannot be used.
@@ -103,7 +103,7 @@ def _judge(found: Rerun, folder: Path, watch: Stopwatch, stop: Callable[[], bool
 def _check(
     stored: StoredModel, motion: Motion, errors: dict[str, MotionErrors]
 ) -> AccuracyError | ConvergenceError | None:
-    """Write the estimated errors of a motion into `errors`; give the error that rejects it."""
+    """Estimate the errors of a motion into `errors`; give the error that rejects the motion."""
     from fenicsrom.assess.errors.verdicts import estimate_errors
     from fenicsrom.online.motion.energy import check_energy
 
@@ -118,7 +118,7 @@ def _check(
 def _stresses(
     stored: StoredModel, motion: Motion, warnings: list[str], watch: Stopwatch
 ) -> Stresses | None:
-    """Find the stresses if the scene asks for them; warn if the model does not have them."""
+    """Find the stresses if the scene asks for stresses; warn if the model has no stresses."""
     from fenicsrom.assess.errors.large_strains import state_warnings
     from fenicsrom.online.stress.stress_peaks import find_stresses
 
@@ -149,7 +149,7 @@ def _integrate(
 ) -> tuple[Motion, ConvergenceError | AccuracyError | None]:
     """Integrate the model from the checkpoint `begin`, or from its start, and write checkpoints.
 
-    A finished motion `begin` is taken as it is.
+    If `begin` is a finished motion, this motion is returned.
 
     Returns:
         The motion, up to the failure if there was one, and the failure.

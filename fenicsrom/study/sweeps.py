@@ -1,12 +1,11 @@
 """Sweeps: a scene or a stored model under all combinations of values of its keys.
 
-The runs whose scenes agree in all keys of the offline stage share one reduced model. Its modes,
-derivatives and basis are those of the first of these runs.
+The runs whose scenes agree in all keys of the offline stage share one reduced model. The shared
+model has the modes, derivatives and basis of the first of these runs.
 """
 
 from __future__ import annotations
 
-import json
 import time as clock
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
@@ -16,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.errors import AccuracyError, ConvergenceError, SceneError
 from fenicsrom.progress import working_time
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, override_texts
 from fenicsrom.scene.variations import Axis, combinations, make_axes
 from fenicsrom.study.source import scene_of
-from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, never
+from fenicsrom.study.stopwatch import PROGRESS_INTERVAL, log, never
 from fenicsrom.words import counted
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ def sweep(
     *,
     folder: Path | None = None,
     workers: int = 1,
-    say: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = log.info,
 ) -> Sweep:
     """Run a scene or a stored model under all combinations of values of its keys.
 
@@ -45,7 +44,7 @@ def sweep(
         over: the values of each key, such as `{"loads.0.force": [50.0, 100.0]}`.
         folder: folder of the output files; None keeps no files.
         workers: largest number of processes.
-        say: receives the progress, one line at a time; by default nobody.
+        say: receives the progress, one line at a time; by default the logger `fenicsrom`.
 
     Returns:
         The sweep: its `rows` hold the values and the results of each run.
@@ -58,7 +57,7 @@ def sweep(
     from fenicsrom.post.base.origin import MODEL
 
     scene = scene_of(given)
-    axes = make_axes([f"{key}={json.dumps(list(values))}" for key, values in over.items()])
+    axes = make_axes(override_texts({key: list(values) for key, values in over.items()}))
     with TemporaryDirectory() if folder is None else nullcontext(folder) as place:
         stored = None
         if not isinstance(given, Scene):
@@ -86,7 +85,7 @@ def run_sweep(
     *,
     stored: Path | None = None,
     comm: Any = None,
-    say: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = log.info,
     workers: int = 1,
     resume: bool = False,
     stop: Callable[[], bool] = never,
@@ -96,7 +95,7 @@ def run_sweep(
 
     Args:
         scene: the scene that the runs change.
-        variant: makes the scene under overrides; it raises SceneError where they are wrong.
+        variant: makes the scene with overrides; raises SceneError if an override is wrong.
         axes: the keys and their values.
         folder: folder of the output files, of the reduced models and of the results.
         stored: file of the reduced model of all runs; by default the models are built.
@@ -105,7 +104,7 @@ def run_sweep(
         workers: largest number of processes; with several ranks there are no processes.
         resume: keep the results that an earlier sweep left in the folder.
         stop: asked often; the sweep ends where it returns True.
-        fresh: compute all offline results, also where the cache has them.
+        fresh: compute all offline results, also those that the cache has.
 
     Returns:
         The sweep; on ranks above 0 without results and files.
@@ -160,7 +159,7 @@ def run_sweep(
 def _rows_and_scenes(
     variant: Callable[[Sequence[str]], Scene], axes: tuple[Axis, ...]
 ) -> tuple[list[Row], dict[int, Scene]]:
-    """The row of each run with its values, and its scene; a wrong scene ends its row.
+    """The row of each run with its values, and the scene of the run; a wrong scene ends the row.
 
     Raises:
         SceneError: all scenes are wrong.
@@ -237,7 +236,7 @@ class _Jobs:
     def __init__(
         self, comm: Any, workers: int, stop: Callable[[], bool], say: Callable[[str], None]
     ):
-        """Keep the ranks or the number of processes; arguments as `sweep`."""
+        """Store the ranks or the number of processes; arguments as `sweep`."""
         self._comm, self._workers, self._stop, self._say = comm, workers, stop, say
 
     def __call__(

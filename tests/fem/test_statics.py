@@ -173,8 +173,22 @@ def test_state_that_is_no_equilibrium_is_refused(bent2d: Any) -> None:
     matrix = bent2d.stiffness.copy()
     statics = Statics(bent2d, Factorisation(matrix, "fenicsrom_test"), overwrite=True)
     statics.finish(bent2d.equilibrium, bent2d.static_load)
-    with pytest.raises(ConvergenceError, match="residual"):
+    with pytest.raises(ConvergenceError, match="residual") as caught:
         statics.finish(1.001 * bent2d.equilibrium, bent2d.static_load)
+    assert len(caught.value.decrements) == 1 and caught.value.decrements[0] > 0.0
+
+
+def test_failed_equilibrium_carries_the_decrements(
+    bent2d: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(statics_module, "STATIC_ITERATIONS", 2)
+    monkeypatch.setattr(statics_module, "SMALLEST_LOAD_STEP", 0.5)
+    factor = Factorisation(bent2d.stiffness.copy(), "fenicsrom_test")
+    statics = Statics(bent2d, factor, overwrite=True)
+    rest = np.zeros_like(bent2d.equilibrium)
+    with pytest.raises(ConvergenceError) as caught:
+        statics.follow(rest, 0.0 * bent2d.static_load, bent2d.static_load, 0.0)
+    assert len(caught.value.decrements) == 2 and min(caught.value.decrements) > 0.0
 
 
 def test_too_little_memory_is_no_singular_matrix() -> None:

@@ -139,7 +139,7 @@ def test_resonance_without_damping_is_not_found() -> None:
     model = model._replace(
         load_histories=harmonic(np.array([1.0]), np.array([2.0 * np.pi / (steps * h)]), np.zeros(1))
     )
-    with pytest.raises(ConvergenceError):
+    with pytest.raises(ConvergenceError) as caught:
         periodic_motion(
             model,
             no_contacts(),
@@ -147,3 +147,4 @@ def test_resonance_without_damping_is_not_found() -> None:
             steps * h,
             (np.zeros(2), np.zeros(2), np.zeros((0, 2))),
         )
+    assert caught.value.decrements == tuple(caught.value.partial) != ()

@@ -80,6 +80,31 @@ def stored() -> StoredModel:
     return StoredModel(model, scene, "rubin", ("1V", "2V"), 9, frequencies, {}, recovery)
 
 
+def test_displacements_of_nodes_follow_the_coordinates(stored: StoredModel) -> None:
+    assert stored.recovery is not None
+    rest, first, second = stored.recovery.stress.vertex_displacement
+    q = np.array([[0.0, 0.0], [2.0, 0.0], [1.0, -3.0]])
+    found = stored.displacement(q)
+    assert found.shape == (3, *stored.nodes.shape)
+    np.testing.assert_allclose(found[0], rest, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(found[2], rest + first - 3.0 * second, rtol=0, atol=1e-14)
+    np.testing.assert_array_equal(stored.displacement(q[1]), found[1])
+    frequencies, shapes = stored.mode_shapes()  # of two oscillators that are not coupled
+    np.testing.assert_allclose(frequencies, stored.frequencies_hz, rtol=1e-12)
+    for shape, vector, mass in zip(
+        shapes, (first, second), stored.model.mass.diagonal(), strict=True
+    ):
+        scale = np.sign(np.sum(shape * vector)) / np.sqrt(mass)
+        np.testing.assert_allclose(shape, scale * vector, rtol=0, atol=1e-12)
+
+
+def test_displacements_of_nodes_need_stresses(stored: StoredModel) -> None:
+    bare = replace(stored, recovery=None, file="beam.npz")
+    for compute in (lambda: bare.nodes, bare.mode_shapes, lambda: bare.displacement(np.zeros(2))):
+        with refusal(ErrorKind.MISSING, "output.stresses", "beam.npz"):
+            compute()
+
+
 def test_largest_stress_of_motion_is_that_of_every_instant(stored: StoredModel) -> None:
     assert stored.recovery is not None
     scene = scene_with("loads.0.force=111.0")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -10,10 +13,15 @@ from pathlib import Path
 import pytest
 from support import refusal
 
+import fenicsrom
 from fenicsrom.errors import ErrorKind
-from fenicsrom.post.base.origin import Origin, checksum, origin_table, read_record
+from fenicsrom.post.base.origin import Origin, checksum, is_result, origin_table, read_record
+from fenicsrom.post.curves.response_motion import FOLDER
+from fenicsrom.post.paraview.paraview import BLOCKS
 from fenicsrom.scene import Scene, read_scene, scene_heading, scene_table
 from fenicsrom.study import output_folder
+from fenicsrom.study.curves import STATE
+from fenicsrom.study.sweeps import MODELS, RUNS
 
 DEMO = Path(__file__).parents[2] / "demos" / "slip_liftoff_2d.toml"
 ORIGIN = Origin(
@@ -59,18 +67,18 @@ def test_folder_tells_what_was_run_and_how_to_repeat_it(tmp_path: Path) -> None:
 
 
 def test_same_scene_replaces_its_results(tmp_path: Path) -> None:
-    run(tmp_path, scene(), "report.html", "old.csv")
+    run(tmp_path, scene(), "report.html", "sweep.csv")
     (tmp_path / "notes.txt").write_text("mine")
     run(tmp_path, scene(), "report.html")
     assert names(tmp_path) == RECORDS | {"report.html", "notes.txt"}
 
 
 def test_another_scene_is_replaced_only_on_request(tmp_path: Path) -> None:
-    run(tmp_path, scene(), "report.html", "old.csv")
+    run(tmp_path, scene(), "report.html", "sweep.csv")
     other = scene("loads.0.force=1.0")
     with refusal(ErrorKind.FILE, "--output", tmp_path.name):
         run(tmp_path, other, "report.html")
-    assert names(tmp_path) == RECORDS | {"report.html", "old.csv"}
+    assert names(tmp_path) == RECORDS | {"report.html", "sweep.csv"}
     assert (tmp_path / "report.html").read_text() == scene().title
     run(tmp_path, other, "report.html", overwrite=True)
     assert names(tmp_path) == RECORDS | {"report.html"}
@@ -99,18 +107,233 @@ def test_changed_mesh_file_is_another_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
-def test_run_without_results_leaves_the_folder_as_it_was(
+def test_run_without_results_keeps_those_of_its_scene(
     tmp_path: Path, error: type[BaseException]
 ) -> None:
+    run(tmp_path, scene(), "report.html", "sweep.csv")
+    with pytest.raises(error), output_folder(tmp_path, scene(), None, ORIGIN):
+        raise error
+    assert names(tmp_path) == RECORDS | {"report.html", "sweep.csv"}
+    record = read_record(tmp_path)
+    assert record is not None and record["state"] != "complete"
+    assert set(record["results"]) == {"report.html", "sweep.csv", "beam2d.geo"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
+def test_run_without_results_leaves_no_record(tmp_path: Path, error: type[BaseException]) -> None:
+    with pytest.raises(error), output_folder(tmp_path / "new", scene(), None, ORIGIN):
+        raise error
+    assert not (tmp_path / "new").exists()
     run(tmp_path, scene(), "report.html")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    (tmp_path / "notes.txt").write_text("mine")
     other = scene("loads.0.force=1.0")
     with pytest.raises(error), output_folder(tmp_path, other, None, ORIGIN, True):
         raise error
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    with pytest.raises(error), output_folder(tmp_path / "new", other, None, ORIGIN):
-        raise error
-    assert not (tmp_path / "new").exists()
+    assert names(tmp_path) == {"notes.txt"}
+
+
+def test_files_of_the_user_in_the_folder_are_never_results(tmp_path: Path) -> None:
+    """Also if they appear or change while the run writes; a forced run of another scene too."""
+    mine = {"notes.txt", "edited.toml", "data", "photo.png", "motion.txt", "my_report.html"}
+    (tmp_path / "notes.txt").write_text("before")
+
+    def change() -> None:
+        for name in mine - {"data"}:
+            (tmp_path / name).write_text("mine")
+        (tmp_path / "data").mkdir(exist_ok=True)
+        (tmp_path / "data" / "report.html").write_text("mine")
+
+    for overrides in ((), ("loads.0.force=1.0",)):
+        with output_folder(tmp_path, scene(*overrides), None, ORIGIN, True):
+            change()
+            (tmp_path / "report.html").write_text("")
+        record = read_record(tmp_path)
+        assert record is not None and set(record["results"]) == {"report.html", "beam2d.geo"}
+    run(tmp_path, scene("loads.0.force=2.0"), "summary.json", overwrite=True)
+    assert names(tmp_path) == RECORDS | mine | {"summary.json"}
+    assert (tmp_path / "data" / "report.html").read_text() == "mine"
+
+
+def test_result_that_no_run_recorded_is_replaced_only_on_request(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    (tmp_path / "motion.gif").write_text("mine")
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "1.json").write_text("mine")
+    with refusal(ErrorKind.FILE, "--output", tmp_path.name, "motion.gif"):
+        run(tmp_path, scene(), "report.html")
+    run(tmp_path, scene(), "report.html", overwrite=True)
+    record = read_record(tmp_path)
+    assert record is not None and set(record["results"]) == {"report.html", "beam2d.geo"}
+    run(tmp_path, scene(), "motion.gif", overwrite=True)
+    record = read_record(tmp_path)
+    assert record is not None and set(record["results"]) == {"motion.gif", "beam2d.geo"}
+
+
+def test_folder_that_is_written_in_place_is_a_new_result(tmp_path: Path) -> None:
+    """A file deep in it is written; the times of the folder itself do not change."""
+    place = tmp_path / "motions" / "largest"
+    for text in ("first", "second"):
+        with output_folder(tmp_path, scene(), None, ORIGIN):
+            place.mkdir(parents=True, exist_ok=True)
+            (place / "motion.pvd").write_text(text)
+    assert (place / "motion.pvd").read_text() == "second"
+
+
+def test_copy_of_a_mesh_that_the_user_edited_is_kept(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    edited = (tmp_path / "beam2d.geo").read_text() + "// mine"
+    (tmp_path / "beam2d.geo").write_text(edited)
+    (tmp_path / "mesh_beam2d.geo").write_text("mine too")
+    run(tmp_path, scene("loads.0.force=1.0"), "report.html", overwrite=True)
+    assert (tmp_path / "beam2d.geo").read_text() == edited
+    assert (tmp_path / "mesh_beam2d.geo").read_text() == "mine too"
+    assert read_scene(tmp_path / "scene.toml").geometry.mesh.name == "2_mesh_beam2d.geo"
+    run(tmp_path, scene(), "report.html", overwrite=True)
+    assert names(tmp_path) == RECORDS | {"mesh_beam2d.geo", "2_mesh_beam2d.geo", "report.html"}
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/hosts", "../mine", "motion/../../mine", "..", "", ".", 3, "link"]
+)
+@pytest.mark.parametrize("place", ["results", "copy"])
+def test_record_with_names_outside_the_folder_is_refused(
+    tmp_path: Path, name: object, place: str
+) -> None:
+    folder, mine = tmp_path / "out", tmp_path / "mine"
+    run(folder, scene(), "report.html")
+    mine.write_text("mine")
+    (folder / "link").symlink_to(mine)
+    record = json.loads((folder / "provenance.json").read_text())
+    if place == "results":
+        record["results"].append(name)
+    else:
+        record["mesh"]["copy"] = name
+        record["results"].append("report.html")
+    (folder / "provenance.json").write_text(json.dumps(record))
+    before = names(folder)
+    with refusal(ErrorKind.FORMAT, "", "provenance.json", repr(name)):
+        run(folder, scene("loads.0.force=1.0"), "report.html", overwrite=True)
+    assert names(folder) == before and mine.read_text() == "mine"
+
+
+def test_record_that_names_a_file_of_the_user_removes_nothing(tmp_path: Path) -> None:
+    run(tmp_path, scene(), "report.html")
+    (tmp_path / "thesis.tex").write_text("mine")
+    record = json.loads((tmp_path / "provenance.json").read_text())
+    record["results"] += ["thesis.tex"]
+    record["mesh"]["copy"] = "thesis.tex"
+    (tmp_path / "provenance.json").write_text(json.dumps(record))
+    run(tmp_path, scene("loads.0.force=1.0"), "report.html", overwrite=True)
+    assert (tmp_path / "thesis.tex").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b'{"command": "fenicsrom"}',
+        *('"mesh": 3|"mesh": {}|"results": 3|"task": null|"command": 1|"versions": []').split("|"),
+    ],
+)
+def test_damaged_record_is_refused(tmp_path: Path, content: bytes | str) -> None:
+    run(tmp_path, scene(), "report.html")
+    path = tmp_path / "provenance.json"
+    if isinstance(content, str):
+        changed = json.loads(path.read_text()) | json.loads(f"{{{content}}}")
+        content = json.dumps(changed).encode()
+    path.write_bytes(content)
+    for overwrite in (False, True):
+        with refusal(ErrorKind.FORMAT, "", "provenance.json"):
+            run(tmp_path, scene(), "report.html", overwrite=overwrite)
+    with refusal(ErrorKind.FORMAT, "", "provenance.json"):
+        origin_table(tmp_path)
+    assert path.read_bytes() == content
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import fenicsrom.post.base.origin as origin
+from fenicsrom.scene import read_scene
+from fenicsrom.study import output_folder
+
+def die(*arguments):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+folder, moment = Path(sys.argv[1]), sys.argv[3]
+if moment == "before the old results go":
+    sys.modules["fenicsrom.study.output_folder"]._remove = die
+if moment == "after the old results went":
+    origin.write_origin = die
+if moment == "before the scene is written":
+    origin.write_text = die
+started = origin.Origin(("new run",), (), ("run",))
+scene = read_scene(sys.argv[2], ["loads.0.force=1.0"])
+with output_folder(folder, scene, None, started, True):
+    (folder / "summary.json").write_text("new")
+    die()
+"""
+
+
+@pytest.mark.parametrize(
+    ("moment", "left"),
+    {
+        "before the old results go": {"report.html": "old"},
+        "after the old results went": {},
+        "before the scene is written": {},
+        "in the run": {"summary.json": "new"},
+    }.items(),
+)
+def test_killed_forced_run_leaves_no_record_of_another_run(
+    tmp_path: Path, moment: str, left: dict[str, str]
+) -> None:
+    with output_folder(tmp_path, scene(), None, ORIGIN):
+        (tmp_path / "report.html").write_text("old")
+    words = [sys.executable, "-c", KILLED, str(tmp_path), str(DEMO), moment]
+    assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
+    found = {path.name: path.read_text() for path in tmp_path.iterdir()}
+    record, written = read_record(tmp_path), found.pop("scene.toml", "")
+    found.pop("provenance.json", None)
+    found.pop("beam2d.geo", None)
+    assert found == left
+    if record is None:
+        assert not left and not written
+    else:
+        old = record["command"] == "fenicsrom run 'a b.toml'"
+        assert old == (moment == "before the old results go") == (record["state"] == "complete")
+        assert not written or record["command"] in written
+    run(tmp_path, scene(), "report.html", overwrite=True)  # the folder can be used again
+    assert names(tmp_path) == RECORDS | {"report.html"}
+
+
+WRITTEN = re.compile(r"[\w{}*]+\.(png|gif|html|csv|json|npz|pvd|vtu)")
+
+
+def test_names_that_the_program_writes_are_all_listed() -> None:
+    """Every name of a result in the code of `post`, `study` and `cli`, and of its folders."""
+    package = Path(fenicsrom.__file__).parent
+    elsewhere = {"mesh.png", "provenance.json"}  # of the command mesh; the record itself
+    found = set()
+    for room in ("post", "study", "cli"):
+        for path in (package / room).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Call) and ast.unparse(node.func) == "Report":
+                    found |= {
+                        f"{ast.literal_eval(node.args[0])}.{kind}" for kind in ("csv", "json")
+                    }
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    found |= {node.value} if WRITTEN.fullmatch(node.value) else set()
+    assert len(found) > 30
+    assert {name for name in found - elsewhere if not is_result(name)} == set()
+    folders = {FOLDER, STATE, BLOCKS, MODELS, RUNS, "motion", "contact_points", "surface_12"}
+    assert all(map(is_result, folders | {"contact_1.png", "equilibria.csv", "equilibrium.vtu"}))
+    assert is_result(".history.0123456789ab.npz") and is_result(".motion.0123456789ab")
+    mine = {"notes.txt", "scene.toml", "my.png", "motion.avi", "contact_a.png", "runs.txt", "a.vtu"}
+    assert not any(map(is_result, mine))
 
 
 def test_interrupted_run_keeps_its_results_and_says_so(tmp_path: Path) -> None:
@@ -164,7 +387,7 @@ def test_model_is_copied_unless_it_is_large(
     (folder / "reduced_model.npz").write_text("mine")
     checkpoint = tmp_path / "checkpoint.npz"
     origin = Origin((), ("fenicsrom",), model=model, resume=checkpoint)
-    with output_folder(folder, scene(), None, origin):
+    with output_folder(folder, scene(), None, origin, True):
         (folder / "report.html").write_text("")
     record = read_record(folder)
     assert record is not None
@@ -183,7 +406,7 @@ def test_folders_of_other_runs_inside_are_not_touched(tmp_path: Path) -> None:
 
 def test_results_of_a_killed_run_are_replaced(tmp_path: Path) -> None:
     """Its record has no list of results; files of other kinds stay."""
-    run(tmp_path, scene(), "report.html", "old.csv")
+    run(tmp_path, scene(), "report.html", "sweep.csv")
     record = json.loads((tmp_path / "provenance.json").read_text())
     (tmp_path / "provenance.json").write_text(
         json.dumps(record | {"state": "running", "results": None})

@@ -1,8 +1,8 @@
 """Backbones: the damped nonlinear mode of a reduced model over its amplitude.
 
 The curve starts at the linear mode and is followed by its amplitude
-(`online.curves.nonlinear_mode`). The peaks of the forced response
-(`online.curves.forced_peak`) stand beside it.
+(`fenicsrom.online.curves.nonlinear_mode`). The report shows the peaks of the forced response
+(`fenicsrom.online.curves.forced_peak`) beside the curve.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fenicsrom.online.store.archive import StoredModel
 from fenicsrom.progress import duration
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 STILL = 1e-6  # a probe that a mode moves less than this part of its largest motion stands in a node
 SMALLER_STARTS = 5  # times the start is divided by `SMALLER` until the linear mode is near enough
@@ -57,7 +57,8 @@ class ModePoint:
         frequency: Hz.
         damping_ratio: zeta.
         amplitude: (d,) half of peak-to-peak of the probe, m.
-        motion: the motion; its stability means nothing, as the damping is artificial.
+        motion: the motion; because the damping is artificial, the stability of this motion means
+            nothing.
     """
 
     linear_amplitude: float
@@ -70,7 +71,7 @@ class ModePoint:
 
 @dataclass(frozen=True, eq=False)
 class StepError:
-    """What half the time step changes at one point.
+    """The changes at one point by half the time step.
 
     Attributes:
         point: number of the point, from 0.
@@ -83,18 +84,19 @@ class StepError:
     damping_ratio: float
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Backbone(CurveRecord):
     """The nonlinear mode of a scene.
 
     Attributes:
         mode: the linear mode.
-        direction: of the probe's largest motion in the linear mode.
+        direction: direction of the probe's largest motion in the linear mode.
         points: the motions in the order in which they were found.
         reason: why the curve ends: "end of the range", "number of points", "no convergence" or
             "interrupted".
         step_errors: at the first, the middle and the last point.
-        peaks: of the forced response.
+        peaks: peaks of the forced response.
     """
 
     mode: LinearMode
@@ -114,7 +116,7 @@ def backbone_table(scene: Scene) -> BackboneTable:
     """The table [backbone] of a scene.
 
     Raises:
-        SceneError: the scene has none.
+        SceneError: the scene has no table [backbone].
     """
     return required_table(scene, "backbone", scene.backbone)
 
@@ -299,7 +301,7 @@ def _first_point(path: ModeContinuation) -> CurvePoint:
     """The motion at the smallest amplitude: from the linear mode, or from a smaller amplitude.
 
     Raises:
-        ConvergenceError: it was not found.
+        ConvergenceError: the first point was not found.
     """
     start, low = path.linear_start(), path.low
     for tried in range(SMALLER_STARTS):

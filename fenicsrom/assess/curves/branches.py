@@ -27,11 +27,12 @@ class Piece(Curve):
     Attributes:
         points: in their order along the curve.
         special: the located bifurcations and contact events.
-        reason: why it ends: as in `online.curves.curve.Curve`.
+        reason: why it ends: as in `fenicsrom.online.curves.curve.Curve`.
         origin: where it comes from: "march", or the kind and the parameter of the bifurcation at
             which it leaves another piece, or "isolated".
         periods: number of periods of the loads in one of the motion.
-        direction: 1.0 of a piece from the first value of the range, -1.0 of one from the last.
+        direction: 1.0 of a piece that starts at the first value of the range, -1.0 of a piece that
+            starts at the last value.
     """
 
     origin: str = "march"
@@ -70,7 +71,7 @@ def follow_branches(
         parts: the parts of the curve; `follow` adds to them.
         path_of: makes continuations.
         follow: follows a part.
-        name: of the parameter.
+        name: name of the parameter.
         generations: how often a branch is taken from a branch.
     """
     done = 0
@@ -143,8 +144,8 @@ def follow_isolated(
         parts: the parts of the curve; `follow` adds to them.
         path_of: makes continuations.
         follow: follows a part.
-        start: finds a motion at a value of the parameter where no part has one.
-        values: of the parameter at which motions are sought.
+        start: finds a motion at a value of the parameter at which no part has a motion.
+        values: values of the parameter at which motions are sought.
 
     Raises:
         ConvergenceError, AccuracyError: from `start`.

@@ -24,7 +24,7 @@ KEEP_INTERVAL = 5.0  # shortest time between two writes of its file, s
 
 
 class CurveWalk:
-    """Reports the progress of one curve, and keeps in a file what is done of it.
+    """Reports the progress of one curve, and keeps its finished points in a file.
 
     Attributes:
         stand: where the last piece stands; None between two pieces.
@@ -43,7 +43,8 @@ class CurveWalk:
             curve: the curve.
             scene: its scene, with a table [response].
             report: receives the part of the range that is covered and a line; where it is only
-                asked whether to stop, 0 and an empty line. It raises KeyboardInterrupt to stop.
+                asked whether to stop, 0 and an empty line. The callback raises KeyboardInterrupt to
+                stop the computation.
             file: the file; None keeps nothing.
         """
         self.curve, self.scene, self.file = curve, scene, file
@@ -125,7 +126,7 @@ class CurveProgress:
         self._begin = clock.perf_counter()
 
     def __call__(self, number: int, fraction: float, line: str) -> None:
-        """Pass on a line of a curve, with the part of all curves that is done."""
+        """Report a line of one curve, with the finished part of all curves."""
         if self._first[number] is None:
             self._first[number] = fraction
         self._now[number] = fraction

@@ -1,4 +1,4 @@
-"""What the records of response curves and of nonlinear modes have in common."""
+"""The common part of the records of response curves and of nonlinear modes."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class CurveRecord:
 
 
 def required_table(scene: Scene, name: str, table: Table | None) -> Table:
-    """The table of this name of a scene.
+    """The table of a scene with the given name.
 
     Raises:
-        SceneError: the scene has none.
+        SceneError: the scene has no such table.
     """
     if table is None:
         raise SceneError(

@@ -19,7 +19,7 @@ from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.scene import Scene
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.fem.paths.equilibrium_path import PathFollower, PathPoint
@@ -54,7 +54,8 @@ class Equilibrium:
     kind: str = ""
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class EquilibriumPath:
     """The equilibria of a scene.
 
@@ -101,7 +102,8 @@ def varied_loads(scene: Scene) -> list[int]:
     """The numbers of the static loads that the load factor multiplies.
 
     Raises:
-        SceneError: there is none, or the equilibria of the scene are no path of the bare body.
+        SceneError: no static load varies, or the equilibria of the scene are no path of the bare
+            body.
     """
     chosen = scene.statics.loads
     listed = range(len(scene.loads)) if chosen is None else chosen
@@ -140,7 +142,7 @@ def equilibrium_path(
         visit: receives each point with its displacement.
 
     Returns:
-        The equilibria. After an interrupt they end where they were, and `interrupted` is set; if
+        The equilibria. After an interrupt, `interrupted` is set, and the equilibria end there. If
         the path was lost, `unfinished` holds the error.
 
     Raises:

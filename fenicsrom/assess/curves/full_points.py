@@ -33,9 +33,9 @@ def add_full_points(
 ) -> None:
     """Compute the motions of the full model that a scene asks for, and add them to its curves.
 
-    At each value of `response.full` the reduced motion is taken from the curve: the stable one with
-    the largest amplitude, or if all are unstable the largest one. A motion that is not found is a
-    warning, and `found.unfinished` holds its error.
+    At each value of `response.full` the reduced motion is taken from the curve: the stable motion
+    with the largest amplitude or, if all motions are unstable, the motion with the largest
+    amplitude. If a motion is not found, a warning is added, and `found.unfinished` holds the error.
 
     Args:
         found: the curves.

@@ -29,7 +29,7 @@ def resolved_events(curve: Curve, steps: int) -> list[CurvePoint]:
 
     Args:
         curve: the curve.
-        steps: of a period.
+        steps: number of steps in a period.
     """
     left_out = {id(point) for point in _unresolved(curve, (0.5 * HARMONIC * np.pi / steps) ** 2)}
     return [point for point in curve.special if id(point) not in left_out]
@@ -58,14 +58,14 @@ def _unresolved(curve: Curve, share: float) -> Iterator[CurvePoint]:
 
 
 def _is_small(point: CurvePoint, field: str, contact: int, share: float) -> bool:
-    """Whether the normal force of a motion is this near to zero at its turning point."""
+    """Whether the normal force at a turning point is at most a share of its changes in a step."""
     extremes = point.extremes
     size = float(extremes.touch[contact] + extremes.lift_off[contact])
     return bool(abs(getattr(extremes, field)[contact]) <= share * size)
 
 
 def _places(points: Sequence[CurvePoint], curve: Sequence[CurvePoint]) -> Array:
-    """Variables and parameters (points, N + 1), each in parts of its size along a curve."""
+    """Variables and parameters (points, N + 1), each divided by its size along a curve."""
     size = max(float(np.linalg.norm(point.s)) for point in curve) or 1.0
     width = float(np.ptp([point.parameter for point in curve])) or 1.0
     return np.array([np.append(point.s / size, point.parameter / width) for point in points])

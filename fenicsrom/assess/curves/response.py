@@ -1,7 +1,7 @@
 """Response curves: the periodic motions of a reduced model over a parameter of its scene.
 
 Each value of the second number gives one curve, computed in this process or in another
-(`assess.curves.response_pieces`) and kept in a file of its own.
+(`fenicsrom.assess.curves.response_pieces`) and kept in a file of its own.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ class _Job:
 
     Attributes:
         stored: the model under the scene of all curves.
-        value: of the second number; None without families.
+        value: value of the second number; None without families.
         state: the file that keeps the curve; None keeps nothing.
-        kept: what an earlier run kept of it, or None.
+        kept: the part of the curve that an earlier run kept, or None.
         richer: a model with a richer basis to compare with, or None.
     """
 
@@ -89,7 +89,7 @@ def response(
         curve was not found, the others are there and `unfinished` holds the error.
 
     Raises:
-        SceneError: see `check_response`, or `resume` does not belong to this model and scene.
+        SceneError: as `check_response`; or `resume` does not belong to the model and the scene.
         OSError: a file of `state` cannot be written.
     """
     begin = clock.perf_counter()
@@ -222,7 +222,7 @@ def _incomplete(scene: Scene, curve: ResponseCurve) -> ConvergenceError | None:
 
 @dataclass
 class _Outcome:
-    """A curve as far as it was computed, and why it ended before."""
+    """The computed part of a curve, and the reason why the curve is not complete."""
 
     curve: ResponseCurve
     error: ConvergenceError | AccuracyError | None = None

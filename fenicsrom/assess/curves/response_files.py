@@ -1,6 +1,6 @@
 """Files that keep what is done of response curves, to continue an interrupted run.
 
-A folder holds one file for each curve, so that the processes that compute them need not share one.
+A folder holds one file for each curve, so that the processes that compute the curves share no file.
 Each file names the model and the scene it belongs to.
 """
 
@@ -37,10 +37,10 @@ class Stand:
     Attributes:
         points: number of points of the piece.
         special: number of its bifurcations.
-        size: as `online.curves.arc.ArcLength.size`.
+        size: as `fenicsrom.online.curves.arc.ArcLength.size`.
         least: likewise.
         step: next step along the curve.
-        guess: see `online.periodic.shooting.Shooting`.
+        guess: see `fenicsrom.online.periodic.shooting.Shooting`.
     """
 
     points: int
@@ -53,10 +53,10 @@ class Stand:
 
 @dataclass(frozen=True, eq=False)
 class KeptCurve:
-    """What a file keeps of a curve.
+    """The part of a curve that a file keeps.
 
     Attributes:
-        curve: the curve as far as it was computed.
+        curve: the computed part of the curve.
         stand: where its last piece stands; None between two pieces.
         done: whether it is complete.
     """
@@ -72,7 +72,7 @@ class CurveFile:
 
     Attributes:
         path: the file.
-        number: of the curve, from 1.
+        number: number of the curve, from 1.
         model: fingerprint of the model.
         scene: the scene of all curves.
     """
@@ -188,7 +188,7 @@ def _check_points(kept: KeptCurve) -> None:
     """Check that all points have variables of one size.
 
     Raises:
-        ValueError: they do not.
+        ValueError: the sizes differ.
     """
     points: list[CurvePoint] = [*kept.curve.points, *kept.curve.special]
     for point in points:

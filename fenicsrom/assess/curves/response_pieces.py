@@ -1,9 +1,10 @@
 """The pieces of one response curve, in the order in which they are followed.
 
 A curve starts at the first value of the range, where a few periods are marched and Newton's method
-finds the periodic motion (`online.periodic.shooting`). It is followed through its folds to the
-last value (`online.curves.continuation`). A curve that ends before is followed from the last
-value too, so that both sides of a gap are known. Branches and isolated curves come last.
+finds the periodic motion (`fenicsrom.online.periodic.shooting`). It is followed through its folds
+to the last value (`fenicsrom.online.curves.continuation`). A curve that ends before is followed
+from the last value too, so that both sides of a gap are known. Branches and isolated curves come
+last.
 """
 
 from __future__ import annotations

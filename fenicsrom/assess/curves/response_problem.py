@@ -68,8 +68,8 @@ def _check_families(scene: Scene, parameter: str, families: Families) -> None:
     """Check the second number of the curves.
 
     Raises:
-        SceneError: the scene has no such number, it has no effect on a curve, it has a value that
-            is not allowed, or it belongs to the offline stage.
+        SceneError: the scene has no such number; the number has no effect on a curve or belongs to
+            the offline stage; or a value is not allowed.
     """
     key = ".".join(names_of(families.key))
 
@@ -139,7 +139,7 @@ def family_of(stored: StoredModel) -> Family:
 
 
 def shooting_of(stored: StoredModel, family: Family, periods: int = 1) -> Shooting:
-    """The equation of motions of so many periods; all pieces share the scales of its variables."""
+    """The equation of motions of some periods; all pieces share the scales of the variables."""
     problem = family(response_table(stored.scene).high)
     return Shooting(problem.model, problem.contacts, stored.scene.time, problem.period, periods)
 

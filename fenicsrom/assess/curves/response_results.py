@@ -1,4 +1,4 @@
-"""What the response curves of a scene consist of."""
+"""The parts of the response curves of a scene."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fenicsrom.online.periodic.shooting import largest_multiplier
 from fenicsrom.scene import Response as ResponseTable
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
+from fenicsrom.words import brief
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,9 +24,9 @@ class FullPoint:
 
     Attributes:
         parameter: its value.
-        amplitude: (P, d) of the full model, as `CurvePoint.amplitude`, m.
-        reduced_amplitude: (P, d) of the reduced model there, m.
-        verdict: of the reduced motion: "stable", "fold", "period doubling" or "torus".
+        amplitude: (P, d) amplitude of the full model, as `CurvePoint.amplitude`, m.
+        reduced_amplitude: (P, d) amplitude of the reduced model there, m.
+        verdict: stability of the reduced motion: "stable", "fold", "period doubling" or "torus".
         periods: number of periods of the full model that were marched.
         derived: number of them that carried derivatives.
         residual: relative.
@@ -54,10 +55,10 @@ class ResponseCurve:
     """The periodic motions over the parameter, at one value of the second number.
 
     Attributes:
-        value: of the second number of the scene; None without families.
+        value: value of the second number of the scene; None without families.
         pieces: the connected parts, that from the first value of the range first.
         checks: estimates of the errors at selected points.
-        marches: marched periods: all, and those with their derivatives.
+        marches: number of all marched periods, and of those with derivatives.
         seconds: run time, without that of the full model.
         full: the motions of the full model at some values of the parameter.
     """
@@ -90,12 +91,13 @@ class ResponseCurve:
         return next((c.basis_error for c in self.checks if c.where == LARGEST), None)
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Response(CurveRecord):
     """The response curves of a scene.
 
     Attributes:
-        curves: one for each value of the second number, or one.
+        curves: one curve for each value of the second number; without a second number one curve.
     """
 
     curves: list[ResponseCurve] = field(default_factory=list)
@@ -110,7 +112,7 @@ def response_table(scene: Scene) -> ResponseTable:
     """The table [response] of a scene.
 
     Raises:
-        SceneError: the scene has none.
+        SceneError: the scene has no table [response].
     """
     return required_table(scene, "response", scene.response)
 

@@ -1,10 +1,10 @@
 """Where the stability on a curve is compared with a richer basis, besides at spread points.
 
 A stretch that only the richer basis finds unstable may lie between two compared motions that both
-bases find stable. It shows by a multiplier of the richer basis that comes near the unit circle.
-A gap between two compared motions is divided if the size |mu| of the largest multiplier is within
-`NEAR` of 1 at one of them, or changes between them by as much as is left to 1. The gap with the
-largest ratio
+bases find stable. Such a stretch shows by a multiplier of the richer basis that comes near the unit
+circle. A gap between two compared motions is divided if the size |mu| of the largest multiplier is
+within `NEAR` of 1 at one of them, or changes between them by as much as is left to 1. The gap with
+the largest ratio
 
     length / (1 - |mu| - change),    |mu| the larger one of both ends,    (1)
 
@@ -118,7 +118,7 @@ def divide_gaps(
 def _most_urgent(
     rows: Sequence[list[_Place]], closed: set[tuple[int, int]]
 ) -> tuple[list[_Place], int, int] | None:
-    """The gap to be divided next: its row and its ends; None if there is none."""
+    """The gap to be divided next, by its row and its ends; None if there is none."""
     best, chosen = 0.0, None
     for row in rows:
         known = [k for k, place in enumerate(row) if place.is_known]

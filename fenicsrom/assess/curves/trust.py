@@ -9,8 +9,8 @@ A basis that lacks the modes that break a symmetry gives the right motion and th
 and long steps may do so too. The verdicts of the richer basis and of half the step are therefore
 compared, also at points that are spread over the stable and the unstable parts, and between them
 where the multipliers of the richer basis come near the unit circle
-(`assess.curves.stability_search`). Without a richer basis, stable points far from the unit
-circle are left out. The verdict is not compared next to a change of stability, which may move.
+(`fenicsrom.assess.curves.stability_search`). Without a richer basis, stable points far from the
+unit circle are left out. The verdict is not compared next to a change of stability, which may move.
 """
 
 from __future__ import annotations
@@ -58,8 +58,9 @@ class Check:
     Attributes:
         point: the point.
         where: "largest amplitude", "fold", "first", "last", "between" of a spread point, or "near
-            instability" of a point that `assess.curves.stability_search` adds.
-        quantity: "amplitude", or "parameter" of a fold: what the errors are relative to.
+            instability" of a point that `fenicsrom.assess.curves.stability_search` adds.
+        quantity: the quantity to which the errors are relative: "amplitude", or "parameter" of a
+            fold.
         step_error: relative change with half the time step; None if that motion was not found.
         basis_error: relative change with a richer basis; None if there is none, or if its motion
             was not found.
@@ -304,7 +305,7 @@ def _finer(point: CurvePoint, family: Family, settings: Any, *, fold: bool) -> C
 def _path(
     point: CurvePoint, family: Family, settings: Any, steps: int
 ) -> tuple[Shooting, Continuation]:
-    """What motions near a point are found with, with so many steps per period."""
+    """The path that finds motions near a point, with the given number of steps per period."""
     problem = family(point.parameter)
     shooting = Shooting(
         problem.model,
@@ -338,7 +339,7 @@ def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) 
     """Sentences on the points whose stability half the step or a richer basis judges otherwise.
 
     Args:
-        curve_checks: of a curve.
+        curve_checks: checks of a curve.
         scene: the scene, for units.
         parameter: name of the parameter of the curve.
     """
@@ -382,10 +383,10 @@ def contradictions(curve_checks: Sequence[Check], scene: Scene, parameter: str) 
 def inaccuracies(curve_checks: Sequence[Check], scene: Scene, parameter: str) -> list[str]:
     """Sentences on the largest changes by half the time step and by a richer basis.
 
-    They name changes that are larger than the error that a run accepts.
+    The sentences name changes that are larger than the error that a run accepts.
 
     Args:
-        curve_checks: of a curve.
+        curve_checks: checks of a curve.
         scene: the scene, for units.
         parameter: name of the parameter of the curve.
     """

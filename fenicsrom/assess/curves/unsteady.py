@@ -1,4 +1,4 @@
-"""Why a motion does not repeat: what became of its periodic motion.
+"""Why a motion does not repeat, from the search for a periodic motion nearby.
 
 Newton's method may find no periodic motion from the states that a march reaches. Two other ways
 lead to one. The first starts at the motion of generalised-alpha, which settles more often because
@@ -75,7 +75,7 @@ def _found(model: Any, scene: Scene, motion: Motion) -> list[str]:
 
 
 def _judgement(verdict: str, multiplier: float) -> str:
-    """The clause about a periodic motion with this verdict and this largest multiplier."""
+    """The clause about a periodic motion with the given verdict and largest multiplier."""
     size = f"largest multiplier {multiplier:.5g}"
     if verdict == "stable":
         return f"a stable periodic motion exists ({size}), but it is not reached"

@@ -29,10 +29,10 @@ def rank_correlation(first: Sequence[float], second: Sequence[float]) -> float |
 def break_even(offline: float, online: float, full: float) -> int | None:
     """Number of runs after which the offline stage has saved time.
 
-    It is the least n with offline + n online <= n full, in seconds.
+    This number is the least n with offline + n online <= n full, in seconds.
 
     Returns:
-        The number, None if the reduced model is no faster than the full one.
+        The number; None if the reduced model is no faster than the full model.
     """
     return max(1, int(np.ceil(offline / (full - online)))) if full > online else None
 
@@ -51,9 +51,9 @@ def motion_errors(motion: Motion, reference: Motion) -> dict[str, float | None]:
 
     Returns:
         The errors of `online.motion.measures.errors_percent`, and two more. `history` compares
-        the displacements of all points and directions at equal phases: it is the L2 norm of their
-        difference, relative to the reference. `state` is the part of the period in which the
-        contact state differs. An error is None if the reference value is zero or missing.
+        the displacements of all points and directions at equal phases: `history` is the L2 norm of
+        their difference, relative to the reference. `state` is the part of the period in which
+        the contact state differs. An error is None if the reference value is zero or missing.
     """
     shift, other = (on_phases(m, m.displacement) for m in (motion, reference))
     size = float(np.linalg.norm(other))

@@ -1,9 +1,8 @@
 """Whether the 1D beam of a scene stands for its solid: a comparison of linear properties.
 
 The table [reference.beam_section] repeats what the mesh and the places of the scene say. If one of
-them changes and the other does not, the beam is another structure. Its first natural frequency, its
-displacement under the loads at the loads, and that at the observed place then differ from those of
-the solid.
+them changes and the other does not, the beam is another structure. The first natural frequency and
+the displacements at the loads and at the observed place then differ between beam and solid.
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ class MotionErrors(NamedTuple):
         peak_force: error of the largest normal force; also infinite where the step does not resolve
             the contact.
         directions: errors (d,) by direction, each relative to this direction: [normal, tangents],
-            or the global axes without contact. A direction with less than `SMALL_DIRECTION` of the
-            whole motion is compared with this part.
+            or the global axes without contact. The error of a direction with less than
+            `SMALL_DIRECTION` of the whole motion is relative to this part of the whole motion.
     """
 
     amplitude: float
@@ -126,7 +126,7 @@ def step_errors(model: Any, scene: Scene, motion: Motion) -> MotionErrors:
 
 
 def _fine_settles(fine: Motion, motion: Motion) -> bool:
-    """Whether the motion with half the step settles: within half of the periods of an unsteady one.
+    """Whether the motion with half the step settles in half of the periods of an unsteady one.
 
     An unsteady motion may nearly have settled, and half the step may settle a few periods earlier.
     """
@@ -232,10 +232,10 @@ def _last_period(motion: Motion) -> Array:
 def basis_errors(candidates: ReducedModel, size: int, scene: Scene, motion: Motion) -> MotionErrors:
     """Estimate the errors of a motion due to its basis, from a run of an enriched model.
 
-    The enriched model has all candidates (`fenicsrom.reduction.candidates`). Its motion contains
-    what they do to the other coordinates, to the contact and to the probe. The estimate is
-    `BASIS_SAFETY` times the distance of the two motions, because the enriched model has an error
-    too.
+    The enriched model has all candidates (`fenicsrom.reduction.candidates`). The motion of the
+    enriched model contains the effect of these vectors on the other coordinates, on the contact and
+    on the probe. The estimate is `BASIS_SAFETY` times the distance of the two motions, because the
+    enriched model has an error too.
 
     Args:
         candidates: the enriched model, under the loads and the damping of the scene.
@@ -289,11 +289,11 @@ def distances(motion: Motion, other: Motion) -> MotionErrors:
 def _compared(motion: Motion, other: Motion) -> list[tuple[Array, Array]]:
     """The displacements by which two motions are compared: pairs of arrays (k, P, d), m.
 
-    These are the amplitudes if the motion has settled. Otherwise they are the root mean squares.
-    The other motion may start where the motion ends, so that the root mean squares of a settled
-    motion would compare different parts of its history.
-    A motion without a period is compared by its amplitudes and by the root mean squares of the
-    parts of the run, which see a change that the whole may hide.
+    If the motion has settled, these numbers are the amplitudes. Otherwise they are the root mean
+    squares. The other motion may start where the motion ends, so that the root mean squares of a
+    settled motion would compare different parts of its history. A motion without a period is
+    compared by its amplitudes and by the root mean squares of the parts of the run, which see a
+    change that the whole may hide.
     """
     points = motion.displacement.shape[1:]
     if has_settled(motion):
@@ -329,7 +329,7 @@ def _errors(
     Args:
         compared: the pairs; with none the errors are zero.
         dimension: d.
-        factor: of the distances.
+        factor: factor of the distances.
         relative_to: the one of a pair, 0 or 1, whose size counts.
     """
     together = 0.0

@@ -67,8 +67,8 @@ def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str
     """The sentences of `strain_warnings` on the states whose stresses were found.
 
     Args:
-        stresses: the stresses with these states.
-        motion_only: leave out the equilibrium, which `equilibrium_warnings` judged.
+        stresses: the stresses of the run, with their states.
+        motion_only: whether to leave out the equilibrium, which `equilibrium_warnings` judged.
     """
     return strain_warnings(
         [

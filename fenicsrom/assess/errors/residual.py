@@ -8,9 +8,9 @@ of the load amplitude p,
     indicator = sqrt(mean_k r_k^T K^-1 r_k / p^T K^-1 p),
 
 which is the energy norm of the displacement that the residual would cause in the linear structure.
-The indicator has no unit. It does not depend on the mesh, or on the ratio of stiff axial to soft
-transverse forces. The plain norm |r|/|p| depends on both; it is computed only to compare how well
-the two norms rank the bases.
+The indicator has no unit. This measure does not depend on the mesh, or on the ratio of stiff axial
+to soft transverse forces. The plain norm |r|/|p| depends on both, and is computed only to compare
+how well the two norms rank the bases.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def full_motion(
 
 
 def cache_folder() -> Path:
-    """The folder of this program in the user's cache folder."""
+    """The folder of fenicsrom in the cache folder of the user."""
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fenicsrom"
 
 

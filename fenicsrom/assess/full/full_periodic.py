@@ -1,4 +1,4 @@
-"""Periodic motions of the full model, found from those of a reduced model.
+"""Periodic motions of the full model, which start from the motions of a reduced model.
 
 A periodic motion is a root of r(z) = P(z) - z with the period map P of the full model
 (`fenicsrom.fem.full.full_period`). A full period is by far the most expensive operation, so the
@@ -10,10 +10,10 @@ is Newton's step in the span of D, and a full period elsewhere (Lust, Roose, Spe
 1998, the Newton-Picard method).
 
 At first D spans the reduced basis, and the monodromy matrix of the reduced model takes the place of
-D^T P' D. This is enough if all that the basis does not span decays within a period. The stiff
-vibrations of a solid do not: a scheme that conserves energy keeps them for thousands of periods.
-Where the residual does not fall by `GOOD_RATE`, D is enlarged, by normal modes and then by the
-residual itself, and the next full period carries P' D along exactly.
+D^T P' D. This derivative is enough if the motions that the basis does not span decay within a
+period. The stiff vibrations of a solid do not: a scheme that conserves energy keeps them for
+thousands of periods. Where the residual does not fall by `GOOD_RATE`, D is enlarged, by normal
+modes and then by the residual itself, and the next full period carries P' D along exactly.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def full_periodic_motion(
         shooting: the equation of the reduced motion: it gives contacts, load histories, damping,
             period, scheme and steps.
         reduced: the reduced motion.
-        tolerance: of the residual relative to the variables, in the mass norm.
+        tolerance: tolerance of the residual relative to the variables, in the mass norm.
         most_periods: largest number of full periods.
         say: called with a line of progress after each full period.
 
@@ -163,6 +163,7 @@ def _lost(residuals: list[float], reason: str) -> ConvergenceError:
         "no periodic motion of the full model was found in "
         f"{counted(len(residuals), 'full period')}: {reason}",
         list(residuals),
+        decrements=residuals,
     )
 
 
@@ -204,7 +205,7 @@ class _Problem:
         return np.concatenate([*inner, sliders])
 
     def expanded(self, y: Array) -> Array:
-        """D y of coordinates y (k,) or a block of them."""
+        """The product D y with coordinates y (k,), or with a block (k, b) of coordinates."""
         p, count = self.q.shape[1], self.map.blocks
         parts = [self.q @ y[k * p : (k + 1) * p] * self._rates[k] for k in range(count)]
         return np.concatenate([*parts, (y[count * p :].T / self._slider).T])
@@ -221,7 +222,7 @@ class _Problem:
         return float(np.sqrt(squares + sliders @ sliders))
 
     def has_converged(self, residual: Array, step: Array, z: Array, tolerance: float) -> bool:
-        """Whether a residual is small, and so is the change of the coordinates by Newton's step.
+        """Whether a residual and the change of the coordinates by Newton's step are small.
 
         A residual of a motion that decays slowly may be small far away from the root.
         """

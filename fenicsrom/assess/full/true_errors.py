@@ -62,7 +62,7 @@ def full_distances(reduction: Reduction, solid: Any, scene: Scene, motion: Motio
 
 
 def missed(error: float, estimate: float) -> str:
-    """The reason why a true error counts as not seen by its estimate, or ""."""
+    """The reason why an estimate counts as too small for its true error, or ""."""
     if error <= max(NOTABLE, MISSED * estimate):
         return ""
     return f"the error against the full model is {error:.1e}, but the estimate is {estimate:.1e}"

@@ -1,8 +1,8 @@
 """Campbell diagram: natural frequencies of a rotating body against speed, with engine orders.
 
 At every speed the body moves to its equilibrium without contact, and the modes are those of the
-tangent stiffness (`assess.rotation.rotating_modes`). They are tracked from speed to speed by their
-modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
+tangent stiffness (`assess.rotation.rotating_modes`). The modes are tracked from speed to speed by
+the modal assurance criterion, MAC = |a^H M b|^2 / (a^H M a  b^H M b).
 
 Modes that veer exchange their shapes. With closely spaced speeds a tracked mode follows the curve
 of its frequency; with widely spaced speeds it keeps its shape. `assess.rotation.critical_speeds`
@@ -34,6 +34,7 @@ from fenicsrom.errors import AccuracyError, ConvergenceError, ErrorKind, SceneEr
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene
+from fenicsrom.words import brief
 
 if TYPE_CHECKING:
     from fenicsrom.fem.body.deformation import DeformationGauge
@@ -43,7 +44,8 @@ DOUBTFUL_MAC = 0.6  # a mode that keeps less of its shape may have been swapped 
 EXTRA_MODES = 4  # additional modes to track, because they may cross the requested modes
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Campbell:
     """The frequencies of a body at several speeds.
 
@@ -336,7 +338,7 @@ def speeds_rpm(scene: Scene) -> Array:
 
 
 def _warnings(found: Campbell) -> list[str]:
-    """One sentence for each mode that was lost or may be another one, or that is unstable."""
+    """One sentence for each mode that was lost, may be confused with another, or is unstable."""
     warnings = []
     for mode in range(found.squares.shape[1]):
         lost = np.flatnonzero(found.mac[:, mode] < LEAST_MAC)

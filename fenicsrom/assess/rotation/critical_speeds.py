@@ -5,10 +5,10 @@ Engine order k excites k times per revolution. A critical speed Omega is a root 
     f(Omega)^2 - (k Omega / 60)^2 = 0,   Omega in rev/min.
 
 Without the Coriolis force f^2 is nearly linear in Omega^2 (Southwell), so a cubic spline of f^2
-over Omega^2 needs few speeds: it is a line through two and a parabola through three. With the
-Coriolis force f^2 has a part that is odd in Omega, and the spline is over Omega. The square of the
-engine order is a polynomial in both variables and is subtracted exactly. Every root is then
-confirmed by the modes at its speed, which correct it where the spline is too coarse.
+over Omega^2 needs few speeds. Through two speeds the spline is a line, through three speeds a
+parabola. With the Coriolis force f^2 has a part that is odd in Omega, and the spline is over Omega.
+The square of the engine order is a polynomial in both variables and is subtracted exactly. Every
+root is then confirmed by the modes at its speed, which correct it where the spline is too coarse.
 """
 
 from __future__ import annotations
@@ -170,7 +170,7 @@ def confirm(
 
     Returns:
         The critical speed, the one with the smallest difference if none was confirmed; None if the
-        computed frequencies show that there is none.
+        computed frequencies show that there is no critical speed.
 
     Raises:
         ConvergenceError, AccuracyError: the first computation failed.

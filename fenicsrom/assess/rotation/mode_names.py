@@ -49,7 +49,7 @@ def mode_names(
         comm: the communicator.
 
     Returns:
-        One name per mode; empty if the body does not point away from its axis, as a shaft.
+        One name per mode; empty for a body that does not point away from its axis, such as a shaft.
     """
     at, moved = _in_space(positions), _in_space(shapes)
     count = sum(comm.allgather(len(at)))

@@ -1,6 +1,7 @@
 """Modes of a rotating body at one speed, and their order from one speed to the next.
 
-Without the Coriolis force the modes are real, K phi = omega^2 M phi. With it they are complex:
+Without the Coriolis force the modes are real, K phi = omega^2 M phi. With the Coriolis force the
+modes are complex:
 
     (K + i omega G - omega^2 M) phi = 0.
 

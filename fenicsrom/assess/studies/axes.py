@@ -267,7 +267,7 @@ def _poisson(scene: Scene, scales: Scales) -> Values:
 
 
 def _mode_count(scene: Scene) -> int:
-    """The number of normal modes of a scene; its least number if the structure decides on it."""
+    """The number of normal modes of a scene; the least number if the structure decides."""
     return LEAST_MODES if isinstance(scene.basis.modes, str) else scene.basis.modes
 
 

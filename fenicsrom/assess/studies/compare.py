@@ -1,11 +1,10 @@
 """Error against run time: every basis of a scene's [compare] table against the full model.
 
-The full model runs once; its motion is kept in the user's cache folder
-(`assess.full.full_cache`). The combinations share the mesh, the solid with its factor, the
-modes and the snapshots. The modes are computed once, for the largest requested number, and each
-combination uses the first of them. The offline seconds of a combination are the sum of the stages
-that it needs, as if it were the only combination. The indicator (`assess.errors.residual`) needs
-no full run.
+The full model runs once; its motion is kept in the user's cache folder (`assess.full.full_cache`).
+The combinations share the mesh, the solid with its factor, the modes and the snapshots. The modes
+are computed once, for the largest requested number, and each combination uses the first modes. The
+offline seconds of a combination are the sum of the stages that it needs, as if it were the only
+combination. The indicator (`assess.errors.residual`) needs no full run.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from fenicsrom.reduction.snapshots import Snapshots
 from fenicsrom.reduction.stages import Reduction
 from fenicsrom.scene import Scene, parse_scene, scene_table
 from fenicsrom.scene.step_size import with_time
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.protocols import Structure
@@ -106,7 +105,8 @@ class Outcome:
         return float(np.median(self.online)) if self.online else float("nan")
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Comparison:
     """All combinations of a scene, with the full model they are measured against.
 
@@ -300,8 +300,8 @@ def time_runs(
     """Time `REPEATS` runs.
 
     Returns:
-        Seconds of each run, and None. If the whole run is too slow to repeat, only some periods are
-        timed: the seconds are then scaled to the whole run, and the number of periods is given.
+        The seconds of each run, and None. If the whole run is too slow to repeat, only some periods
+        are timed: the seconds are then scaled to the whole run, and the number of periods is given.
     """
     if (
         comm.bcast(motion.seconds) <= SLOW

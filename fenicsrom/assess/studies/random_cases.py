@@ -1,9 +1,9 @@
 """Random variants of a scene, from a seed: other loads, contacts, damping, bases and spans of time.
 
 The ranges are relative to the scene and to the scales of its reduced model
-(`assess.studies.scales`), like the axes of the stability matrix. They reach beyond what a basis
-of few modes holds: frequencies far above the kept modes, axial loads, bases without derivatives,
-impacts and sweeps. A variant may therefore be refused; it must not be silently wrong.
+(`assess.studies.scales`), like the axes of the stability matrix. They reach beyond what a basis of
+few modes holds: frequencies far above the kept modes, axial loads, bases without derivatives,
+impacts and sweeps. A variant may therefore be refused, but its result must not be silently wrong.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The scales of a scene, by which its values are measured: computed from its reduced model."""
+"""The scales to which the values of a scene are compared, from its reduced model."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """How far the program can be pushed: extreme variants of a scene, and a verdict on each run.
 
-Each axis (`assess.studies.axes`) goes from ordinary to extreme values, first alone and then in
-the worst pairs. A run is made as a user would make it, and again with half the step (an eighth of
-the tolerance) and, where the basis is in question, with a richer basis. Its verdict is one of
+Each axis (`assess.studies.axes`) goes from ordinary to extreme values, first alone and then in the
+worst pairs. A run is made as a user would make it, and again with half the step (an eighth of the
+tolerance) and, where the basis is in question, with a richer basis. The verdict of a run is one of
 
     converged       the motion settles, and its error is at most its own estimate
     not steady      a bounded motion does not repeat, the run says so, and its energy balances
@@ -44,7 +44,7 @@ from fenicsrom.online.run.simulate import simulate
 from fenicsrom.progress import time_left
 from fenicsrom.scene import Scene, override_table, parse_scene, read_scene
 from fenicsrom.scene.step_size import refined
-from fenicsrom.words import counted
+from fenicsrom.words import brief, counted
 
 if TYPE_CHECKING:
     from fenicsrom.reduction.stages import Reduction
@@ -107,13 +107,14 @@ class Finding:
     buckled: int = 0
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Matrix:
     """All findings of a scene.
 
     Attributes:
         scene: the scene.
-        findings: one for each case.
+        findings: one finding for each case.
         seconds: run time of all runs.
         left_out: a sentence for each axis that the scene does not have.
         files: the written files, the one to open first at the head.
@@ -189,7 +190,7 @@ def build(scene: Scene, model: str) -> tuple[Any, Reduction | None, Any]:
 
 
 def examine(case: Case, table: Mapping[str, Any], source: str, folder: Path) -> Finding:
-    """Run a case and its refined runs, and judge it."""
+    """Run a case and its refined runs, and judge the case."""
     begin = clock.perf_counter()
     numbers: dict[str, Any] = {}
     try:

@@ -31,8 +31,9 @@ from fenicsrom.online.motion.measures import (
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.run.simulate import simulate
 from fenicsrom.online.store.archive import FORMAT, StoredModel, load_model
-from fenicsrom.scene import Scene
+from fenicsrom.scene import Scene, scene_table, toml_text
 from fenicsrom.scene.variations import Axis
+from fenicsrom.words import brief
 
 DONE, DOUBTFUL, FAILED = "done", "doubtful", "failed"
 """Outcomes: all checks passed, a check did not pass, or there is no motion."""
@@ -59,7 +60,8 @@ class SweepRun:
     digest: str
 
 
-@dataclass(eq=False)
+@brief()
+@dataclass(eq=False, repr=False)
 class Sweep:
     """The runs of a sweep and their results.
 
@@ -91,13 +93,16 @@ class Sweep:
 def digest_of(scene: Scene, origin: str) -> str:
     """A digest of a scene, of the origin of its reduced model and of the format of models.
 
-    What another version of the program has kept is thus not used, if its models cannot be read.
+    Runs that another version of the program has kept are therefore not used if the models of this
+    version cannot be read.
 
     Args:
         scene: the scene of a run.
-        origin: what determines the model: the digest of its file, or of what it is made from.
+        origin: digest of the file of the model, or of the inputs from which the model is made.
     """
-    return hashlib.sha256(f"{FORMAT}\n{scene!r}\n{origin}".encode()).hexdigest()
+    return hashlib.sha256(
+        f"{FORMAT}\n{toml_text(scene_table(scene))}\n{origin}".encode()
+    ).hexdigest()
 
 
 def file_digest(path: Path) -> str:
@@ -136,7 +141,7 @@ def compute(run: SweepRun, report: Callable[[float, str], None]) -> dict[str, An
 
 
 def row_of(run: SweepRun, found: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of a run, from what was found of it."""
+    """The row of a run, made from its result."""
     return {"run": run.number + 1, **run.values, **found}
 
 
@@ -146,7 +151,7 @@ def failure(error: Exception) -> dict[str, Any]:
 
 
 def keep(run: SweepRun, found: Mapping[str, Any]) -> None:
-    """Write what was found of a run to its file.
+    """Write the result of a run to the file of this run.
 
     Raises:
         OSError: the file cannot be written.
@@ -208,7 +213,7 @@ def _measured(stored: StoredModel, report: Callable[[float, str], None]) -> dict
 def _numbers(motion: Motion) -> dict[str, Any]:
     """The numbers of a motion: amplitudes of the first contact point, or of the probe.
 
-    The tangential amplitude is that of both directions together.
+    The tangential amplitude is the amplitude of both directions together.
     """
     first = amplitude(motion)[: motion.displacement.shape[2]]
     if has_contact(motion):

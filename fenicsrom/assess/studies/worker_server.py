@@ -1,4 +1,4 @@
-"""What the server process of `fenicsrom.assess.processes` imports; nothing else imports it.
+"""Imports of the server process of `fenicsrom.assess.processes`; no other module imports this one.
 
 The processes that the server forks have these modules at once, and their collectors of garbage
 leave them out. The server ignores SIGTERM, which

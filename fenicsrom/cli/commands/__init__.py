@@ -1,4 +1,4 @@
-"""The commands, one module each: its arguments, and the function that carries it out."""
+"""The commands: each module holds the arguments and the function of one command."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ OWN_TABLES = ("compare", "campbell", "response", "backbone", "statics")
 
 
 def plan(options: argparse.Namespace) -> int:
-    """List the stages of `run`, and the other commands that the scene has tables for.
+    """List the stages of `run`, and the other commands for which the scene has tables.
 
     The parts of a stage are indented. With --picture, the set-up is drawn.
 

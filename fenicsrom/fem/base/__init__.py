@@ -1,1 +1,1 @@
-"""What depends on dolfinx alone: compiled forms, factorisations, eigenmodes and quadrature."""
+"""Compiled forms, factorisations, eigenmodes and quadrature, which need dolfinx alone."""

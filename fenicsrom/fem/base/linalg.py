@@ -98,7 +98,8 @@ class Factorisation:
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues of the symmetric matrix, by Sylvester's law of inertia.
 
-        MUMPS on one rank counts the negative pivots of every factor; others make a counting one.
+        MUMPS on one rank counts the negative pivots of every factor; otherwise another factor is
+        made to count them.
         """
         if self._small or self.comm.size > 1:
             return negative_eigenvalues(self.matrix)

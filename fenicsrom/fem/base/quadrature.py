@@ -61,7 +61,7 @@ def quadrature_degree(domain: dolfinx.mesh.Mesh) -> int:
 
 
 def _is_positive(domain: dolfinx.mesh.Mesh, degree: int) -> bool:
-    """Whether all weights of a rule are positive, as the elastic polynomial needs them."""
+    """Whether all weights of a rule are positive; the elastic polynomial needs positive weights."""
     _, weights = basix.make_quadrature(domain.basix_cell(), degree)
     return bool(np.all(weights > 0.0))
 

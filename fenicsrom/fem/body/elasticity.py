@@ -16,9 +16,9 @@ where S(E) is the stress of the strain E. The mixed tangent at u after a change 
     S(E − ½ ∇cᵀ ∇c)    (5)
 
 in place of S in (3): the stress of the strain that was predicted before the change. Newton's method
-for independent stresses at the integration points has this tangent. It converges from states far
-away, because the stretching by too large a rotation does not enter. Source: Magisano, Leonetti and
-Garcea, Int. J. Numer. Methods Eng., 2017.
+for independent stresses at the integration points has this tangent. With this tangent, Newton's
+method converges from states far away, because the stretching by too large a rotation does not
+enter. Source: Magisano, Leonetti and Garcea, Int. J. Numer. Methods Eng., 2017.
 
 Plane stress replaces λ by λ* = 2 λ μ / (λ + 2 μ), which is exact for this material.
 
@@ -71,7 +71,8 @@ class ElasticBody:
         free: global number of unknowns that no support clamps.
         clamped: (c,) local numbers of the clamped unknowns that this rank owns.
         conditions: the boundary conditions of the clamped unknowns.
-        slanted: the projection of nodes that are held along slanted directions; None without any.
+        slanted: the projection of nodes that are held along slanted directions; None without such
+            nodes.
         thickness: thickness in m, as a coefficient of the forms; 1 in 3D.
         quadrature_degree: degree of the quadrature rule.
         dx: the volume measure.
@@ -81,7 +82,7 @@ class ElasticBody:
         rotation: the rotating frame, or None without rotation.
         springs: (local,) stiffness of the springs to the ground at each unknown, N/m.
         point_masses: (local,) concentrated mass at each unknown, kg.
-        pressures: the follower pressures, or None without any.
+        pressures: the follower pressures; None without follower pressures.
         dashpots: (local,) damping coefficient of the dashpots to the ground at each unknown, N s/m.
         warnings: sentences for the user.
     """
@@ -369,7 +370,7 @@ class ElasticBody:
     ) -> Iterator[tuple[Array, Array]]:
         """Tabulate displacement gradients at the quadrature points, in chunks of cells. Collective.
 
-        All ranks must take all chunks; a rank may have fewer of them than another, or none.
+        All ranks must take all chunks; a rank may have fewer chunks than another rank, or none.
 
         Args:
             fields: (local, n) displacement fields.

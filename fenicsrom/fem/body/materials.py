@@ -31,7 +31,7 @@ class Materials:
     Attributes:
         every: the materials, that of [material] first.
         number: (cells,) number of the material of each local cell, ghosts included.
-        thickness: (materials,) thickness of each, m; 1 in 3D.
+        thickness: (materials,) thickness of each material, m; 1 in 3D.
         single: whether one isotropic material fills the body.
     """
 

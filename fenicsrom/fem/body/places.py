@@ -190,7 +190,7 @@ class Places:
         return self._edge_or_node_weights(region)
 
     def _facet_weights(self, region: Region, key: str) -> tuple[Array, Array, float]:
-        """Weights by area, on facets; as `_weights`."""
+        """Weights of the nodes of facets, by area; arguments as `_weights`."""
         body = self._body
         domain = body.mesh.domain
         ds = body.mesh.surface(region)

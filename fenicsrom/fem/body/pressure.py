@@ -10,7 +10,7 @@ its tangent T and the derivative B of the tangent,
 
 where a(G, H) = N₁ G₂ × H₃ + N₂ G₃ × H₁ + N₃ G₁ × H₂ with the columns Gᵢ and Hᵢ. In 2D, cof(F) is
 linear in F and B is zero. The quadrature is exact, so T is symmetric up to an integral over the
-edge of the surface. It is symmetric if the edge is clamped, if the surface is closed, or if the
+edge of the surface. T is symmetric if the edge is clamped, if the surface is closed, or if the
 displacement of the edge is held in the planes of symmetry. Otherwise the pressure has no potential:
 see Schweizerhof and Ramm, Displacement dependent pressure loads in nonlinear finite element
 analyses, Computers & Structures 18, 1984.
@@ -138,7 +138,7 @@ class FollowerPressures:
             matrix: the matrix, which stays regular on the clamped rows.
             u: (local,) displacement, m.
             factors: (k,) Pa.
-            symmetric: take the symmetric part of the tangents.
+            symmetric: whether to take the symmetric part of the tangents.
         """
         self._body.set_field(self._u, u)
         for factor, surface in zip(factors, self._surfaces, strict=True):

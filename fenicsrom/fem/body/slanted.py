@@ -72,7 +72,7 @@ class Slanted:
         block[self._unknowns] = values - np.einsum("sij,sj...->si...", self.held, values)
 
     def project_matrix(self, matrix: PETSc.Mat, diagonal: float) -> None:
-        """Replace an assembled matrix by (1); its pattern stays.
+        """Replace an assembled matrix by (1), with the same pattern.
 
         Args:
             matrix: the matrix.

@@ -75,7 +75,7 @@ def _vertex_nodes(solid: ElasticBody) -> Array:
 
 
 def _extrapolation(cell: basix.CellType, degree: int, points: Array) -> Array:
-    """Values (v, g) at the vertices of the polynomials of degree k - 1 through the Gauss points."""
+    """Extrapolation (v, g) from Gauss points to vertices by polynomials of degree k - 1."""
     corners = np.asarray(basix.geometry(cell))
     element = basix.create_element(
         basix.ElementFamily.P,
@@ -108,7 +108,7 @@ class LocalPart:
     def at_nodes(self, table: StressTable, values: Array) -> Array:
         """Values (count, m) at the nodes of this rank from values (N, m) at the vertices.
 
-        They are linear between the vertices; nodes of other ranks stay zero.
+        The values are linear between the vertices; nodes of other ranks keep the value zero.
         """
         found = np.zeros((self.count, values.shape[1]))
         found[self.nodes] = self.shapes @ values[table.cells[self.cells]]

@@ -44,7 +44,7 @@ def held_displacements(
 ) -> Held:
     """Give the displacements that the supports hold. Collective.
 
-    Directions of several supports may meet at a node; those of almost equal direction are one.
+    Directions of several supports may meet at a node; almost equal directions count as one.
 
     Args:
         mesh: the mesh.
@@ -190,7 +190,7 @@ def _rigid_motions(mesh: Mesh, space: fem.FunctionSpace) -> Array:
 
 
 def _free_motions(moments: Array, d: int) -> str:
-    """Name the rigid motions whose clamped components all vanish; empty without one.
+    """Name the rigid motions whose clamped components all vanish; empty if there is no such motion.
 
     Args:
         moments: (3 or 6, 3 or 6) mean products of the clamped components of the motions.

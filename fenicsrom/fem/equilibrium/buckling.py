@@ -9,11 +9,11 @@ body is pushed along its mode with the most negative ω². It then follows
 downhill in its energy. With c = 2 |ω²| the push doubles in each step; once K is positive definite,
 c decreases, and Newton's method finds the equilibrium.
 
-A body that snaps through jumps to a distant stable equilibrium. It then moves much farther than the
-tangent stiffness before the jump predicts. Where the whole displacement is larger than the linear
-one, the loads grow again in small steps, and each change is compared with its prediction. A step
-with a jump is halved, because Newton's method may jump before the limit point in a long step; a
-true jump stays in one of the halves.
+A body that snaps through jumps to a distant stable equilibrium. The body then moves much farther
+than the tangent stiffness before the jump predicts. Where the whole displacement is larger than the
+linear one, the loads grow again in small steps, and each change is compared with its prediction. A
+step with a jump is halved, because Newton's method may jump before the limit point in a long step;
+a true jump stays in one of the halves.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """A state near the equilibrium at speed, from a small reduced model of the undeformed body.
 
-The tension of a rotating body stiffens it. Its linear displacement lacks this stiffening, is
-several times too large, and is a bad start for Newton's method: each tangent on the way costs an
-assembly and a factorisation. The factor of the undeformed body is there anyway. It gives the basis
+The tension of a rotating body stiffens it. The linear displacement of the body lacks this
+stiffening and is several times too large. It is a bad start for Newton's method, of which each
+tangent costs an assembly and a factorisation. The factor of the undeformed body is there anyway. It
+gives the basis
 
     x_1 = K⁻¹ p,    x_{k+1} = K⁻¹ M x_k,    θ_kl = −K⁻¹ K′[x_k] x_l,    (1)
 

@@ -60,7 +60,7 @@ SMALLEST_LOAD_STEP = 2e-4
 
 
 class Statics:
-    """Finds equilibria of a body that follow one another, with one factor as long as it serves.
+    """Finds successive equilibria of a body, with one factor as long as the corrections contract.
 
     Every method is collective.
     """
@@ -84,6 +84,7 @@ class Statics:
         self._body, self._factor, self._tolerance = body, factor, tolerance
         self._overwrite, self._borrowed = overwrite, not overwrite
         self._plain = False  # Newton's method with the tangent of each state
+        self._decrements: list[float] = []  # of the last attempt of Newton's method, J
 
     def close(self) -> None:
         """Free the factor that was made here."""
@@ -152,6 +153,7 @@ class Statics:
                 f"{100.0 * SMALLEST_LOAD_STEP:g} %; fenicsrom statics follows the equilibria "
                 "past a limit load",
                 u,
+                decrements=self._decrements,
             )
         return u
 
@@ -176,6 +178,7 @@ class Statics:
                 "static equilibrium: the residual of the full equations has a work of "
                 f"{decrement:.1e} J, which is too large",
                 u,
+                decrements=[*self._decrements, decrement],
             )
 
     def _renew(self, u: Array, change: Array | None) -> bool:
@@ -224,7 +227,13 @@ class Statics:
             return coming <= self._tolerance**2 * step.scale or (small and not contracts)
 
         return newton(
-            start, correct, converged, STATIC_ITERATIONS, STATIC_GROWTH, STATIC_LAST_RESORT
+            start,
+            correct,
+            converged,
+            STATIC_ITERATIONS,
+            STATIC_GROWTH,
+            STATIC_LAST_RESORT,
+            self._decrements,
         )
 
     def _solve(self, residual: Array) -> Array:
@@ -263,11 +272,11 @@ class _Step:
         return (slow or far) and not decrement <= max(enough, STATIC_TOLERANCE**2 * self.scale)
 
     def forget(self) -> None:
-        """Forget the corrections with the factor so far."""
+        """Forget the earlier corrections with the factor."""
         self._last, self._differences = None, []
 
     def accelerated(self, residual: Array, change: Array) -> Array:
-        """A correction (local,) combined with those before that have the same factor.
+        """A correction (local,) combined with the earlier corrections of the same factor.
 
         Anderson's acceleration, in the energy norm of the factor: in the plane of the corrections
         it finds the smallest next one, if the body were linear.

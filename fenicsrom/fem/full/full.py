@@ -282,9 +282,10 @@ class FullModel:
     def _needs_flexibility(self) -> bool:
         """Whether the step may weight a contact force by its own flexibility.
 
-        `fenicsrom.online.contact.law.implicit_blending` does so with the first S of a step. It
-        matters where a point may touch that is not soft for the step. The points that may touch are
-        those that would if the normal force, extrapolated over the step, changed twice as much.
+        `fenicsrom.online.contact.law.implicit_blending` does so with the first S of a step. The
+        flexibility matters where a point may touch whose contact is not soft for the step. The
+        points that may touch are those that would if the normal force, extrapolated over the step,
+        changed twice as much.
         """
         count = self._points_count
         if not count or self._contacts is None:
@@ -305,7 +306,8 @@ class FullModel:
 
         Args:
             wanted: the coefficients and states of S.
-            exact: take the tangents at all states; otherwise the one at their mean.
+            exact: whether to take the tangents at all states; otherwise the tangent at the mean
+                state.
         """
         self._made = None
         self._assemble(wanted, exact)

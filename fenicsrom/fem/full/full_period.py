@@ -45,11 +45,11 @@ class _Columns:
     """Derivatives of the state by the columns of a block.
 
     Attributes:
-        q: (local, k) of the coordinates.
-        v: (local, k) of the velocities.
-        a: (local, k) of the accelerations.
-        x: (m, k) of the contact displacements.
-        w: (m, k) of the sliders.
+        q: (local, k) derivatives of the coordinates.
+        v: (local, k) derivatives of the velocities.
+        a: (local, k) derivatives of the accelerations.
+        x: (m, k) derivatives of the contact displacements.
+        w: (m, k) derivatives of the sliders.
     """
 
     q: Array
@@ -94,7 +94,7 @@ class FullPeriodMap:
             model: the model under its loads and damping.
             contacts: parameters of the P contact points.
             plan: the weights of the scheme.
-            period: of the loads, s.
+            period: period of the loads, s.
             fractions: (steps + 1,) instants on which the steps land, from 0 to the number of
                 periods of the loads.
         """
@@ -273,7 +273,7 @@ class FullPeriodMap:
 
 
 class _Before:
-    """What the derivative of a step needs of its start: arrays of `State` and `Trial`, copied."""
+    """Copies of the arrays of `State` and `Trial` that the derivative of a step needs."""
 
     def __init__(self, state: State):
         self.q, self.dq = state.q.copy(), state.trial.dq.copy()

@@ -36,7 +36,7 @@ SUFFIXES = {".geo": "geo", ".msh": "mesh", ".unv": "mesh", ".step": "step", ".st
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a file has besides the model in gmsh.
+    """The content of a file besides the model in gmsh.
 
     Attributes:
         node_sets: node numbers of each node set by its name.
@@ -51,7 +51,7 @@ class Loaded:
 def open_gmsh() -> Iterator[Any]:
     """Open gmsh for the duration of a context.
 
-    It prints nothing, ignores the settings of the user and leaves interrupts to Python.
+    gmsh prints nothing, ignores the settings of the user and leaves interrupts to Python.
 
     Raises:
         RuntimeError: gmsh is in use in this process.
@@ -213,7 +213,7 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
 
 
 def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, named by its name or else its number."""
+    """Make a group of each face of a .step file, with the name or the number of the face."""
     faces: dict[str, list[int]] = {}
     for _, face in gmsh.model.getEntities(d - 1):
         faces.setdefault(
@@ -273,7 +273,7 @@ def _has_serendipity_cells(gmsh: Any) -> bool:
 
 
 def _check_content(gmsh: Any, source: str) -> None:
-    """Check that gmsh found cells, and each node number once; it would keep the first node only.
+    """Check that gmsh found cells and that node numbers differ; gmsh would keep the first node.
 
     Raises:
         SceneError: there are no cells, or a number was given twice.

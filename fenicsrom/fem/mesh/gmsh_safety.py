@@ -1,6 +1,6 @@
-"""What stands between a data file and gmsh, which runs scripts and may crash.
+"""Checks of a data file before gmsh, which runs scripts and may crash, reads the file.
 
-gmsh runs a script whatever the name of its file is, and a script that stands beside a file.
+gmsh runs a script under any file name, and a script that lies beside a file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def check_header(path: Path) -> None:
     """Check that a data file begins as its format does; gmsh would run a script.
 
     Raises:
-        SceneError: it does not.
+        SceneError: the file begins otherwise.
     """
     with path.open("rb") as file:
         head = file.read(10_000)

@@ -1,4 +1,4 @@
-"""What a mesh file holds, without a scene and without dolfinx."""
+"""The content of a mesh file, read without a scene and without dolfinx."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from fenicsrom.fem.mesh.gmsh_queries import (
 from fenicsrom.formats.mesh_file import Floats, Ints
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
+from fenicsrom.words import brief
 
 CELLS_ALONG = 20
 """Cells along a body from a .step file whose cell size is not given."""
@@ -59,7 +60,8 @@ class Group:
     members: Ints | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class Inspection:
     """What a mesh file holds.
 
@@ -73,7 +75,7 @@ class Inspection:
         pieces: number of pieces of the mesh that share no node; 0 if the mesh cannot be used.
         volume: volume in m³, in 2D area in m²; 0 if the mesh cannot be used.
         groups: the groups, largest dimension first.
-        warnings: sentences for the user, one of them on what is not read.
+        warnings: sentences for the user; one of them names the parts that are not read.
         points: coordinates of the corners (n, 3), m.
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.

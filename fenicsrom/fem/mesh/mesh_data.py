@@ -14,6 +14,7 @@ from dolfinx import fem
 
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene import Region
+from fenicsrom.words import brief
 
 Ints = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
@@ -28,7 +29,8 @@ ROUNDING = 1e-9
 """Smaller distances, relative to the extent of the mesh, count as zero."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief("source", "facet_groups", "cell_groups", "node_groups", "warnings")
+@dataclass(frozen=True, eq=False, repr=False)
 class Mesh:
     """A distributed mesh with named groups of cells, facets and nodes.
 
@@ -154,7 +156,7 @@ class Mesh:
     def entities(self, where: str | Region) -> dict[int, Ints]:
         """Give the entities of a region on this rank. Collective.
 
-        They are facets, and the vertices and edges of a node group.
+        The entities are facets, and the vertices and edges of a node group.
 
         Args:
             where: a facet or node group, or a region of the scene.
@@ -184,7 +186,7 @@ class Mesh:
     def nodes(self, where: str | Region, space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
         """Give the nodes of a Lagrange space on a region. Collective.
 
-        They lie on its facets, edges and vertices.
+        The nodes lie on the facets, edges and vertices of the group.
 
         Args:
             where: a facet or node group, or a region of the scene.

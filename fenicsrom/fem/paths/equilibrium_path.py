@@ -21,9 +21,9 @@ bordered equations by block elimination, with one factor of the tangent stiffnes
 where gap is the distance to the hyperplane (Riks 1979; Crisfield 1981). The factor is kept while
 the corrections become smaller by `CONTRACTION`; otherwise the mixed tangent is factorised
 (`fem.body.elasticity`, eq. 5). At the point found, the exact tangent corrects once more. Its
-negative pivots count the directions in which the equilibrium is unstable. They change by one at a
-limit point, where the tangent of the curve has no component along λ; any other change is a
-bifurcation, where a mode of K has the eigenvalue zero.
+negative pivots count the directions in which the equilibrium is unstable. The number of negative
+pivots changes by one at a limit point, where the tangent of the curve has no component along λ; any
+other change is a bifurcation, where a mode of K has the eigenvalue zero.
 """
 
 from __future__ import annotations
@@ -221,7 +221,7 @@ class PathFollower:
         """The point at λ = 0.
 
         Raises:
-            ConvergenceError: it was not found.
+            ConvergenceError: the start was not found.
         """
         y = np.append(self._body.equilibrium, 0.0)
         found = self._correct(y, self._upwards(), self._upwards())
@@ -252,7 +252,7 @@ class PathFollower:
         return found if turn >= STRAIGHT else None
 
     def _end(self, here: PathPoint, beyond: PathPoint) -> PathPoint | None:
-        """The point on the bound of the range between two points, if it is found."""
+        """The point on the bound of the range between two points; None if it is not found."""
         bound = self._last if beyond.load_factor > self._last else self._lowest
         share = (bound - here.load_factor) / (beyond.load_factor - here.load_factor)
         guess = self._between_guess([here, beyond], share)
@@ -331,8 +331,8 @@ class PathFollower:
     def _bifurcations(self, a: PathPoint, b: PathPoint) -> list[PathPoint] | None:
         """Where the number of negative pivots changes between two points, in their order.
 
-        The eigenvalue of a rank is a continuous function along the path. If the rank is the larger
-        number of negative pivots, it passes zero.
+        The eigenvalue of a rank is a continuous function along the path. The eigenvalue whose rank
+        is the larger number of negative pivots passes zero.
         """
         if a.negative == b.negative or self._length(b.y - a.y) <= 2.0 * LOCATED:
             return []

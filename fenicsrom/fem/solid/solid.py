@@ -101,13 +101,13 @@ class Solid(ElasticBody):
         contact_rows: sparse Bᵀ (m, local): contact displacements in the local frames [normal,
             tangents], point by point.
         points: the contact points.
-        probe_rows: (d, local) displacement of the probe in global axes; (0, local) without one.
+        probe_rows: (d, local) displacement of the probe in global axes; (0, local) without a probe.
         probe_position: (3,) position of the probe, m.
         load_vectors: (local, loads) load vectors of unit loads, at the equilibrium.
         load_histories: time factors of the loads.
         excitation: the highest frequency that the scene excites, Hz.
-        gauss_points: Gauss points along a straight line of states that integrate the elastic force
-            exactly; it is a cubic.
+        gauss_points: Gauss points that integrate the elastic force, a cubic, exactly along a
+            straight line of states.
     """
 
     gauss_points = 2
@@ -146,7 +146,7 @@ class Solid(ElasticBody):
             rotation: rotation of the frame of the scene, or None.
             damping: damping besides that of the material.
             probe: place whose displacement is observed; by default that of the first contact or,
-                without contacts, of the first load; nothing is observed without any of them.
+                without contacts, of the first load; without contacts and loads nothing is observed.
             geometrically_nonlinear: False for small displacements.
             source: name of the scene file, for messages.
             excitation: the highest frequency that the scene excites, Hz.
@@ -373,8 +373,9 @@ class Solid(ElasticBody):
     def tangent_difference(self, x: Array, y: Array) -> Array:
         """K′[x] y (local,) at the equilibrium by the central difference of the tangent.
 
-        This is eq. (16) of Mashayekhi and Zucca (2024). It is exact at any step for this material,
-        whose tangent is quadratic; a small step would lose digits by cancellation.
+        This is eq. (16) of Mashayekhi and Zucca (2024). The difference is exact at any step,
+        because the tangent of this material is quadratic; a small step would lose digits by
+        cancellation.
         """
         largest = self.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX)
         h = DIFFERENCE_STEP * self.mesh.extent() / largest
@@ -386,7 +387,7 @@ class Solid(ElasticBody):
     def strain_polynomial(self, vectors: Array, degree: int | None = None) -> ElasticPolynomial:
         """The force of the body and its springs on vectors (local, n), as a cubic polynomial.
 
-        It is exact with the quadrature rule of the forms, which is that of the default degree.
+        The polynomial is exact with the quadrature rule of the forms, which has the default degree.
         """
         products = self._strain_products(vectors, degree)
         elastic = elastic_polynomial(self.comm.allreduce(products), vectors.shape[1])
@@ -493,7 +494,7 @@ class Solid(ElasticBody):
         return np.array(found[1:]).T
 
     def spin(self, omega: float) -> None:
-        """Set another angular velocity (rad/s); equilibrium, K, its factor and G follow.
+        """Set another angular velocity (rad/s); update the equilibrium, K, its factor and G.
 
         Raises:
             ConvergenceError: no equilibrium was found at this speed.

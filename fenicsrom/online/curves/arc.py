@@ -102,8 +102,8 @@ class Place(NamedTuple):
 
 
 Point = Any
-"""What a continuation needs of a point of its curve, as `online.curves.curve.CurvePoint` has it:
-s (n,), the parameter, the tangent (n + 1,) in (s, p), and its sense c."""
+"""What a continuation needs of a point of its curve, as `fenicsrom.online.curves.curve.CurvePoint`
+has it: s (n,), the parameter, the tangent (n + 1,) in (s, p), and its sense c."""
 
 
 class ArcLength:

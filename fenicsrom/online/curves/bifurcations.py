@@ -4,10 +4,11 @@ Between two points of a curve there is a special point where
 
 - the tangent has no component along the parameter: a fold;
 - the number of Floquet multipliers outside of the unit circle changes: the multiplier that crosses
-  the circle tells the kind. One that crosses at +1 away from a fold marks a branch point. If it
-  crosses in a jump, which the derivative of a motion with contact may do where a contact state
-  first occurs, the bifurcation is non-smooth;
-- a contact state first or last occurs at a contact point (`online.curves.contact_events`).
+  the circle tells the kind. A multiplier that crosses at +1 away from a fold marks a branch point.
+  If it crosses in a jump, which the derivative of a motion with contact may do where a contact
+  state first occurs, the bifurcation is non-smooth;
+- a contact state first or last occurs at a contact point
+  (`fenicsrom.online.curves.contact_events`).
 
 Each is a change of sign of a function of the motion, bracketed on the curve itself by the secant
 method, safeguarded by bisection. The function may jump.
@@ -38,7 +39,7 @@ Test = Callable[[CurvePoint], float]
 
 
 class Path(Protocol):
-    """What special points are located with: a `online.curves.continuation.Continuation`."""
+    """A curve with special points: a `fenicsrom.online.curves.continuation.Continuation`."""
 
     def correct(self, y: Array, along: Array, *, exact: bool = False) -> CurvePoint | None:
         """The point of the curve on the hyperplane through y normal to `along`."""

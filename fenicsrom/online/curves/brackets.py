@@ -19,7 +19,7 @@ class Bracket(NamedTuple, Generic[Point]):
     Attributes:
         before: the point that comes first.
         after: the other one.
-        values: of the function at both.
+        values: values of the function at both.
     """
 
     before: Point

@@ -91,8 +91,8 @@ def motions_through_load(
         progress: called with each point of the curve over the factor on the loads.
 
     Returns:
-        The points over the factor on the loads at which it is 1, without that at the start; empty
-        if no periodic load exists, or if the motion was not found.
+        The points at which the factor on the loads is 1, without the start; empty if no periodic
+        load exists, or if the motion was not found.
     """
     family = excitation_family(problem)
     if not np.any(family(1.0).drift.sines):
@@ -137,7 +137,7 @@ def passes_through(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
 
 
 def lies_on(path: Continuation, curve: Curve, point: CurvePoint) -> bool:
-    """Whether a motion is one of those of a curve.
+    """Whether a motion belongs to a curve.
 
     The motions of the curve at the parameter of the point are computed and compared with it.
     """

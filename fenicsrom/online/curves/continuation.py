@@ -1,8 +1,8 @@
-"""Curves of periodic motions over a parameter, followed by `online.curves.arc`.
+"""Curves of periodic motions over a parameter, followed by `fenicsrom.online.curves.arc`.
 
-The unknowns are the scaled variables s of `online.periodic.shooting` and the parameter p.
-`online.curves.bifurcations` locates special points between two points, and
-`online.curves.turning_pairs` finds unstable stretches that are shorter than a step.
+The unknowns are the scaled variables s of `fenicsrom.online.periodic.shooting` and the parameter p.
+`fenicsrom.online.curves.bifurcations` locates special points between two points, and
+`fenicsrom.online.curves.turning_pairs` finds unstable stretches that are shorter than a step.
 """
 
 from __future__ import annotations
@@ -158,7 +158,7 @@ def follow(
     direction: float = 1.0,
     **options: Any,
 ) -> Curve:
-    """Follow the periodic motions of a family from one of them.
+    """Follow the periodic motions of a family from one motion.
 
     Args:
         model: the model at the start.

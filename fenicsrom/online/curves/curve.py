@@ -49,7 +49,7 @@ class CurvePoint:
         free_sliders: number of slider components that are not unique.
         states: (P,) bits of the contact states that occur: 1 open, 2 slip, 4 stick.
         residual: relative.
-        marches: number of marched periods it took, and of those with derivatives.
+        marches: number of marched periods for this point, and how many of these with derivatives.
         extremes: contact quantities whose signs tell which contact states occur.
         kind: "" of an ordinary point, else one of `BIFURCATIONS` or `CONTACT_EVENTS`.
         contact: number of the contact point of an event of `CONTACT_EVENTS`, else -1.
@@ -57,14 +57,14 @@ class CurvePoint:
         alternation: (P d,) change of the contact displacement (of the probe without contact) from
             the start of the motion to the end of the first period of the loads, m; zero if m is 1.
         harmonics: (H, P, d) complex harmonics of the displacement, m, in phase with the load: see
-            `online.curves.curve_measures.harmonics`.
+            `fenicsrom.online.curves.curve_measures.harmonics`.
         period_states: (phases, P) contact states over the period.
         damping_dissipation: energy dissipated by damping in the period, J.
         turning: (K,) multipliers of lightly damped vibrations, one of each pair: see
-            `online.curves.turning_pairs`.
+            `fenicsrom.online.curves.turning_pairs`.
         turn_rates: (K,) derivatives of their angles by the logarithm of the period.
         period: of the motion, s.
-        sense: of the tangent: 1, or -1 against `online.curves.arc`'s null vector v.
+        sense: of the tangent: 1, or -1 against `fenicsrom.online.curves.arc`'s null vector v.
     """
 
     parameter: float
@@ -128,7 +128,7 @@ def norm(vector: Array) -> float:
 
 
 def hermite(ya: Array, yb: Array, ta: Array, tb: Array, length: float, share: float) -> Array:
-    """Cubic through two points with their tangents; a share above 1 lies beyond the second one."""
+    """Cubic through two points with their tangents; a share above 1 is beyond the second point."""
     t = share
     return np.asarray(
         (1.0 + 2.0 * t) * (1.0 - t) ** 2 * ya

@@ -1,4 +1,4 @@
-"""What a point of a response curve keeps of its motion: harmonics and contact states."""
+"""Harmonics and contact states of a motion, which a point of a response curve keeps."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ def harmonics(record: Record, histories: LoadHistories, period: float) -> NDArra
 
     Args:
         record: rows of one or several periods that repeat, without their start.
-        histories: of the loads.
-        period: of the loads, s.
+        histories: time factors of the loads.
+        period: period of the loads, s.
 
     Returns:
         (`HARMONICS`, P, d) complex amplitudes c_k of the contact displacement, or (.., 1, d) of the
@@ -61,8 +61,8 @@ def states_over_period(record: Record, bits: NDArray[np.int64]) -> NDArray[np.in
 
     Args:
         record: the rows.
-        bits: (P,) which states occur, of `online.curves.contact_events.occurrences`; the slip of
-            a point that counts as sticking is stick here too.
+        bits: (P,) which states occur, of `fenicsrom.online.curves.contact_events.occurrences`; the
+            slip of a point that counts as sticking is stick here too.
     """
     instants = record.time[-1] * (np.arange(PHASES) + 0.5) / PHASES
     found = record.state[record.time.searchsorted(instants)]

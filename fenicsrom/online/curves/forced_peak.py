@@ -72,12 +72,12 @@ def forced_peaks(
         model: the model.
         contacts: parameters of the P contact points; surfaces are where their approach ends.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads as they are given, s.
+        period: period of the loads as they are given, s.
         rest: coordinates (n,) and sliders (P, d) of the equilibrium.
         frequency: of small free motions, Hz.
         factors: on the loads that are not static.
         amplitude: of a motion, m.
-        displaced: (s,) as in `online.periodic.families.frequency_family`.
+        displaced: (s,) as in `fenicsrom.online.periodic.families.frequency_family`.
 
     Raises:
         ConvergenceError: a motion or a peak was not found; the error names the factor.
@@ -133,7 +133,7 @@ def _small_motion(shooting: Shooting, rest: tuple[Array, Array]) -> Array:
 def _at_larger_force(
     shooting: Shooting, family: Family, s: Array, before: float, factor: float
 ) -> Array:
-    """Scaled variables of the motion at a factor, from those at a smaller one.
+    """Scaled variables of the motion at a factor, from the motion at a smaller factor.
 
     Raises:
         ConvergenceError: the factor was not reached.

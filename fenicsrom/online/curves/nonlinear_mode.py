@@ -6,8 +6,8 @@ of motion without its dynamic loads; static loads, preload and rotation stay:
     M q'' + (C - 2 zeta omega M) q' + f(q) + B F(B^T q) = static loads.
 
 The frequency omega and the damping ratio zeta are unknown. With the scaled variables s of
-`online.periodic.shooting`, s_0 their equilibrium and p = ln a, the unknowns are the shape sigma of
-s = s_0 + a sigma, the logarithm tau of the period and zeta:
+`fenicsrom.online.periodic.shooting`, s_0 their equilibrium and p = ln a, the unknowns are the shape
+sigma of s = s_0 + a sigma, the logarithm tau of the period and zeta:
 
     (P(s; tau, zeta) - s) / a = 0,    row_v sigma = 0,    row_q sigma = 1.
 
@@ -50,7 +50,7 @@ class LinearMode:
         omega: frequency, rad/s.
         damping_ratio: zeta.
         equilibrium: (n,) coordinates of the equilibrium.
-        sliders: (P, d) of the contact points there.
+        sliders: (P, d) sliders of the contact points there.
         shape: (n,) complex; u^T M u = 1 and real.
     """
 

@@ -115,7 +115,7 @@ def _crossings(a: CurvePoint, b: CurvePoint) -> Iterator[Crossing]:
 
 
 def _turns(expected: Any, found: NDArray[np.complex128]) -> tuple[Array, Array]:
-    """Angles from expected multipliers to those found, and how far apart they are."""
+    """Angles from the expected multipliers to the found ones, and their distances."""
     ratio = np.log(found / expected)
     return ratio.imag, np.hypot(SIZE_WEIGHT * ratio.real, ratio.imag)
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.model.loads import factors
 from fenicsrom.online.model.model import ReducedModel
 from fenicsrom.online.model.polynomial import ElasticPolynomial, pairs
+from fenicsrom.words import brief
 
 UNITS: Mapping[str, str] = {
     "mass": "kg",
@@ -45,7 +47,8 @@ UNITS: Mapping[str, str] = {
 """The unit of each array of `ModelArrays`, for coordinates in m."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class ModelArrays:
     """The arrays of equations (1) to (3): n coordinates, m contact displacements.
 
@@ -97,24 +100,39 @@ class ModelArrays:
         return {entry.name: getattr(self, entry.name) for entry in fields(self)}
 
 
-def model_arrays(model: ReducedModel, source: str = "") -> ModelArrays:
+class Holder(Protocol):
+    """Anything that holds a reduced model, such as a `StoredModel`."""
+
+    @property
+    def model(self) -> ReducedModel:
+        """The model."""
+
+
+def model_arrays(given: ReducedModel | Holder, source: str = "") -> ModelArrays:
     """Expand a reduced model to full symmetric arrays; B takes 8 n^4 bytes.
 
     Args:
-        model: the model.
+        given: the reduced model, or the stored model that holds it.
         source: name of the scene file, for messages.
 
     Raises:
         SceneError: a follower pressure acts on the model, for which equation (1) has no term.
+        TypeError: the argument is no model.
 
     Example:
         >>> import fenicsrom as fr
-        >>> arrays = fr.model_arrays(fr.load_model("out/beam.npz").model)
+        >>> arrays = fr.model_arrays(fr.load_model("out/beam.npz"))
         >>> arrays.mass.shape, arrays.loads.shape, arrays.contact_rows.shape
         ((9, 9), (9, 1), (2, 9))
         >>> float(arrays.damping[0, 0] / arrays.mass[0, 0])  # the key superelement.mass_damping
         5.0
     """
+    model = getattr(given, "model", given)
+    if not isinstance(model, ReducedModel):
+        raise TypeError(
+            f"model_arrays: {type(given).__name__}: must be a StoredModel, such as load_model or "
+            "build_model returns, or its ReducedModel"
+        )
     if model.pressure.numbers.size:
         key = f"loads[{int(model.pressure.numbers[0])}].follower"
         raise SceneError(

@@ -1,4 +1,4 @@
-"""Supports that move together: the displacement of a body is relative to them.
+"""Supports that move together. The displacement of a body is relative to its supports.
 
 With the absolute displacement u + r a(t), where r is the unit translation along a, the equation of
 motion of the relative displacement u is
@@ -62,7 +62,7 @@ def moves_supports(scene: Scene) -> bool:
 def displacement_sines(loads: Sequence[Load]) -> NDArray[np.bool_]:
     """Which sines (s,) of the load histories belong to a given displacement of the supports.
 
-    Their amplitudes, accelerations, grow with the square of the frequency.
+    The amplitudes of these sines are accelerations, which grow with the square of the frequency.
     """
     spans = histories_of(loads).spans
     given = [isinstance(load.action, SupportDisplacement) for load in loads]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.words import brief
 
 HISTORY_ARRAYS: Mapping[str, str] = {
     **{key: key for key in ("time", "displacement", "force", "gap", "state")},
@@ -26,7 +27,8 @@ JUMP = "newton_from"
 """The number in `history.npz` that tells when the periodic motion replaced the marched one, s."""
 
 
-@dataclass(frozen=True, eq=False)
+@brief()
+@dataclass(frozen=True, eq=False, repr=False)
 class History:
     """The part of a `Motion` that `history.npz` stores: ns steps, P contact points, d dimensions.
 
@@ -63,7 +65,7 @@ class History:
     newton_from: float | None = None
 
     def last_period(self) -> slice:
-        """The steps of the last period, both ends included; all steps without a period."""
+        """The steps of the last period, both ends included; without a period all steps."""
         return last_period(self.time, self.period)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.model.support_motion import support_displacement
+from fenicsrom.online.motion.history import History
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.step.state import PeriodicSearch
 from fenicsrom.scene import Scene
@@ -157,12 +158,15 @@ def peak_normal_force(motion: Motion, since: float = 0.0) -> float:
     return float(motion.force[part, :, 0].max(initial=0.0))
 
 
-def amplitudes(motion: Motion) -> dict[str, Any]:
+def amplitudes(motion: Motion | History) -> dict[str, Any]:
     """Half of peak-to-peak over the last period, at the first contact point.
 
     Args:
         motion: displacement in the contact frame; where there is no contact, at the probe in the
             global axes, and then the first axis counts as the normal direction.
+
+    Raises:
+        TypeError: the argument is no motion.
 
     Returns:
         The amplitudes in m: the number "normal", and under "tangential" a list with one number for
@@ -174,6 +178,11 @@ def amplitudes(motion: Motion) -> dict[str, Any]:
         >>> round(1e3 * fr.amplitudes(motion)["tangential"][0], 2)  # mm
         123.52
     """
+    if not isinstance(motion, Motion | History):
+        raise TypeError(
+            f"amplitudes: {type(motion).__name__}: must be a Motion, such as "
+            "StoredModel.simulate returns, or a History of read_history"
+        )
     half = np.ptp(motion.displacement[motion.last_period(), 0], axis=0) / 2
     return {"normal": float(half[0]), "tangential": [float(value) for value in half[1:]]}
 

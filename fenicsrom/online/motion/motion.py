@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.motion.history import last_period
 from fenicsrom.online.step.state import Checkpoint, PeriodicSearch
+from fenicsrom.words import brief
 
 
 class Interrupted(KeyboardInterrupt):
@@ -25,7 +26,18 @@ class Interrupted(KeyboardInterrupt):
         self.partial = partial
 
 
-@dataclass(frozen=True, eq=False)
+@brief(
+    "time",
+    "period",
+    "displacement",
+    "force",
+    "coordinates",
+    "steady",
+    "steps",
+    "newton_iterations",
+    "search",
+)
+@dataclass(frozen=True, eq=False, repr=False)
 class Motion:
     """A motion in time: ns accepted steps, the start included; P contact points in d dimensions.
 

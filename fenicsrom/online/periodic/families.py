@@ -1,4 +1,4 @@
-"""Families of periodic motions: the data of the motion by a parameter, with their derivatives."""
+"""Families of periodic motions: for a parameter, the data of the motion and their derivatives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Problem(NamedTuple):
     Attributes:
         model: the model.
         contacts: parameters of the contact points.
-        period: of the loads, s.
+        period: period of the loads, s.
         drift: derivatives of the data by the parameter.
     """
 
@@ -47,7 +47,7 @@ def frequency_family(
     Args:
         model: the model.
         contacts: parameters of the contact points.
-        period: of the loads that are given, s.
+        period: period of the loads that are given, s.
         spin: whether the surfaces turn in proportion to the frequency (an engine order).
         displaced: (s,) sines of a given displacement of the supports
             (`fenicsrom.online.model.support_motion.displacement_sines`); none by default.
@@ -81,7 +81,7 @@ def frequency_family(
 def force_family(
     model: ReducedModel, contacts: Contacts, period: float, load: int | None = None
 ) -> Family:
-    """Problems by a factor on the amplitudes of one load, or of all that are not static."""
+    """Problems by a factor on the amplitude of one load, or on those of all loads that vary."""
     spans = model.load_histories.spans
     chosen = np.zeros(model.load_histories.sines.shape[0], dtype=bool)
     for k in range(spans.shape[0]):
@@ -136,7 +136,7 @@ def contact_family(
     Args:
         model: the model.
         contacts: parameters of the contact points.
-        period: of the loads, s.
+        period: period of the loads, s.
         name: "preload", "normal_stiffness", "tangential_stiffness", "friction", "spin", or "gap".
             The gap is added to the radius (subtracted outside of a surface) of the contacts given.
         weights: (P,) what one unit of p means at each point; 0 leaves a point as it is. 1 if not

@@ -67,9 +67,9 @@ class PeriodMap:
 
         Args:
             model: gives the sizes; values may change from call to call.
-            contacts: of P points, likewise.
+            contacts: parameters of the P contact points, whose values may change from call to call.
             plan: the weights of the scheme.
-            dimension: d, of space.
+            dimension: d, dimension of space.
             fractions: (N + 1,) instants on which the steps land, from 0 to the number of periods.
         """
         self.plan, self.fractions, self.dimension = plan, np.asarray(fractions, float), dimension

@@ -1,9 +1,10 @@
 """Periodic motions by shooting: Newton's method on the period map of the time stepping.
 
-A periodic motion is a root of r(z) = P(z) - z, with P the map of `online.periodic.period_map`. The
-eigenvalues of dP/dz are its Floquet multipliers: the motion is stable if all lie inside the unit
-circle, and loses stability by a fold where a real multiplier passes +1, by period doubling where
-one passes -1, and by a torus bifurcation where a complex pair leaves the circle.
+A periodic motion is a root of r(z) = P(z) - z, with P the map of
+`fenicsrom.online.periodic.period_map`. The eigenvalues of dP/dz are its Floquet multipliers: the
+motion is stable if all lie inside the unit circle, and loses stability by a fold where a real
+multiplier passes +1, by period doubling where one passes -1, and by a torus bifurcation where a
+complex pair leaves the circle.
 
 A point that sticks all the time keeps its slider, whatever it is: a multiplier is exactly 1 and
 the motion belongs to a family. In Newton's equation such a slider rests where it is.
@@ -11,6 +12,7 @@ the motion belongs to a family. In Newton's equation such a slider rests where i
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +31,8 @@ from fenicsrom.online.step.loop import DONE
 from fenicsrom.online.step.scheme import scheme
 from fenicsrom.online.step.state import Checkpoint, Record
 from fenicsrom.words import counted
+
+log = logging.getLogger(__name__)
 
 TOLERANCE = 1e-10  # of the residual relative to the variables, in the scaled norm
 ITERATIONS = 60
@@ -50,7 +54,7 @@ class PeriodicMotion:
 
     Attributes:
         z: (N,) variables at the start of the period: see `PeriodMap`.
-        period: of the motion, m times that of the loads, s.
+        period: period of the motion, m times that of the loads, s.
         residuals: relative residual of each Newton iteration.
         multipliers: (N,) Floquet multipliers, the largest first.
         verdict: "stable", "fold", "period doubling" or "torus": how the stability was lost.
@@ -128,7 +132,7 @@ class Shooting:
             model: the model.
             contacts: parameters of the contact points.
             settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-            period: of the loads, s.
+            period: period of the loads, s.
             m: number of periods of the loads in one of the motion.
             fractions: instants on which the steps land, from 0 to m; equal steps if not given.
         """
@@ -295,11 +299,11 @@ def periodic_motion(
         model: the model.
         contacts: parameters of the P contact points; surfaces are where their approach ends.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads, s.
+        period: period of the loads, s.
         start: near the motion at the start of a period: a `Checkpoint` (`motion.end`), a tuple
             (q (n,), v (n,), sliders (P, d)) or variables z (N,).
         m: number of periods of the loads in one of the motion.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         fractions: instants on which the steps land, in periods of the loads from 0 to m; equal
             steps if not given.
 
@@ -330,11 +334,11 @@ def solve(
     Args:
         shooting: the equation.
         s: (N,) scaled variables of the start.
-        tolerance: of the residual relative to the variables.
+        tolerance: tolerance of the residual relative to the variables.
         iterations: largest number of iterations.
         found: `shooting.march(s)`, if the caller has it.
-        step_tolerance: of the Newton step relative to the variables: the iteration also ends where
-            the next step would be at most so large.
+        step_tolerance: tolerance of the Newton step, relative to the variables: the iteration also
+            ends where the next step would be at most so large.
 
     Raises:
         ConvergenceError: no periodic motion was found; `partial` holds the residuals.
@@ -348,6 +352,7 @@ def solve(
         residual, matrix, _, end = found
         size = max(float(np.linalg.norm(s)), 1e-300)
         residuals.append(float(np.linalg.norm(residual)) / size)
+        log.debug("shooting, iteration %d: relative residual %.3e", len(residuals), residuals[-1])
         jacobian = matrix - np.eye(s.size)
         free = hold_sliders(jacobian, shooting.sliders)
         if residuals[-1] <= tolerance:
@@ -375,6 +380,7 @@ def solve(
         f"residual {residuals[-1] if residuals else np.inf:.3g} after "
         f"{counted(len(residuals), 'Newton iteration')}",
         residuals,
+        decrements=residuals,
     )
 
 

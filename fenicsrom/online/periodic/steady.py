@@ -1,12 +1,12 @@
 """The end of a run: Newton's method finds the periodic motion to which a march tends.
 
 A run marches a few periods, and then tries Newton's method on the period map from the state that
-the march has reached (`online.periodic.shooting`). The motion that it finds replaces the marched
-one if three conditions hold:
+the march has reached (`fenicsrom.online.periodic.shooting`). The motion that it finds replaces the
+marched one if three conditions hold:
 
-1. its relative residual is at most `online.periodic.shooting.TOLERANCE`;
+1. its relative residual is at most `fenicsrom.online.periodic.shooting.TOLERANCE`;
 2. it is stable: no Floquet multiplier lies outside the unit circle;
-3. the marched motion tends to it (`online.periodic.tendency`).
+3. the marched motion tends to it (`fenicsrom.online.periodic.tendency`).
 
 Otherwise the march goes on, and Newton's method tries again after twice as many periods. Where the
 motion of one period is not accepted, the state may repeat after m = 2, 3, .. periods: then the
@@ -108,7 +108,7 @@ def attempt(
         model: the model.
         contacts: parameters of the contact points, whose surfaces no longer approach.
         settings: scheme, spectral radius and steps per period: a `fenicsrom.scene.Time`.
-        period: of the loads, s.
+        period: period of the loads, s.
         start: the marched `Checkpoint` at the start of a period.
         marched: periods marched so far.
         before: the record of the attempts before.
@@ -272,7 +272,7 @@ def change_of(history: Sequence[Record], period: float, multiple: int = 1) -> fl
 
     Args:
         history: the rows of each period of the loads; the first entry may hold several.
-        period: of the loads, s.
+        period: period of the loads, s.
         multiple: number of periods of the loads in one of the motion.
     """
     before, after = history[-2], history[-1]

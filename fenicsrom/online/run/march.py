@@ -94,7 +94,8 @@ def integrate(
     """Integrate a model to its steady state, or to the given time.
 
     With `settings.steady` "newton", Newton's method ends the run of a `ReducedModel` in compiled
-    code (`online.periodic.steady`). It tries at once where the run begins with a given `start`.
+    code (`fenicsrom.online.periodic.steady`). It tries at once where the run begins with a given
+    `start`.
 
     Args:
         model: a `ReducedModel` or any `Model`.
@@ -103,7 +104,7 @@ def integrate(
         settings: a `fenicsrom.scene.Time`: scheme, step or tolerance, periods, steady
             tolerance and way to the steady state, or duration.
         period: period of the loads, s; None runs for `settings.duration`.
-        dimension: d, of space.
+        dimension: d, dimension of space.
         start: displacement and velocity (n,) at t = 0, and sliders (P, d) if they are not at the
             points; by default the run starts at rest in the equilibrium under static loads and
             preload (`fenicsrom.online.step.equilibrium`).
@@ -180,7 +181,7 @@ def _change(run: MarchRun, tolerance: float, period: float, q0: Array) -> float:
     Args:
         run: the run.
         tolerance: below which the motion counts as steady.
-        period: of the loads, s.
+        period: period of the loads, s.
         q0: (n,) coordinates a period ago.
     """
     before = run.history[-2] if run.reference is None else run.reference

@@ -50,7 +50,7 @@ def initial_state(
         model: the model.
         contacts: parameters of the contact points.
         scheme: the weights of the scheme.
-        dimension: d, of space.
+        dimension: d, dimension of space.
         q: (n,) displacement.
         v: (n,) velocity.
         sliders: (P, d) positions of the sliders; those of the points if None.

@@ -93,7 +93,8 @@ def _require_fit(model: Any, scene: Scene) -> None:
     """Check that a model has the loads, the damping and the number of contacts of a scene.
 
     Raises:
-        SceneError: it has others; the error names the first key that differs.
+        SceneError: the model has other loads, damping or contacts; the error names the first key
+            that differs.
     """
     pairs = zip(model.load_histories, load_histories(scene), strict=True)
     agreements = {

@@ -40,13 +40,13 @@ INVERSE_ITERATIONS = 8
 
 
 def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, int]:
-    """Equilibrium of a model, nearest to q = 0 if that is stable.
+    """The equilibrium of a model nearest to q = 0 or, if it is unstable, another one.
 
     Args:
         model: a `online.model.operations.Model` whose q = 0 is its equilibrium under the static
             loads.
         contacts: parameters of the P contact points.
-        dimension: d, of space.
+        dimension: d, dimension of space.
 
     Returns:
         q (n,), and the number of directions in which the equilibrium nearest to q = 0 is unstable:
@@ -67,7 +67,7 @@ def equilibrium(model: Any, contacts: Contacts, dimension: int) -> tuple[Array, 
             f"equilibrium under the preload: Newton's method converged up to "
             f"{100.0 * reached:.4g} % of the preload, and then failed even with a load step of at "
             f"most {100.0 * SMALLEST_PART:g} %",
-            None,
+            decrements=problem.decrements,
         )
     unstable = problem.unstable(q)
     return (problem.downhill(q), unstable) if unstable else (q, 0)
@@ -79,6 +79,7 @@ class _Statics:
     def __init__(self, model: Any, contacts: Contacts, dimension: int):
         count = contacts.preload.size
         self.model, self.d = model, dimension
+        self.decrements: list[float] = []  # of the last attempt of Newton's method, J
         self.contacts = contacts._replace(friction=np.zeros(count))
         self.scratch = contact_scratch(count, dimension)
         self.start, self.end = (zero_contact_state(count, dimension) for _ in range(2))
@@ -90,7 +91,7 @@ class _Statics:
         self.undeformed = model.contact_displacement(zero).reshape(-1, dimension).copy()
 
     def touches(self, q: Array) -> bool:
-        """Whether a contact presses at q (n,), where the load steps of its pressure start."""
+        """Whether a contact presses at q (n,), the start of the load steps of its pressure."""
         self._close(q, self.contacts)
         self.pressed = np.maximum(self.start.trial_normal_force, 0.0)
         return bool(np.any(self.pressed > 0.0))
@@ -159,7 +160,7 @@ class _Statics:
             is_rounding = decrement <= floor and decrement > 0.1 * last
             return bool(coming <= TOLERANCE**2 * scale or is_rounding)
 
-        dq = newton(zero, correct, converged, ITERATIONS, growth=DIVERGENCE)
+        dq = newton(zero, correct, converged, ITERATIONS, DIVERGENCE, decrements=self.decrements)
         return None if dq is None else np.asarray(q0 + dq)
 
     def unstable(self, q: Array) -> int:
@@ -243,6 +244,7 @@ class _Statics:
             "the equilibrium under the preload is unstable, and no stable one was found below it",
             here,
             kind=ErrorKind.INSTABILITY,
+            decrements=self.decrements,
         )
 
     def _seed(self, q: Array) -> tuple[Array, Array]:

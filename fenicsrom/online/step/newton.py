@@ -7,12 +7,15 @@ computed and in when it is small enough, so each passes both as functions.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.progress import tell
+
+log = logging.getLogger(__name__)
 
 STATIC_TOLERANCE = 1e-9
 """Newton's decrement relative to the work of the load is at most the square of this."""
@@ -28,6 +31,7 @@ def newton(
     iterations: int,
     growth: float = np.inf,
     last_resort: float = 0.0,
+    decrements: list[float] | None = None,
 ) -> Array | None:
     """Iterate from a start to an equilibrium.
 
@@ -39,17 +43,23 @@ def newton(
         iterations: largest number of iterations.
         growth: the iteration stops if the decrement exceeds its first value by this factor.
         last_resort: decrement (J) that is accepted after the last iteration.
+        decrements: receives the decrement of each iteration, J, in place of what it held.
 
     Returns:
         The equilibrium (n,), or None.
     """
     u = start.copy()
     first, last = 0.0, 0.0
-    for _ in range(iterations):
+    noted = [] if decrements is None else decrements
+    noted.clear()
+    for k in range(iterations):
         correction = correct(u)
         if correction is None:
+            log.debug("Newton's method, iteration %d: no correction", k + 1)
             return None
         change, decrement = correction
+        noted.append(decrement)
+        log.debug("Newton's method, iteration %d: decrement %.3e J", k + 1, decrement)
         first = first or decrement
         if not np.isfinite(decrement) or decrement > growth * first:
             return None

@@ -27,8 +27,8 @@ points in d dimensions and v normal modes, the file holds these arrays of float6
     pressure_quadratic   (k, c, n, n) 1          H (`online.model.pressure`), c = n, 0 in 2D
     ==================== ============ ========== ================================================
 
-A model without follower pressures has no arrays of them. That of a body that static loads or its
-speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
+A model without follower pressures has no arrays of pressures. The model of a body that static loads
+or its speed deform has the array `deformation` (3 + d,): `fenicsrom.online.stress.deformation`.
 
 A model of a scene that asks for stresses has more arrays: `fenicsrom.online.stress.recovery`.
 
@@ -45,7 +45,6 @@ the mesh (`dofs`), scene with its source, units and provenance.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -64,7 +63,10 @@ from fenicsrom.online.run.simulate import load_histories, simulate
 from fenicsrom.online.store.scene_changes import changed_key, changed_path
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.recovery import Recovery, read_recovery, recovery_arrays
-from fenicsrom.scene import Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.online.stress.stress import StressTable
+from fenicsrom.online.stress.stress_peaks import reduced_modes
+from fenicsrom.scene import Overrides, Scene, override_table, parse_scene, scene_table, titled
+from fenicsrom.words import brief
 
 FORMAT = "fenicsrom reduced model 5"
 CANDIDATES = "candidates_"  # start of the names of the arrays of the larger model
@@ -82,7 +84,8 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@brief("scene", "method", "size", "labels", "frequencies_hz", "dofs", "model", "recovery", "file")
+@dataclass(frozen=True, eq=False, repr=False)
 class StoredModel:
     """A reduced model with its scene, as a file holds it.
 
@@ -152,11 +155,12 @@ class StoredModel:
             candidates=None if candidates is None else candidates._replace(**changes),
         )
 
-    def with_overrides(self, overrides: str | Sequence[str]) -> StoredModel:
+    def with_overrides(self, overrides: Overrides) -> StoredModel:
         """The same model under its scene with other values.
 
         Args:
-            overrides: as `--set` takes them, such as "loads.0.force=200"; one or several.
+            overrides: as `--set` takes them, such as "loads.0.force=200", one or several; or a
+                dict, such as {"loads.0.force": 200.0}.
 
         Raises:
             SceneError: an override is wrong, or changes a key of the offline stage.
@@ -172,6 +176,61 @@ class StoredModel:
         """
         source = self.file or self.scene.source
         return self._with_scene(changed_scene(self.scene, overrides, source), source)
+
+    @property
+    def nodes(self) -> Array:
+        """(N, d) vertices of the cells of the undeformed body, m.
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        return self._stress_table().vertex_position
+
+    def displacement(self, coordinates: Array) -> Array:
+        """The displacement of the `nodes`, that of the equilibrium included.
+
+        Args:
+            coordinates: (n,) or (k, n) coordinates q, such as `Motion.coordinates`, m.
+
+        Returns:
+            (N, d) or (k, N, d), m, in global axes.
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        known = self._stress_table().vertex_displacement
+        return np.asarray(known[0] + np.tensordot(coordinates, known[1:], 1))
+
+    def mode_shapes(self) -> tuple[Array, Array]:
+        """The normal modes of the model about its equilibrium, without contact and damping.
+
+        Returns:
+            (v,) frequencies, Hz, as many as `frequencies_hz`; and (v, N, d) displacements of the
+            `nodes` in the modes, which have the modal mass 1 kg, 1/sqrt(kg).
+
+        Raises:
+            SceneError: the scene did not ask for `output.stresses`.
+        """
+        vectors = self._stress_table().vertex_displacement[1:]
+        frequencies, modes = reduced_modes(self.model, len(self.frequencies_hz))
+        return frequencies, np.asarray(np.tensordot(modes.T, vectors, 1))
+
+    def _stress_table(self) -> StressTable:
+        """The table with the displacements of the nodes.
+
+        Raises:
+            SceneError: there is none.
+        """
+        if self.recovery is None:
+            source = self.file or self.scene.source
+            raise SceneError(
+                f"{source}: the model knows the displacements of its contact points and of its "
+                'probe only; for those of all nodes, build it with output.stresses="cauchy"',
+                kind=ErrorKind.MISSING,
+                key="output.stresses",
+                source=source,
+            )
+        return self.recovery.stress
 
     def simulate(self, scene: Scene | None = None, **options: Any) -> Motion:
         """Integrate the model under a scene: its loads, damping, contacts and time integration.
@@ -197,7 +256,7 @@ class StoredModel:
         return simulate(run.model, run.scene, **options)
 
 
-def changed_scene(scene: Scene, overrides: str | Sequence[str], source: str = "") -> Scene:
+def changed_scene(scene: Scene, overrides: Overrides, source: str = "") -> Scene:
     """A scene with other values, which its title names; its paths stay as they are.
 
     Args:

@@ -95,7 +95,7 @@ def save_checkpoint(
 
 
 def _search_table(search: PeriodicSearch | None) -> dict[str, Any] | None:
-    """What Newton's method found, as plain data."""
+    """The result of Newton's method as plain data."""
     if search is None:
         return None
     pairs = [[value.real, value.imag] for value in search.multipliers]
@@ -202,7 +202,7 @@ def load_start(path: Path, model: ReducedModel, scene: Scene) -> Checkpoint | Mo
 
     Returns:
         The finished motion, if the file holds one and the scene does not change the end of the run;
-        else the checkpoint to continue from.
+        otherwise the checkpoint from which the run continues.
 
     Raises:
         SceneError: as `load_checkpoint`.

@@ -1,4 +1,4 @@
-"""A finished motion in a checkpoint: a run that was stopped in its checks repeats only these."""
+"""A finished motion in a checkpoint, of which a continued run repeats only the checks."""
 
 from __future__ import annotations
 

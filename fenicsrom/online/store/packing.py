@@ -23,7 +23,7 @@ def pack(value: Any) -> tuple[Any, dict[str, Any]]:
             nested at will.
 
     Returns:
-        The tree, and the arrays: an array in the tree is a place in one of them.
+        The tree and the arrays; an array in the tree is a place in one of these arrays.
 
     Raises:
         TypeError: a value of another type.

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 def provenance(
     modules: Sequence[str] = ("numpy", "numba", "fenics-dolfinx", "petsc4py", "slepc4py"),
 ) -> dict[str, str]:
-    """Versions of this program and of the libraries it uses, as far as they are installed."""
+    """Versions of this program and of the installed libraries that it uses."""
     found = {}
     for name in ("fenicsrom", *modules):
         try:

@@ -54,7 +54,7 @@ class Deformation:
         """The extremes of an array of `as_array` in d dimensions.
 
         Raises:
-            ValueError: it is no such array.
+            ValueError: the array is not of this kind.
         """
         wrong = array.shape != (3 + dimension,) or array.dtype != np.float64
         if wrong or not np.all(np.isfinite(array)):

@@ -71,7 +71,7 @@ def recovery_arrays(recovery: Recovery | None) -> dict[str, Any]:
 
 
 def read_recovery(data: Mapping[str, Any], scene: Scene, n: int) -> Recovery | None:
-    """The tables from the arrays of an archive; None if it has no stresses.
+    """Read the tables from the arrays of an archive; None if it has no stresses.
 
     Args:
         data: the arrays of the archive by name.

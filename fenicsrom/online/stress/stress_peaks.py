@@ -58,11 +58,11 @@ class Stresses:
 
     Attributes:
         measure: the stress, one of `fenicsrom.online.stress.stress.MEASURES`.
-        peaks: of the equilibrium, of the motion and at marked instants.
-        modes: of the modes about the equilibrium.
-        reactions: of the supports in the equilibrium.
-        motion_reactions: the same during the last period; None without a motion.
-        deformations: of the states of the peaks.
+        peaks: largest stresses of the equilibrium, of the motion and at marked instants.
+        modes: largest stresses of the modes about the equilibrium.
+        reactions: reactions of the supports in the equilibrium.
+        motion_reactions: the reactions during the last period; None without a motion.
+        deformations: deformations in the states of the peaks.
     """
 
     measure: str
@@ -86,7 +86,7 @@ def find_stresses(
     Args:
         recovery: the tables of the model.
         scene: the scene; its [output] gives the stress.
-        model: the model; its modes are found if it is a `ReducedModel`.
+        model: the model; the stresses of its modes are found if it is a `ReducedModel`.
         motion: its motion, or None. The stresses of a motion need its coordinates.
         modes: number of modes.
     """

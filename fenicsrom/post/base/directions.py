@@ -31,7 +31,8 @@ def plain_names(dimension: int, touching: bool) -> list[str]:
 def direction_names(scene: Scene, points: ContactPoints) -> list[str]:
     """Name the directions of a motion: the axes of the probe, or those of the contact frames.
 
-    A direction that is along the same axis at all points is called by it, such as "tangential y".
+    A direction that is along the same axis at all points has the name of this axis, such as
+    "tangential y".
 
     Args:
         scene: the scene.
@@ -69,7 +70,7 @@ def direction_note(scene: Scene, points: ContactPoints) -> str | None:
 
 
 def millimetres(values: Sequence[float] | Array, digits: int = 5) -> list[str]:
-    """Displacements given in m as texts in mm; 0 for one that is rounding beside the largest."""
+    """Displacements in m as texts in mm; "0" for a displacement that is only rounding error."""
     largest = float(np.max(np.abs(values), initial=0.0))
     return [f"{1e3 * v:.{digits}g}" if abs(v) > NEGLIGIBLE * largest else "0" for v in values]
 

@@ -6,7 +6,7 @@ import importlib.util
 
 
 def missing_module(*names: str) -> str | None:
-    """Say which of these Python modules is not installed; None if all are installed."""
+    """Say which of some Python modules is not installed; None if all are installed."""
     for name in names:
         try:
             found = importlib.util.find_spec(name)

@@ -1,8 +1,8 @@
-"""What was run: `scene.toml` and `provenance.json` of an output folder.
+"""What was run: `scene.toml` and `provenance.json` of an output folder, and the names of results.
 
 Both files are written before the computation. `scene.toml` holds the scene with all defaults and
 overrides, and `fenicsrom run scene.toml` repeats the run. The mesh file, or a stored model that is
-not large, is copied beside it.
+not large, is copied beside it. `provenance.json` names the results of the run.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from fnmatch import fnmatchcase
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
+from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
@@ -32,7 +35,29 @@ RECORD = "provenance.json"
 LARGEST_COPY = 100 * 2**20  # bytes of the largest mesh file that is copied
 LARGEST_MODEL = 20 * 2**20  # bytes of the largest stored model that is copied: each run has its own
 MODEL = "reduced_model.npz"
+SHAPES = ("normal_modes", "static_modes", "derivatives", "equilibrium")
+TABLES = ("response", "backbone", "equilibria", "campbell", "sweep", "comparison", "stability")
 COMMIT = "FENICSROM_COMMIT"  # variable that names the commit where the checkout has no history
+RESULTS = (
+    # numbers
+    *("report.html", "summary.json", "history.npz", "checkpoint.npz", MODEL, f"*stored_{MODEL}"),
+    *("stresses.csv", "modal_stresses.csv", "reactions.csv"),
+    # pictures of a run
+    *("setup.png", "motion.png", "motion.gif", "spectra.png", "section.png", "rub_map.png"),
+    *("energy.png", "energy_per_period.png", "contact.png", "contact_[1-4].png", "stress.png"),
+    *("modes.png", "shapes.png", "equilibrium.png", "mac.png", "coordinates.png"),
+    # ParaView; the shapes are folders if several ranks wrote them
+    *("results.pvd", "results", "groups.vtu", "surface_[1-9]*", "contact_points", "motion"),
+    *(f"{name}{suffix}" for name in SHAPES for suffix in ("", ".vtu")),
+    # curves and studies
+    *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
+    *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
+    *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "indicator.png"),
+    *("runs", "models"),
+)
+"""Patterns of all names that the program gives to results, beside the copy of the mesh file."""
+
+TEMPORARY = re.compile(r"\.(.+)\.[0-9a-f]{12}(\.\w+)?")  # of a killed run (`files.atomic_write`)
 INCLUDED = re.compile(r"^\s*(?:Include|Merge|ShapeFromFile)\b[^\"]*\"([^\"]+)\"", re.MULTILINE)
 
 
@@ -63,12 +88,28 @@ def python_origin() -> Origin:
     return Origin(words, ("fenicsrom", "run", SCENE_FILE))
 
 
-def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict[str, Any]:
+def is_result(name: str) -> bool:
+    """Whether the program gives this name to a file or folder of results."""
+    name = TEMPORARY.sub(r"\1\2", name)
+    return any(fnmatchcase(name, pattern) for pattern in RESULTS)
+
+
+def write_origin(
+    folder: Path, scene: Scene, origin: Origin, ranks: int, own: Sequence[str]
+) -> dict[str, Any]:
     """Write `scene.toml`, `provenance.json` and the copy of the mesh; give the record.
+
+    Args:
+        folder: the folder.
+        scene: the scene.
+        origin: how the computation was started.
+        ranks: number of MPI ranks.
+        own: names in the folder that belong to the run already.
 
     Raises:
         OSError: a file cannot be written.
     """
+    before = {path.name for path in folder.iterdir()} - set(own)
     mesh = None if origin.model is not None else _keep_mesh(scene.geometry.mesh, folder)
     model = _keep_model(origin.model, folder)
     inputs = _input_words(origin, model, folder)
@@ -88,13 +129,13 @@ def write_origin(folder: Path, scene: Scene, origin: Origin, ranks: int) -> dict
         "resumed_from": _named(origin.resume),
         "repeat": shlex.join([*origin.repeat, *inputs]),
         "task": list(origin.task),
-        "results": None,
+        "results": [name for name in _copies(mesh, model) if name not in before],
     }
     table = scene_table(scene)
     if mesh is not None and mesh["copy"]:
         table["geometry"]["mesh"] = mesh["copy"]
-    write_text(folder / SCENE_FILE, _comments(record) + toml_text(table))
     write_record(folder, record)
+    write_text(folder / SCENE_FILE, _comments(record) + toml_text(table))
     return record
 
 
@@ -108,12 +149,48 @@ def write_record(folder: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """Read `provenance.json`; None if the folder has none that can be read."""
-    try:
-        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    """Read `provenance.json`; None if the folder has none.
+
+    The content is not trusted: each result and copy must be the name of a file or folder beside
+    `provenance.json`, and no link.
+
+    Raises:
+        SceneError: the file is damaged, or a name in it leaves the folder.
+    """
+    path = folder / RECORD
+    if not path.exists():
         return None
-    return found if isinstance(found, dict) and "command" in found else None
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        sound = isinstance(record, dict) and all(
+            isinstance(record.get(key), kind) for key, kind in _KINDS.items()
+        )
+        inputs = [record[key] for _, key in _INPUTS if record[key] is not None] if sound else []
+        sound = sound and all(isinstance(one.get(key), str) for one in inputs for key in _NAMED)
+    except (OSError, ValueError, RecursionError):
+        sound = False
+    if not sound:
+        raise _damaged(path, "is damaged")
+    for name in [*(record["results"] or ()), *_copies(*inputs)]:
+        plain = isinstance(name, str) and name not in ("", "..") and name == Path(name).name
+        if not plain or (folder / name).is_symlink():
+            raise _damaged(path, f"names {name!r}, which leaves the folder")
+    found: dict[str, Any] = record
+    return found
+
+
+def _damaged(path: Path, reason: str) -> SceneError:
+    """The error of a record that cannot be used."""
+    return SceneError(
+        f"{path}: {reason}; remove this file, or choose another folder",
+        kind=ErrorKind.FORMAT,
+        source=str(path),
+    )
+
+
+def _copies(*inputs: Mapping[str, Any] | None) -> list[Any]:
+    """The names of the copies of input files."""
+    return [found["copy"] for found in inputs if found and found.get("copy") is not None]
 
 
 def end_record(record: dict[str, Any], state: str, results: Sequence[str]) -> dict[str, Any]:
@@ -122,7 +199,11 @@ def end_record(record: dict[str, Any], state: str, results: Sequence[str]) -> di
 
 
 def origin_table(folder: Path) -> list[list[Any]]:
-    """The table of the report that says what was run; empty without a record."""
+    """The table of the report that says what was run; empty without a record.
+
+    Raises:
+        SceneError: the record is damaged.
+    """
     record = read_record(folder)
     if record is None:
         return []
@@ -142,6 +223,13 @@ def origin_table(folder: Path) -> list[list[Any]]:
 
 
 _INPUTS = (("mesh", "mesh"), ("stored model", "model"), ("resumed from", "resumed_from"))
+_NAMED = ("file", "sha256")  # keys of an input
+_KINDS: dict[str, Any] = {
+    **dict.fromkeys(("state", "command", "working_folder", "began", "scene", "repeat"), str),
+    **dict.fromkeys(("mesh", "model", "resumed_from"), dict | None),
+    **{"ranks": int, "versions": dict, "commit": str | None, "overrides": list, "task": list},
+    "results": list | None,  # None in records of earlier versions, while a run was under way
+}
 
 
 def commit() -> str | None:
@@ -192,7 +280,8 @@ def _keep_mesh(mesh: Path, folder: Path) -> dict[str, Any] | None:
         if others:
             found["missing"] = f"the mesh file reads other files: {', '.join(others)}; not copied"
             return found
-    return found | {"copy": _copied(mesh, folder, mesh.name, f"mesh_{mesh.name}")}
+    name = f"mesh_{mesh.name}" if is_result(mesh.name) else mesh.name
+    return found | {"copy": _copied(mesh, folder, name, f"mesh_{mesh.name}")}
 
 
 def _keep_model(model: Path | None, folder: Path) -> dict[str, Any] | None:
@@ -207,12 +296,13 @@ def _keep_model(model: Path | None, folder: Path) -> dict[str, Any] | None:
 
 
 def _copied(file: Path, folder: Path, name: str, other: str) -> str:
-    """Copy a file into the folder; the other name is used where another file has the first one."""
-    copy = folder / name
-    if copy.exists() and checksum(copy) == checksum(file):
-        return name
-    if copy.exists():
-        copy = folder / other
+    """Copy a file into the folder, unless it is there; no file with other content is replaced."""
+    for free in chain([name, other], (f"{number}_{other}" for number in count(2))):
+        copy = folder / free
+        if copy.exists() and checksum(copy) == checksum(file):
+            return free
+        if not copy.exists() and not copy.is_symlink():
+            break
     with atomic_write(copy) as temporary:
         shutil.copyfile(file, temporary)
     return copy.name
@@ -257,7 +347,7 @@ def _program(record: Mapping[str, Any], versions: str) -> str:
 
 
 def _file_words(named: Mapping[str, Any]) -> str:
-    """Name an input file with its checksum, and say whether it is in the folder."""
+    """Name an input file with its checksum, and say whether the folder has a copy of the file."""
     words = f"{named['file']}, SHA-256 {named['sha256']}"
     if named.get("copy"):
         return f"{words}; copied to {named['copy']}"

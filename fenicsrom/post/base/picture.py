@@ -1,4 +1,4 @@
-"""Pictures: what is drawn, and the drawing of it to files."""
+"""Pictures, and how they are drawn to files."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def not_drawn(names: Sequence[str]) -> str | None:
 def draw_pictures(
     pictures: Sequence[Picture], folder: Path, notes: list[str]
 ) -> list[tuple[str, Path]]:
-    """Draw and write pictures; one that cannot be drawn becomes a warning.
+    """Draw and write pictures; a picture that cannot be drawn gives a warning.
 
     Args:
         pictures: the pictures.

@@ -118,5 +118,5 @@ def magnification(largest: float, length: float) -> float:
 
 
 def scale_text(factor: float) -> str:
-    """Say in words how displacements are drawn that are multiplied by this factor."""
+    """Say in words by which factor the drawn displacements are multiplied."""
     return "drawn to scale" if factor == 1.0 else f"drawn × {factor:g}"

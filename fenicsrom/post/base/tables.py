@@ -65,7 +65,7 @@ def text_table(rows: Sequence[Sequence[Any]], keys: int = 1) -> str:
 
 
 def _balanced_groups(widths: Sequence[int], keys: int) -> list[list[int]]:
-    """The columns of the fewest tables that fit; the widest of them is as narrow as possible."""
+    """The columns of each table: as few tables as fit, the widest one as narrow as possible."""
     fewest = len(_groups(widths, keys, TERMINAL_WIDTH))
     limits = range(1, TERMINAL_WIDTH + 1)
     return next(g for g in (_groups(widths, keys, most) for most in limits) if len(g) == fewest)
@@ -75,7 +75,7 @@ def _groups(widths: Sequence[int], keys: int, most: int) -> list[list[int]]:
     """The columns of tables that are filled one after the other, up to a width if that can be.
 
     Args:
-        widths: of the columns.
+        widths: widths of the columns.
         keys: number of the first columns, which every table has.
         most: largest width of a table of more than one other column.
     """

@@ -119,7 +119,7 @@ def areas(points: Array, triangles: Ints) -> Array:
 
 
 def normals(points: Array, triangles: Ints) -> Array:
-    """(k, 3) unit normals of triangles; zero for one without area."""
+    """(k, 3) unit normals of triangles; zero for a triangle without area."""
     across = areas(points, triangles)
     size = np.linalg.norm(across, axis=1, keepdims=True)
     return np.asarray(across / np.where(size > 0.0, size, 1.0))

@@ -21,10 +21,10 @@ def centreline(
 
     The axis is the coordinate direction in which the body is longest. At each station, a polynomial
     that is quadratic along the axis and linear across it is fitted to the nodes nearby. The weight
-    of a node falls linearly with its distance from the station. It reaches zero at two spacings of
-    the stations; this reach is doubled until enough nodes are near. The polynomial is evaluated at
-    the middle of the section, so that the rotation of a section does not appear as an axial
-    displacement. All ranks return the same result.
+    of a node falls linearly with its distance from the station. The weight reaches zero at two
+    spacings of the stations. This distance is doubled until enough nodes are near. The polynomial
+    is evaluated at the middle of the section, so that the rotation of a section does not appear as
+    an axial displacement. All ranks return the same result.
 
     Args:
         space: vector Lagrange space.

@@ -96,7 +96,7 @@ def write_film(path: Path, film: Film) -> Path:
 def film_frames(film: Film) -> Iterator[Pixels]:
     """Draw the frames (height, width, 3) of a motion.
 
-    What does not move is drawn once, and each frame is drawn on a copy of it.
+    The parts at rest are drawn once, and each frame is drawn on a copy of this drawing.
     """
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg

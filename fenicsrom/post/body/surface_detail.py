@@ -47,7 +47,7 @@ def simplified(surface: Surface, most: int = MOST) -> tuple[Surface, Ints]:
         most: about the largest number of triangles.
 
     Returns:
-        The surface, and (n,) the numbers of its points in the given one.
+        The simplified surface, and the numbers (n,) of its points in the given surface.
     """
     kept, triangles = np.unique(surface.triangles, return_inverse=True)
     triangles = triangles.reshape(-1, 3)

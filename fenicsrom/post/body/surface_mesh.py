@@ -25,7 +25,8 @@ def write_surfaces(
 ) -> list[Path]:
     """Write the rigid surface of each contact as its own mesh, one file per instant.
 
-    A surface that does not move has one file. It is so large that the points do not leave it.
+    A surface that does not move has one file. Each surface is so large that the contact points do
+    not leave it.
 
     Args:
         folder: the folder to write to.

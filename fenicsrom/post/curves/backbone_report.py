@@ -27,7 +27,7 @@ def rows(found: Backbone) -> list[dict[str, Any]]:
 
 
 def _row(found: Backbone, point: ModePoint) -> dict[str, Any]:
-    """One point as a row; numbers of the contacts are the largest of all contact points."""
+    """One point as a row. Of several contact points, each number is the largest."""
     motion = point.motion
     bits = int(np.bitwise_or.reduce(motion.states, initial=0))
     states = [name for bit, name in enumerate(STATE_NAMES.values()) if bits >> bit & 1]
@@ -134,7 +134,7 @@ def _words(found: Backbone, point: ModePoint) -> str:
 
 
 def peak_table(found: Backbone) -> list[list[Any]]:
-    """The peaks of the forced response, the head first; empty without any."""
+    """The peaks of the forced response, after a row of heads; empty without peaks."""
     head = ["load factor", "frequency, Hz", "largest amplitude of the probe, mm", "stability"]
     listed = [
         [

@@ -30,7 +30,7 @@ NO_MOTION = 2  # the entry of a map where the curve has a gap
 
 
 def shown_points(found: Response) -> NDArray[np.int64]:
-    """The contact points to draw: those with the most changes of state, in their order."""
+    """The contact points to draw, in their order; these have the most changes of state."""
     changes = np.zeros(found.contacts)
     for curve in found.curves:
         for point in curve.points:
@@ -50,7 +50,7 @@ def folds_back(curve: ResponseCurve) -> bool:
 
 
 def path_lengths(points: Sequence[CurvePoint]) -> Array:
-    """Lengths along a piece, in parts of the ranges of amplitude and parameter on it."""
+    """Lengths along a piece, relative to the ranges of amplitude and parameter on this piece."""
     plane = np.array([[point.parameter, float(point.amplitude.max())] for point in points])
     plane /= np.maximum(np.ptp(plane, axis=0), 1e-300)
     return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(plane, axis=0), axis=1)))

@@ -59,9 +59,10 @@ def _once(axes: Axes, label: str) -> str:
 
 
 def _parts(points: list[Equilibrium]) -> list[tuple[bool, list[Equilibrium]]]:
-    """Connected parts of the path of one stability.
+    """Connected parts of the path, each with one stability.
 
-    A special point belongs to both parts beside it; the ordinary points tell their stability.
+    A special point belongs to both parts beside it. The ordinary points of a part give its
+    stability.
     """
     found: list[tuple[bool, list[Equilibrium]]] = []
     for a, b in pairwise(points):

@@ -73,7 +73,7 @@ def largest_stable(found: EquilibriumPath) -> Equilibrium:
 
 
 def special_table(found: EquilibriumPath) -> list[list[Any]]:
-    """The limit points and bifurcations, the head first; empty without any."""
+    """The limit points and bifurcations, after a row of heads; empty if the path has none."""
     axis = found.direction
     head = ["", "load factor", f"probe along {'xyz'[axis]}, mm", "largest displacement, mm"]
     listed = [

@@ -187,7 +187,7 @@ def draw_curves(
         found: all curves.
         curves: the curves to draw.
         values: gives the quantities (q, k) or (k,) at the k points of a piece in their order.
-        colours: of the quantities; that of each curve if not given.
+        colours: colours of the quantities; that of each curve if not given.
     """
     for curve in curves:
         shades = colours or (colour_of(found, curve),)

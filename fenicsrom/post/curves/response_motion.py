@@ -29,7 +29,7 @@ class MarkedMotion(NamedTuple):
     """The periodic motion at a marked point.
 
     Attributes:
-        parameter: of the curve.
+        parameter: parameter of the curve.
         motion: one period.
         contacts: parameters of the contact points.
     """

@@ -34,7 +34,7 @@ def rows(found: Response) -> list[dict[str, Any]]:
 
 
 def _row(found: Response, point: CurvePoint, component: tuple[int, int]) -> dict[str, Any]:
-    """One point as a row: amplitudes and force are the largest of all contact points.
+    """One point as a row. Of several contact points, amplitudes and force are the largest.
 
     Harmonics and phase are those of the contact point and direction of `component`; the harmonics
     are multiples of the lowest frequency of the loads.
@@ -133,7 +133,7 @@ def _curve_summary(found: Response, curve: ResponseCurve) -> dict[str, Any]:
 
 
 def _full_row(found: Response, point: FullPoint) -> dict[str, Any]:
-    """A motion of the full model beside that of the reduced model."""
+    """One row that compares a motion of the full model with that of the reduced model."""
     amplitudes = {
         f"{model}_amplitude_{name.replace(' ', '_')}_m": float(a)
         for model, values in (("full", point.amplitude), ("reduced", point.reduced_amplitude))

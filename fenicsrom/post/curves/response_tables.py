@@ -117,7 +117,7 @@ def _verdict(point: CurvePoint) -> str:
 
 
 def event_table(found: Response) -> list[list[Any]]:
-    """The bifurcations and contact events of all curves, the head first; empty without any."""
+    """The bifurcations and contact events of all curves, after a row of heads, or no rows."""
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [key_label(found, families.key)]
     head = [*first, "event", parameter_label(found)]
@@ -136,7 +136,7 @@ def event_table(found: Response) -> list[list[Any]]:
 
 
 def full_table(found: Response) -> list[list[Any]]:
-    """The full model beside the reduced one, the head first; empty if it was not asked for."""
+    """A row for each motion of the full model, after a row of heads; empty without `full`."""
     direction, families = largest_direction(found), found.table.families
     first = [] if families is None else [key_label(found, families.key)]
     head = [*first, parameter_label(found)]

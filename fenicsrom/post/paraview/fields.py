@@ -68,7 +68,7 @@ def contact_vectors(
         scene: the scene.
         points: the contact points.
         motion: the motion.
-        contacts: parameters of the contact points in the motion; those of the scene if not given.
+        contacts: parameters of the contact points in the motion; by default those of the scene.
 
     Returns:
         Positions, m, normal forces (from the obstacle into the body), N, and friction forces, N,

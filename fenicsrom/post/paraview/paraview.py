@@ -1,4 +1,4 @@
-"""What ParaView needs besides the fields: names with units, groups, surfaces, and one file for all.
+"""Names with units, groups, surfaces, and one file for ParaView that joins all files.
 
 The names of arrays end in their unit. Texts on the normalisation and on the material are field
 data, which ParaView shows in the Information panel.
@@ -97,7 +97,7 @@ def notes(study: Study, kind: str) -> dict[str, str]:
 
 
 def cell_groups(solid: Solid) -> dict[str, NDArray[np.int8]]:
-    """1 in the cells of each group of cells of this rank, and 0 in the others."""
+    """For each group of cells, 1 in its cells on this rank and 0 in all other cells."""
     mesh, cells = solid.mesh, solid.owned_cells()
     return {
         f"group_{name}": np.isin(cells, mesh.cells(name)).astype(np.int8)
@@ -108,7 +108,8 @@ def cell_groups(solid: Solid) -> dict[str, NDArray[np.int8]]:
 def stress_fields(study: Study) -> Callable[[Array, str, str], Attached]:
     """Make a function that gives stresses (P, 6) at the Gauss points as arrays of this rank.
 
-    Its other arguments are a prefix and a suffix of the names, such as the unit. Collective.
+    The other arguments of this function are a prefix and a suffix of the names, such as the unit.
+    Collective.
     """
     from fenicsrom.fem.body.stress_points import local_part
 
@@ -182,7 +183,7 @@ def write_index(folder: Path, files: Sequence[Path]) -> list[Path]:
 
     Args:
         folder: the folder of the run.
-        files: its files; those that ParaView does not read are left out.
+        files: files of the run; files that ParaView does not read are left out.
 
     Raises:
         OSError: a file cannot be written.

@@ -220,7 +220,7 @@ def _quoted(text: str) -> str:
 
 
 def _type(values: Values, name: str) -> str:
-    """The attributes of an array: its type, name and number of components."""
+    """Type, name and number of components of an array."""
     components = f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
     return f'type="{TYPES[values.dtype.str[1:]]}" Name={_quoted(name)}{components}'
 

@@ -36,7 +36,7 @@ def plot_motion(motions: Mapping[str, Motion], point: int = 0, names: Sequence[s
     Args:
         motions: model name -> motion.
         point: number of the contact point.
-        names: of the directions.
+        names: names of the directions.
     """
     styles = line_styles(motions)
     directions = max(motion.displacement.shape[2] for motion in motions.values())
@@ -103,7 +103,7 @@ def plot_contact(
     Args:
         motions: model name -> motion; motions without contact are left out.
         point: number of the contact point.
-        names: of the directions.
+        names: names of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     directions = max((motion.displacement.shape[2] for motion in motions.values()), default=2)
@@ -133,7 +133,7 @@ def plot_points(
     Args:
         motions: model name -> motion; motions without contact are left out.
         points: model name -> the result of `point_summaries`.
-        names: of the directions.
+        names: names of the directions.
     """
     motions = {name: motion for name, motion in motions.items() if has_contact(motion)}
     styles = line_styles(motions)
@@ -216,13 +216,14 @@ def plot_modes(
 
     The axial component is on the left, the transverse ones on the right (figure 10 of the paper).
     Normal modes, static modes and derivatives have one row each. Every shape is divided by its
-    largest component. A component below `LEAST_COMPONENT` is not drawn: its line would hide others.
+    largest component. A component below `LEAST_COMPONENT` is not drawn, because its line would hide
+    other lines.
 
     Args:
         labels: one per shape, such as 1V, 2S, 1V1S.
         positions: (k,) positions along the axis, m.
         shapes: (n_labels, k, d) components, the axial one first.
-        names: (d,) of the components.
+        names: (d,) names of the components.
     """
     from matplotlib.lines import Line2D
 
@@ -270,8 +271,8 @@ def plot_modes(
 def plot_energy(motion: Motion, work: str = LOADS) -> Figure:
     """Draw the energy balance of a motion: work, dissipation, energy and imbalance.
 
-    The elastic energy is relative to the equilibrium, where static loads stress the body: it may
-    be negative.
+    The elastic energy is relative to the equilibrium. It may be negative, because static loads
+    stress the body in the equilibrium.
 
     Args:
         motion: the motion.

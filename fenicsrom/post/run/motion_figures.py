@@ -45,7 +45,7 @@ def plot_transient(
         motion: the motion.
         natural_hz: (n,) natural frequencies, Hz, to mark in the spectrum.
         point: number of the contact point.
-        names: of the directions.
+        names: names of the directions.
     """
     moved = motion.displacement[:, point]
     k = int(np.argmax(np.ptp(moved, axis=0)))
@@ -190,7 +190,8 @@ def plot_energy_per_period(motion: Motion, source: str = LOADS) -> Figure:
 def plot_coordinates(motion: Motion, labels: Sequence[str], modal: Array) -> Figure:
     """Draw the modal coordinates of a reduced motion over its last period, one panel each.
 
-    The largest ones are drawn, in the order of the modes; one that is rounding has no curve.
+    The largest coordinates are drawn, in the order of the modes; a coordinate that is only rounding
+    error has no curve.
 
     Args:
         motion: a motion with coordinates.

@@ -45,7 +45,7 @@ def response_rows(
     Args:
         motions: model name -> motion.
         sizes: model name -> number of unknowns.
-        names: of the directions.
+        names: names of the directions.
     """
     directions = [f"{name} mm" for name in names]
     rows: list[list[Any]] = [["model", "size", *directions, *RESPONSE_HEAD]]
@@ -112,7 +112,7 @@ def touching_points(motions: Mapping[str, Motion]) -> list[int]:
 
 
 def open_sentence(motions: Mapping[str, Motion]) -> str | None:
-    """Name the contact points that have no picture because they do not touch; None without any."""
+    """Name the contact points without a picture, which do not touch; None if all have a picture."""
     count = max((motion.force.shape[1] for motion in motions.values()), default=0)
     touching = touching_points(motions)
     if len(touching) == count or (touching and count > FEW_POINTS):

@@ -67,7 +67,7 @@ def motion_pictures(
     Args:
         motions: model name -> motion.
         natural_hz: (n,) natural frequencies, Hz.
-        names: of the directions.
+        names: names of the directions.
         work: what does work.
     """
     first = next(iter(motions.values()))
@@ -109,7 +109,7 @@ def working(scene: Scene) -> str:
 def _contact_pictures(
     motions: Mapping[str, Motion], count: int, names: Sequence[str]
 ) -> list[Picture]:
-    """List the pictures of contact points: one for each of a few, or one for all of many."""
+    """List the pictures of contact points: one for each of a few points, or one for many points."""
     touching = touching_points(motions)
     if not touching:
         return []

@@ -114,7 +114,7 @@ def _stresses(stresses: Stresses | None) -> list[Section]:
 
 
 def _agreement(found: ModeAgreement | None) -> list[Any]:
-    """Compose the table of the modes of both models, if they were compared."""
+    """Compose the table of the modes of both models, if the models were compared."""
     if found is None:
         return []
     return [agreement_sentence(found), agreement_rows(found), AGREEMENT_NOTE]

@@ -1,4 +1,4 @@
-"""The text for the user: what the terminal and the report say about a run."""
+"""The sentences about a run for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ HALF_CHECKED = (
 
 
 def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> str:
-    """The warning of a run that was interrupted in its checks, or before them.
+    """The warning of a run that was interrupted before or in its checks.
 
     Args:
         errors: the estimates that were found, as `Study.errors`; that of the time step comes first.
@@ -76,7 +76,7 @@ def unchecked_sentence(errors: Mapping[str, MotionErrors]) -> str:
 
 
 def error_sentence(errors: Mapping[str, float | None], scene: Scene, points: ContactPoints) -> str:
-    """State the errors against the full model; those of the contact only if there is one."""
+    """State the errors against the full model; with contact, also the errors of the contact."""
     first, others = error_names(scene, points)
     names = {
         "amplitude_normal": f"{first} amplitude",
@@ -124,7 +124,7 @@ def estimate_rows(
     Args:
         errors: as `Study.errors`.
         motion: the motion of the reduced model.
-        names: of the directions.
+        names: names of the directions.
     """
     what = "amplitude" if has_settled(motion) else "root mean square displacement"
     found: list[list[Any]] = [
@@ -308,7 +308,7 @@ def rerun_left_out(stored: StoredModel, motion: Motion) -> list[str]:
 
 
 def _without_effect(scene: Scene) -> dict[str, str]:
-    """The stages that a run of a stored model leaves out, and the keys that ask for them."""
+    """The stages that a run of a stored model leaves out, with the keys that ask for a stage."""
     asked = {
         ("full motion", "reference.full"): scene.reference.full,
         ("beam motion", "reference.beam"): scene.reference.beam is not None,

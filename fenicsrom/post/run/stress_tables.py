@@ -102,7 +102,7 @@ def write_stresses(stresses: Stresses, folder: Path) -> list[Path]:
 
 
 def _reaction_rows(stresses: Stresses) -> list[dict[str, Any]]:
-    """One row for the equilibrium, and one for each instant of the last period."""
+    """One row for the equilibrium, and one row for each instant of the last period."""
     listed = [("equilibrium", stresses.reactions)]
     if stresses.motion_reactions is not None:
         listed.append(("motion", stresses.motion_reactions))
@@ -230,7 +230,7 @@ def place_text(position: Array) -> str:
 
 
 def _without_rounding(values: Array) -> list[str]:
-    """The numbers of a row as text; those below `ROUNDING` of the largest are zero."""
+    """The numbers of a row as text; numbers below `ROUNDING` of the largest number are zero."""
     small = np.abs(values) < ROUNDING * np.abs(values).max(initial=0.0)
     return [f"{value:.6g}" for value in np.where(small, 0.0, values)]
 

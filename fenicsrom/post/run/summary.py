@@ -84,8 +84,8 @@ def estimates_summary(errors: Mapping[str, MotionErrors]) -> dict[str, Any]:
 
     Returns:
         By the causes "time step" and "basis": the error of the amplitudes (root mean squares of a
-        motion that does not settle). "peak force by the CAUSE" is that of the largest normal force,
-        and "directions by the CAUSE" lists the errors of the amplitudes by direction.
+        motion that does not settle). "peak force by the CAUSE" is the error of the largest normal
+        force, and "directions by the CAUSE" lists the errors of the amplitudes by direction.
     """
 
     def percent(value: float) -> float | None:
@@ -178,7 +178,7 @@ def write_history(
     `HISTORY_ARRAYS` lists the arrays. `MODEL_newton_from` is the time at which Newton's method
     replaced the marched motion by the periodic one, where it did. If the supports of the scene
     move, `MODEL_support_displacement` (ns, d) is their displacement in global axes, and
-    `MODEL_absolute_displacement` is the sum of it and of `MODEL_displacement`.
+    `MODEL_absolute_displacement` is the sum of this displacement and of `MODEL_displacement`.
 
     Raises:
         OSError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""What the picture of the set-up marks: supports, loads, attachments, contacts and the probe.
+"""The marks in the picture of the set-up: supports, loads, attachments, contacts and probe.
 
 All of it belongs to the undeformed body, which the picture shows: the arrow of a pressure is normal
 to the face that is drawn, also if the pressure follows the deformation.
@@ -65,8 +65,8 @@ class LoadMark:
     """A load.
 
     Attributes:
-        label: its kind, place, size and history, for the legend.
-        places: (k, 3) where its arrows end, m.
+        label: kind, place, size and history of the load, for the legend.
+        places: (k, 3) ends of the arrows of the load, m.
         direction: (3,) unit vector.
         on: (n,) whether a point of the body belongs to the region on which it is distributed.
     """
@@ -97,10 +97,10 @@ class ContactMark:
     """A contact.
 
     Attributes:
-        label: its name in the legend.
+        label: name of the contact in the legend.
         places: (P, 3) its contact points, m.
         normals: (P, 3) unit normals into the wall.
-        first: number of its first point, from 1 over all contacts.
+        first: number of the first point of the contact, from 1 over all contacts.
         lines: lines (n, 3) that show its round surface, m; none of a plane.
     """
 
@@ -154,7 +154,7 @@ class Marks:
 
 @dataclass(frozen=True, eq=False)
 class Marked:
-    """What `marks_of` needs of a solid, from all ranks.
+    """The data of a solid, from all ranks, that `marks_of` needs.
 
     Attributes:
         fields: label -> field (local,): 1 at the first component of the nodes of a region, or
@@ -289,7 +289,7 @@ def _support_marks(scene: Scene, values: Mapping[str, Array]) -> list[SupportMar
 
 
 def _held(support: Support, d: int) -> tuple[str, Array]:
-    """The legend of a support and its held directions (c, 3); none if it holds all."""
+    """The legend of a support and its held directions (c, 3); empty if the support holds all."""
     if support.normal is not None:
         along = ", ".join(f"{x:.3g}" for x in support.normal)
         return f"held along ({along})", in_space(np.array([support.normal]))
@@ -345,7 +345,7 @@ def _load_label(load: Load) -> str:
 
 
 def _pressed(contact: Contact, measures: Mapping[Place, str]) -> str:
-    """The preload or the gap of a contact, for its legend."""
+    """The preload or the gap of a contact, for the legend."""
     if contact.preload:
         nodes = contact.place.at == "nodes"
         unit = PRELOAD_UNITS[measures[contact.place]] if nodes else "N"

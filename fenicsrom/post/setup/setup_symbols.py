@@ -227,7 +227,7 @@ class Symbol(NamedTuple):
     Attributes:
         kind: "mass", "spring" or "dashpot".
         place: (2,) the place of the attachment, m.
-        lines: its lines (k, 2), m; none of a mass.
+        lines: lines (k, 2) of the symbol, m; empty for a mass.
     """
 
     kind: str

@@ -117,7 +117,7 @@ def summary(comparison: Comparison) -> dict[str, Any]:
 
 
 def error_heads(comparison: Comparison) -> dict[str, str]:
-    """The names of the errors; those of the amplitudes name the directions as `run` does."""
+    """The names of the errors; the errors of the amplitudes name the directions as `run` does."""
     first, others = error_names(comparison.scene, comparison.points)
     return ERRORS | {
         "amplitude_normal": f"{first} amplitude",

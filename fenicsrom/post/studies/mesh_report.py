@@ -1,4 +1,4 @@
-"""What `fenicsrom inspect` shows: a table of the mesh and its groups, and a picture."""
+"""The output of `fenicsrom inspect`: a table of the mesh and its groups, and a picture."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def _geometry_lines(found: Inspection) -> list[str]:
 
 
 def _support_lines(found: Inspection) -> list[str]:
-    """The table of one support, and the names of the other groups that could be one."""
+    """The table of one support, and the names of the other groups that could be a support."""
     assert found.boundary is not None
     most = len(found.boundary) // 2  # larger groups are probably the whole boundary
     facets = [group for group in found.groups if group.kind == "facets" and group.number <= most]

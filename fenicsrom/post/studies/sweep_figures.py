@@ -63,7 +63,7 @@ def _places(found: Sweep, axis: int) -> tuple[Array, list[str] | None]:
 
 
 def _curves(panel: Any, found: Sweep, numbers: Array) -> None:
-    """Draw a curve over the first axis for each combination of the others."""
+    """Draw a curve over the first axis for each combination of values of the other axes."""
     x, names = _places(found, 0)
     order = np.argsort(x)
     solid = np.array([row.get("outcome") == DONE and bool(row["settled"]) for row in found.rows])
@@ -110,5 +110,5 @@ def _map(made: Figure, panel: Any, found: Sweep, numbers: Array, label: str) -> 
 
 
 def _short(key: str) -> str:
-    """A key with the last part of its path only."""
+    """The last part of the path of a key."""
     return key.rpartition(".")[2]

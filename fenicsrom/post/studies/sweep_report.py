@@ -23,7 +23,7 @@ def swept_keys(found: Sweep) -> list[str]:
 
 
 def table(found: Sweep) -> list[list[Any]]:
-    """The runs as a table; the first row is the header."""
+    """The runs as a table, whose first row is the header."""
     keys = swept_keys(found)
     columns = [item for item in COLUMNS if any(row.get(item.key) is not None for row in found.rows)]
     labels = key_labels(found, tuple(keys), " ")
