@@ -29,9 +29,7 @@ def opened(options: argparse.Namespace, scene: Scene, comm: Any = None) -> Itera
         OSError: the folder cannot be written.
     """
     from fenicsrom.online.kernels.compilation import announced
-    from fenicsrom.online.kernels.stored_code import load_code_only
 
-    load_code_only()
     folder = output_path(options)
     require_lasting(folder)
     quiet = comm is not None and comm.rank > 0

@@ -25,6 +25,7 @@ from fenicsrom.exchange.op4 import read_op4
 from fenicsrom.exchange.superelement_damping import damping_parts, table_matrix
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
+from fenicsrom.online.kernels.symmetric import scaled
 from fenicsrom.online.model.loads import of_loads
 from fenicsrom.online.model.model import reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
@@ -286,8 +287,7 @@ class _Builder:
         """
         diagonal = np.diag(matrix)
         if diagonal.size and np.all(diagonal > 0.0):
-            size = np.sqrt(diagonal)
-            if np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > SOFTEST:
+            if np.linalg.eigvalsh(scaled(matrix))[0] > SOFTEST:
                 return
         self._fail("superelement", f"the {name} matrix is not positive definite: {hint}")
 

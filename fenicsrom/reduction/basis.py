@@ -23,6 +23,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import AccuracyError, ErrorKind
+from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.words import brief
 
 DEPENDENCE = 1e-7
@@ -96,10 +97,8 @@ def build_basis(
     r = np.ascontiguousarray(np.concatenate([masters, enrichment], axis=1))
     gram = inner(r, r)
     _check(method, m, rows, r, gram, total)
-    scale = np.sqrt(np.diag(gram))
-    condition = float(np.linalg.cond(gram / np.outer(scale, scale)))
     static = [f"{k + 1}S" for k in range(m)]
-    return ReducedBasis(method, r, (*static, *names), m, dropped, condition)
+    return ReducedBasis(method, r, (*static, *names), m, dropped, scaled_condition(gram))
 
 
 def _orthonormalised(

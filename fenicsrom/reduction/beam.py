@@ -217,7 +217,7 @@ class BeamStructure:
 
     def largest(self, block: Array) -> Array:
         """Largest displacement (k,) of each column of a block (n, k), without the rotations."""
-        return np.max(np.abs(np.concatenate([block[0::UNKNOWNS], block[1::UNKNOWNS]])), axis=0)
+        return np.asarray(np.max(np.hypot(block[0::UNKNOWNS], block[1::UNKNOWNS]), axis=0))
 
     def translations(self) -> Array:
         """(n, 2) unit translations along the axes."""

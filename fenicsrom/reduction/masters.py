@@ -12,6 +12,7 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.reduction.protocols import Structure
 
 if TYPE_CHECKING:
@@ -152,11 +153,3 @@ def _check_mobile(structure: Structure, mobility: Array) -> None:
             key=key,
             source=structure.source,
         )
-
-
-def scaled_condition(matrix: Array) -> float:
-    """Condition number of a symmetric matrix after scaling to unit diagonal; 1 for an empty one."""
-    if matrix.size == 0:
-        return 1.0
-    scale = np.sqrt(np.abs(np.diag(matrix)))
-    return float(np.linalg.cond(matrix / np.outer(scale, scale)))

@@ -30,8 +30,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenicsrom.arrays import Array
+from fenicsrom.online.kernels.symmetric import scaled_condition
 from fenicsrom.reduction.load_vectors import LoadVectors, load_responses, load_vectors
-from fenicsrom.reduction.masters import master_directions, scaled_condition
+from fenicsrom.reduction.masters import master_directions
 from fenicsrom.reduction.mode_count import solve_eigenmodes
 from fenicsrom.reduction.protocols import Inverse, Structure
 from fenicsrom.scene import Basis, Scene

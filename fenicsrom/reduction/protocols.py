@@ -187,7 +187,7 @@ class Structure(Protocol):
         """
 
     def largest(self, block: Array) -> Array:
-        """Largest displacement component (k,) of each column of a block (local, k)."""
+        """Largest displacement (k,) of a node in each column of a block (local, k)."""
 
     def translations(self) -> Array:
         """(local, d) unit translations along the axes."""

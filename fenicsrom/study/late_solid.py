@@ -17,6 +17,7 @@ class LateSolid:
     Attributes:
         comm: the communicator.
         free: see `fenicsrom.fem.solid.solid.Solid`, as the other attributes.
+        extent: see there.
         loaded: see there.
         unstable: see there.
         equilibrium: see there.
@@ -30,6 +31,7 @@ class LateSolid:
         comm: Any,
         *,
         free: int,
+        extent: float,
         loaded: bool,
         unstable: int,
         equilibrium: Array,
@@ -40,6 +42,7 @@ class LateSolid:
         self._build = build
         self._solid: Solid | None = None
         self.comm, self.free, self.loaded, self.unstable = comm, free, loaded, unstable
+        self.extent = extent
         self.equilibrium, self.points, self.warnings = equilibrium, points, warnings
 
     def __getattr__(self, name: str) -> Any:

@@ -8,17 +8,26 @@ from fenicsrom.errors import AccuracyError, ConvergenceError
 from fenicsrom.study.stage import Run
 
 if TYPE_CHECKING:
+    from fenicsrom.online.motion.motion import Motion
     from fenicsrom.records import Study
 
 
 def integrate(run: Run, name: str) -> None:
     """Integrate one model: "reduced", "full" or "beam"."""
+    from fenicsrom.assess.errors.plausibility import (
+        implausible_loads,
+        implausible_motion,
+        is_explained,
+    )
     from fenicsrom.online.motion.measures import out_of_reach
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.run.simulate import simulate
     from fenicsrom.post.run.sentences import motion_warnings
 
     study, scene = run.study, run.study.scene
+    if name == "reduced" and study.modes is not None and not is_explained(study.warnings):
+        found = implausible_loads(study.model, scene, study.modes.frequencies_hz)
+        study.warnings.extend(found)
     options = _checkpoints(run) if name == "reduced" else {}
     try:
         if isinstance(options.get("resume"), Motion):  # only its checks are missing
@@ -40,10 +49,24 @@ def integrate(run: Run, name: str) -> None:
     study.motions[name] = motion
     if name == "reduced" and scene.contacts:
         study.left_out += out_of_reach(motion, study.solid.points)
+    if name == "reduced" and not is_explained(study.warnings):
+        found = implausible_motion(motion, study.solid.points, study.solid.extent)
+        study.warnings.extend(found or _strain_warnings(study, motion))
     if study.unfinished:
         return
     study.warnings.extend(motion_warnings(name, motion, scene))
     study.seconds[f"{name} motion"] = motion.seconds  # without the compilation
+
+
+def _strain_warnings(study: Study, motion: Motion) -> list[str]:
+    """Warn of large strains in a large motion whose stresses are not found anyway. Collective."""
+    from fenicsrom.assess.errors.large_strains import LARGE_MOTION, motion_warnings
+
+    moved = float(abs(motion.displacement).max(initial=0.0))
+    small = moved < LARGE_MOTION * study.solid.extent
+    if small or study.basis is None or study.scene.output.stresses != "none":
+        return []
+    return motion_warnings(study.solid, study.scene, study.basis.vectors, motion)
 
 
 def check_beam(study: Study) -> None:

@@ -150,6 +150,7 @@ def _modes_contents(run: Run) -> Contents:
     solid = study.solid
     header = {
         "free": solid.free,
+        "extent": solid.extent,
         "loaded": solid.loaded,
         "unstable": solid.unstable,
         "warnings": [text for text in study.warnings if text != _missing(study.scene, modes)],
@@ -183,6 +184,7 @@ def _read_modes(run: Run, path: Path, header: Any, arrays: Any) -> None:
         lambda: _build(run, scene, body),
         run.comm,
         free=int(header["free"]),
+        extent=float(header["extent"]),
         loaded=bool(header["loaded"]),
         unstable=int(header["unstable"]),
         equilibrium=arrays["equilibrium"],

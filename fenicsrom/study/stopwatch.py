@@ -35,7 +35,7 @@ class Stopwatch:
 
     Attributes:
         say: receives one line at a time.
-        seconds: stage -> run time, s.
+        seconds: stage -> run time without the compilation of kernels, s.
         stage: name of the stage that runs; "" between stages.
     """
 
@@ -51,7 +51,7 @@ class Stopwatch:
         """Time a stage."""
         outer, self.stage = self.stage, stage
         self.say(f"{stage} ..")
-        begin = self._last = clock.perf_counter()
+        self._last = clock.perf_counter()
         work = working_time()
         known: tuple[float, float] | None = None  # from when and where the speed is measured
 
@@ -71,7 +71,7 @@ class Stopwatch:
                 yield
         finally:
             self.stage = outer
-        self.seconds[stage] = clock.perf_counter() - begin
+        self.seconds[stage] = working_time() - work
 
     def progress(self, model: str, steady: float | None) -> Callable[[float, float], None]:
         """Make a callback for `simulate` that reports the progress every two seconds.

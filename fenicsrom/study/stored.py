@@ -45,6 +45,7 @@ def rerun(
         OSError: a file cannot be written.
     """
     from fenicsrom.assess.errors.large_strains import equilibrium_warnings
+    from fenicsrom.assess.errors.plausibility import implausible_loads
     from fenicsrom.online.store.archive import SUPERELEMENT
     from fenicsrom.online.store.checkpoints import load_start
     from fenicsrom.post.run.sentences import (
@@ -65,6 +66,7 @@ def rerun(
     warnings = [*equilibrium_warnings(stored.deformation), *rerun_warnings(scene, given)]
     too_few = missing_modes(highest_frequency(scene), stored.frequencies_hz)
     warnings += [too_few] if too_few is not None else []
+    warnings += implausible_loads(model, scene, stored.frequencies_hz)
     if unfinished is None:
         warnings += motion_warnings("reduced", motion, scene)
         if stored.candidates is None:

@@ -143,7 +143,7 @@ def test_rule_refuses_an_estimate_above_its_limit() -> None:
         verdicts.estimate_errors(one, both, scene, motion, errors)
     assert refusal.value.kind is ErrorKind.BASIS and set(errors) == {"time step", "basis"}
     verdicts.estimate_errors(one, None, scene, motion, errors)
-    between = 0.5 * (verdicts.BASIS_ERROR + verdicts.UNSETTLED_ERROR)
+    between = 0.5 * (verdicts.BASIS_ERROR + verdicts.UNSETTLED_BASIS_ERROR)
     verdicts.check_basis_error(scene, between, unsteady=True)
     with pytest.raises(AccuracyError):
         verdicts.check_basis_error(scene, between)

@@ -214,3 +214,18 @@ def test_too_little_memory_is_no_singular_matrix() -> None:
         finally:
             options.delValue("fenicsrom_test_mat_mumps_icntl_23")
         assert caught.value.kind is kind
+
+
+@pytest.mark.parametrize("stiffness", [1e-20, 1.0, 1e20])
+def test_soft_and_stiff_matrices_have_factors(stiffness: float) -> None:
+    side = scipy.sparse.diags_array([[2.0] * 12, [-1.0] * 11, [-1.0] * 11], offsets=[0, 1, -1])
+    rows = scipy.sparse.csr_array(stiffness * side)
+    csr = (rows.indptr, rows.indices, rows.data)
+    factor = Factorisation(
+        PETSc.Mat().createAIJ(rows.shape, csr=csr, comm=PETSc.COMM_SELF), "fenicsrom_test"
+    )
+    load = np.arange(1.0, 13.0)
+    expected = np.linalg.solve(side.toarray(), load)
+    assert stiffness * factor.solve(load[:, None])[:, 0] == pytest.approx(expected, rel=1e-12)
+    assert factor.negative_eigenvalues() == 0
+    factor.destroy(matrix=True)

@@ -1,99 +1,83 @@
-"""The announcement of kernels that are compiled."""
+"""The announcement of kernels that are compiled, and their time."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numba
 import pytest
 
+from fenicsrom import progress
 from fenicsrom.online.kernels import compilation
-from fenicsrom.online.kernels.compilation import Compilations, announced, keep_time, known_times
-
-ALL = "this takes some minutes"
-
-
-def function(name: str, folder: Path | None) -> Any:
-    """A compiled function whose machine code is stored in a folder."""
-    named = SimpleNamespace(__module__="kernels", __qualname__=name)
-    path = None if folder is None else str(folder)
-    return SimpleNamespace(py_func=named, stats=SimpleNamespace(cache_path=path))
+from fenicsrom.online.kernels.compilation import COMPILATIONS, KERNELS, Compilations, announced
+from fenicsrom.online.kernels.compiled import Compiled
 
 
-def event(of: Any, *, failed: bool = False) -> Any:
-    """The event of a compilation."""
-    return SimpleNamespace(data={"dispatcher": of}, is_failed=failed)
+def event(kernel: str) -> Any:
+    """The event of the compilation of a function of `fenicsrom.online`."""
+    module, _, name = f"fenicsrom.online.{kernel}".rpartition(".")
+    function = SimpleNamespace(__module__=module, __qualname__=name)
+    return SimpleNamespace(data={"dispatcher": SimpleNamespace(py_func=function)})
 
 
-def compile_all(*functions: Any) -> list[str]:
-    """Compile functions in a new process, so to say; give what is announced."""
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time on the clock, s."""
+    time = [100.0]
+    monkeypatch.setattr(compilation.clock, "perf_counter", lambda: time[0])
+    return time
+
+
+def test_each_kernel_is_announced_with_its_number_and_the_time_so_far(now: list[float]) -> None:
     said: list[str] = []
-    listener = Compilations(said.append)
-    for compiled in functions:
-        listener.on_start(event(compiled))
-        listener.on_end(event(compiled))
-    return said
+    listener = Compilations()
+    listener.say = said.append
+    first, second, *_ = KERNELS
+    for kernel, seconds in ((first, 4.0), ("model.loads.factors", 1.0), (second, 12.0)):
+        listener.on_start(event(kernel))
+        now[0] += seconds
+        listener.on_end(event(kernel))
+    one, two = said
+    assert f"1 of at most {len(KERNELS)}" in one and KERNELS[first] in one
+    assert "so far" not in one
+    assert f"2 of at most {len(KERNELS)}" in two and KERNELS[second] in two
+    assert "5 s so far" in two
 
 
-def test_first_compilation_of_all_is_announced_once(tmp_path: Path) -> None:
-    (sentence,) = compile_all(function("march", tmp_path), function("solve", tmp_path))
-    assert ALL in sentence
-    assert set(known_times(function("march", tmp_path))) == {"kernels.march", "kernels.solve"}
-
-
-def test_long_compilation_is_announced_with_its_time_before(tmp_path: Path) -> None:
-    march, solve = function("march", tmp_path), function("solve", tmp_path)
-    keep_time(march, 77.4)
-    keep_time(solve, 0.4)
-    (sentence,) = compile_all(solve, march)
-    assert "kernels.march" in sentence
-    assert "77 s" in sentence
-
-
-def test_new_kernel_is_announced_without_a_time(tmp_path: Path) -> None:
-    keep_time(function("solve", tmp_path), 0.4)
-    (sentence,) = compile_all(function("march", tmp_path))
-    assert ALL not in sentence
-
-
-def test_function_inside_another_is_neither_announced_nor_kept(tmp_path: Path) -> None:
-    march, inner = function("march", tmp_path), function("inner", tmp_path)
-    keep_time(march, 0.1)
+def test_kernel_inside_another_one_is_not_announced_and_its_time_counts_once(
+    now: list[float],
+) -> None:
     said: list[str] = []
-    listener = Compilations(said.append)
-    for compiled in (march, inner):
-        listener.on_start(event(compiled))
-    for compiled in (inner, march):
-        listener.on_end(event(compiled))
-    assert said == []
-    assert "kernels.inner" not in known_times(march)
+    listener = Compilations()
+    listener.say = said.append
+    outer, inner, *_ = KERNELS
+    before = progress.working_time()
+    for kernel in (outer, inner):
+        listener.on_start(event(kernel))
+        now[0] += 3.0
+    for kernel in (inner, outer):
+        listener.on_end(event(kernel))
+    assert len(said) == 1 and KERNELS[outer] in said[0]
+    assert progress.working_time() == before
 
 
-def test_failed_compilation_is_not_kept(tmp_path: Path) -> None:
-    listener = Compilations(lambda line: None)
-    listener.on_start(event(function("march", tmp_path)))
-    listener.on_end(event(function("march", tmp_path), failed=True))
-    assert known_times(function("march", tmp_path)) == {}
+def test_announced_kernels_are_compiled_functions() -> None:
+    for kernel in KERNELS:
+        module, _, name = f"fenicsrom.online.{kernel}".rpartition(".")
+        place = __import__(module, fromlist=["_"])
+        found = [v for v in vars(place).values() if isinstance(v, Compiled)]
+        assert name in [v.py_func.__qualname__ for v in found]
 
 
-@pytest.mark.parametrize("content", ["", "[]", "null", '{"kernels.march": "soon"}'])
-def test_damaged_file_of_times_is_replaced(content: str, tmp_path: Path) -> None:
-    march = function("march", tmp_path)
-    (tmp_path / compilation.TIMES).write_text(content)
-    assert known_times(march) == {}
-    keep_time(march, 2.0)
-    assert known_times(march) == {"kernels.march": 2.0}
-
-
-def test_compilation_that_is_not_stored_is_announced(tmp_path: Path) -> None:
-    assert len(compile_all(function("march", None))) == 1
-
-
-def test_numba_sends_the_event(tmp_path: Path) -> None:
-    import numba
-
+def test_time_of_a_compilation_is_no_working_time_and_short_ones_are_silent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    counted: list[float] = []
+    monkeypatch.setattr(compilation, "add_compilation", counted.append)
     said: list[str] = []
     with announced(said.append):
         numba.njit(lambda x: x + 1)(1)
-    assert len(said) == 1
+    assert len(counted) == 1 and counted[0] > 0.0
+    assert said == []
+    assert COMPILATIONS.say != said.append

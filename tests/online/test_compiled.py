@@ -105,11 +105,9 @@ import numba
 numba.__version__ = "0.99.0"
 sys.path[:0] = sys.argv[1:3]
 from fenicsrom.online.kernels.emission import ENTRY
-from fenicsrom.online.kernels.stored_code import load_code_only
 from fenicsrom.online.step.loop import compiled_march
 from test_compiled import rubbing_motion
 assert "pipeline_class" not in ENTRY
-load_code_only()
 rubbing_motion().displacement.tofile(sys.argv[3])
 assert sum(compiled_march.entry.stats.cache_hits.values()) == int(sys.argv[4])
 """
@@ -133,3 +131,35 @@ def test_unknown_version_of_numba_gives_the_same_motion_and_stores_its_kernels(
         )
         assert done.returncode == 0, done.stderr
         np.testing.assert_array_equal(np.fromfile(path).reshape(expected.shape), expected)
+
+
+EMITTED = """
+import sys
+from numba.core.codegen import JITCPUCodegen
+emitted, add = [], JITCPUCodegen._add_module
+def count(self, module):
+    emitted.append(module.name)
+    return add(self, module)
+JITCPUCodegen._add_module = count
+sys.path[:0] = sys.argv[1:3]
+from support import one_contact, random_model
+from fenicsrom.online.contact.law import at_rest
+from fenicsrom.online.contact.state import contact_scratch, zero_contact_state
+import numpy as np
+at_rest(one_contact(), *np.zeros((2, 1, 2)), 0.0, zero_contact_state(1, 2), contact_scratch(1, 2))
+print(len(emitted), *emitted)
+"""
+
+
+def test_machine_code_is_made_once_for_the_contact_law_and_all_that_it_calls(
+    tmp_path: Path,
+) -> None:
+    here = Path(__file__).parent
+    done = subprocess.run(
+        [sys.executable, "-c", EMITTED, str(here.parent), str(here)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["3", "nrt", "int_power", "at_rest"]  # two are numba's own

@@ -26,7 +26,7 @@ from fenicsrom.online.curves.nonlinear_mode import LinearMode, ModeContinuation,
 from fenicsrom.online.model.support_motion import displacement_sines
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
-from fenicsrom.progress import duration
+from fenicsrom.progress import duration, working_time
 from fenicsrom.scene import Backbone as BackboneTable
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
@@ -169,7 +169,7 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         SceneError: see `check_backbone`; or there is no such mode, or it does not move the probe.
         ConvergenceError: there is no equilibrium.
     """
-    begin, scene = clock.perf_counter(), stored.scene
+    begin, scene = working_time(), stored.scene
     check_backbone(scene)
     contacts = settled_contacts(contacts_of(scene, stored.model.points))
     mode, direction, unit = _linear_mode(stored, contacts)
@@ -202,7 +202,7 @@ def backbone(stored: StoredModel, say: Callable[[str], None]) -> Backbone:
         found.unfinished = found.unfinished or error
     except KeyboardInterrupt:
         found.interrupted = True
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 

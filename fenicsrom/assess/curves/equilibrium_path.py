@@ -18,6 +18,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.assess.errors.large_strains import strain_warnings
 from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.words import brief, counted
 
@@ -151,7 +152,7 @@ def equilibrium_path(
     """
     from fenicsrom.fem.paths.equilibrium_path import PathFollower
 
-    begin, table = clock.perf_counter(), scene.statics
+    begin, table = working_time(), scene.statics
     varied = varied_loads(scene)
     body = _body(scene, varied, comm, say)
     sizes = np.array([load.size if k in varied else 0.0 for k, load in enumerate(scene.loads)])
@@ -179,7 +180,7 @@ def equilibrium_path(
             for point in found.points
         ]
     )
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 

@@ -6,7 +6,6 @@ Each value of the second number gives one curve, computed in this process or in 
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,6 +33,7 @@ from fenicsrom.online.curves.curve import LOST, OUT_OF_POINTS, CurvePoint
 from fenicsrom.online.curves.nonlinear_mode import linear_modes
 from fenicsrom.online.periodic.shooting import FALLBACK_STEPS, settled_contacts
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 
@@ -92,7 +92,7 @@ def response(
         SceneError: as `check_response`; or `resume` does not belong to the model and the scene.
         OSError: a file of `state` cannot be written.
     """
-    begin = clock.perf_counter()
+    begin = working_time()
     scene = stored.scene
     check_response(scene)
     table = response_table(scene)
@@ -142,7 +142,7 @@ def response(
     _leave_out_unresolved(found)
     found.warnings += _light_modes(stored)
     _warn_of_errors(found)
-    found.seconds = clock.perf_counter() - begin
+    found.seconds = working_time() - begin
     return found
 
 

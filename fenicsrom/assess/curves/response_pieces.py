@@ -9,8 +9,6 @@ last.
 
 from __future__ import annotations
 
-import time as clock
-
 import numpy as np
 
 from fenicsrom.assess.curves.branches import Piece, follow_branches, follow_isolated
@@ -25,6 +23,7 @@ from fenicsrom.online.curves.curve import OUT_OF_POINTS, CurvePoint, norm
 from fenicsrom.online.periodic.families import Family
 from fenicsrom.online.periodic.shooting import PeriodicMotion
 from fenicsrom.online.store.archive import StoredModel
+from fenicsrom.progress import working_time
 from fenicsrom.scene import Scene
 from fenicsrom.scene.units import in_words
 from fenicsrom.words import counted
@@ -38,7 +37,7 @@ def follow_curve(
     Raises:
         ConvergenceError, AccuracyError: no motion was found at either end of the range.
     """
-    begin, table = clock.perf_counter(), response_table(stored.scene)
+    begin, table = working_time(), response_table(stored.scene)
     family = family_of(stored)
     error: ConvergenceError | AccuracyError | None = None
     try:
@@ -75,7 +74,7 @@ def follow_curve(
         marches = np.array([point.marches for point in curve.points + curve.special])
         total = marches.reshape(-1, 2).sum(axis=0)
         curve.marches = int(total[0]), int(total[1])
-        curve.seconds += clock.perf_counter() - begin
+        curve.seconds += working_time() - begin
 
 
 def _follow_piece(

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.deformation import Deformation
 from fenicsrom.online.stress.stress import StressLaw
 from fenicsrom.online.stress.stress_peaks import Stresses
@@ -16,8 +20,12 @@ if TYPE_CHECKING:
 EQUILIBRIUM = "in equilibrium"
 
 LARGE_STRAIN = 0.1
-"""Compression from which the user is warned. At a stretch of 0.9, the slope of the law under
+"""Strain from which the user is warned. At a stretch of 0.9, the slope of the law under
 uniaxial stress is ½ (3 · 0.9² − 1) = 72 % of Young's modulus."""
+
+
+LARGE_MOTION = 0.1
+"""The strains of a motion that is smaller than this part of the body are hardly large."""
 
 
 def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
@@ -28,7 +36,7 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
 
     Returns:
         A sentence on the first state that turns the material inside out; else a sentence on the
-        first state with a large compression, if there is one.
+        first state with a large compression, or else with a large extension, if there is one.
     """
     for where, state in states:
         if state.is_inverted:
@@ -46,6 +54,14 @@ def strain_warnings(states: Sequence[tuple[str, Deformation]]) -> list[str]:
                 f"{100.0 * largest:.3g} %: the St Venant-Kirchhoff law softens in compression and "
                 "loses its stiffness at 42 %"
             ]
+    for where, state in states:
+        if state.largest_stretch > 1.0 + LARGE_STRAIN:
+            largest = max(other.largest_stretch for _, other in states) - 1.0
+            return [
+                f"the tensile strain exceeds {100.0 * LARGE_STRAIN:g} % {where} and reaches "
+                f"{100.0 * largest:.3g} %: the St Venant-Kirchhoff law is made for small strains, "
+                "and hardens in tension"
+            ]
     return []
 
 
@@ -61,6 +77,25 @@ def equilibrium_deformation(solid: Solid, scene: Scene) -> Deformation | None:
 def equilibrium_warnings(found: Deformation | None) -> list[str]:
     """The sentences of `strain_warnings` on an equilibrium; none on an undeformed body."""
     return [] if found is None else strain_warnings([(EQUILIBRIUM, found)])
+
+
+def motion_warnings(solid: Solid, scene: Scene, vectors: Array, motion: Motion) -> list[str]:
+    """The sentences of `strain_warnings` on the state of a motion with most elastic energy.
+
+    Args:
+        solid: the solid.
+        scene: its scene.
+        vectors: (local, n) the basis.
+        motion: a motion with the coordinates of its last period.
+    """
+    from fenicsrom.fem.body.deformation import DeformationGauge
+
+    assert motion.coordinates is not None and motion.coordinate_time is not None
+    energies = motion.elastic[-motion.coordinate_time.size :]
+    k = int(np.argmax(energies))
+    u = solid.equilibrium + vectors @ motion.coordinates[k]
+    where = f"at t = {motion.coordinate_time[k]:.6g} s"
+    return strain_warnings([(where, DeformationGauge(solid, scene).measure(u))])
 
 
 def state_warnings(stresses: Stresses, *, motion_only: bool = False) -> list[str]:

@@ -12,9 +12,7 @@ import signal
 gc.disable()
 
 import fenicsrom.assess.studies.sweep_runs  # noqa: E402, F401
-from fenicsrom.online.kernels.stored_code import load_code_only  # noqa: E402
 
-load_code_only()
 gc.freeze()
 gc.enable()
 signal.signal(signal.SIGTERM, signal.SIG_IGN)

@@ -49,6 +49,7 @@ class Factorisation:
         pc.setType(PETSc.PC.Type.CHOLESKY if symmetric else PETSc.PC.Type.LU)
         if not self._small:
             pc.setFactorSolverType("mumps")
+        pc.setFactorPivot(np.finfo(float).tiny)  # PETSc's default of 2e-14 N/m is not relative
         self._ksp.setFromOptions()
         if (
             counting and not self._small

@@ -138,6 +138,11 @@ class ElasticBody:
         self.rotation = self._rotating_frame(rotation)
 
     @property
+    def extent(self) -> float:
+        """Largest extent of the undeformed body along an axis, m. Collective."""
+        return self.mesh.extent()
+
+    @property
     def dimension(self) -> int:
         """Dimension d of space, 2 or 3."""
         return self.geometry.dimension
@@ -239,8 +244,9 @@ class ElasticBody:
         return np.asarray(self.comm.allreduce(a.T @ b))
 
     def largest(self, block: Array) -> Array:
-        """Largest displacement component (k,) of each column of a block, over all ranks."""
-        mine = np.max(np.abs(block), axis=0, initial=0.0)
+        """Largest displacement (k,) of a node in each column of a block, over all ranks."""
+        nodes = block.reshape(-1, self.dimension, block.shape[1])
+        mine = np.max(np.linalg.norm(nodes, axis=1), axis=0, initial=0.0)
         return np.max(self.comm.allgather(mine), axis=0)
 
     def translations(self) -> Array:

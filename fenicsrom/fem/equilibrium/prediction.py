@@ -26,7 +26,7 @@ import numpy as np
 import scipy.linalg
 
 from fenicsrom.arrays import Array
-from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.polynomial import elastic_force
 from fenicsrom.online.step.newton import Correction, newton, small_against_load
 

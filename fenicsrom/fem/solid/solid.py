@@ -22,7 +22,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_array
 
 from fenicsrom.arrays import Array
-from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.errors import ConvergenceError, ErrorKind, SceneError
 from fenicsrom.fem.base.linalg import (
     Factorisation,
     add_to_diagonal,
@@ -38,6 +38,7 @@ from fenicsrom.fem.equilibrium.buckling import check_snap, check_stability
 from fenicsrom.fem.equilibrium.statics import Statics
 from fenicsrom.fem.mesh.mesh import build_mesh
 from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.fem.solid.plausibility import implausible_inputs, implausible_normals
 from fenicsrom.online.contact.points import ContactPoints, no_points
 from fenicsrom.online.contact.surfaces import frame, surface_normal
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_polynomial
@@ -554,6 +555,8 @@ def _extrapolation(known: Sequence[float], to: float) -> Array:
 def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) -> Solid:
     """Build the solid of a scene on a mesh; arguments and errors as `Solid`.
 
+    The likely cause of implausible numbers is a warning, and part of a failure.
+
     Raises:
         SceneError: the mesh has another dimension than the scene.
     """
@@ -566,6 +569,20 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
             key="geometry.dimension",
             source=scene.source,
         )
+    suspicious = implausible_inputs(scene, mesh)
+    try:
+        found = _solid_of(scene, mesh, known)
+    except ConvergenceError as error:
+        if not suspicious:
+            raise
+        cause = f"{error}; {suspicious[0]}"
+        raise ConvergenceError(cause, error.partial, kind=error.kind) from None
+    found.warnings += suspicious or implausible_normals(scene, mesh, found.points)
+    return found
+
+
+def _solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None) -> Solid:
+    """Build the solid of a scene; arguments and errors as `Solid`."""
     return Solid(
         mesh,
         geometry=scene.geometry,

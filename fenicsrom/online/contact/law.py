@@ -392,10 +392,9 @@ def at_rest(
     scratch: ContactScratch,
 ) -> None:
     """Write the state of points at x (P, d) with sliders (P, d): a step of zero length."""
-    here.x[:] = x
-    here.slider[:] = slider
-    here.friction[:] = 0.0
     interval = Interval(time, time, 0.0, False)
     for p in range(x.shape[0]):
-        contact_force(contacts, interval, p, here, here, scratch, False)
+        for k in range(x.shape[1]):
+            here.x[p, k], here.slider[p, k], here.friction[p, k] = x[p, k], slider[p, k], 0.0
+        contact_force(contacts, interval, p, here, here, scratch, True)
         commit_contact_state(contacts, interval, p, here, here, scratch)

@@ -108,7 +108,7 @@ def nonlinear_gauss_seidel(
         for k in range(d):
             end.x[p, k] = scratch.guess[p, k]
         if first:
-            contact_force(contacts, interval, p, start, end, scratch, False)
+            contact_force(contacts, interval, p, start, end, scratch, True)
             for k in range(d):
                 scratch.held_force[p, k] = scratch.mean_force[p, k]
                 scratch.held_friction[p, k] = scratch.mean_friction[p, k]

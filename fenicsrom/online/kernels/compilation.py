@@ -1,104 +1,81 @@
-"""The announcement of kernels that are compiled, with the time that each took before.
+"""The compilation of kernels: its announcement, and its time.
 
-The event "numba:compile" is sent where numba compiles a function that it does not find in its
-cache. Source: numba's documentation of `numba.core.event`. The CPU times are kept beside the
-machine code, so that they belong to this kind of processor.
+Numba sends the event "numba:compile" where it compiles a function that it does not find in its
+cache. Source: numba's documentation of `numba.core.event`.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Any
 
-from numba.core.event import Listener, install_listener
+from numba.core.event import Listener
 
-from fenicsrom.files import atomic_write
 from fenicsrom.progress import add_compilation, duration
 
 ONCE = "once for this version of the program on this kind of processor"
-SHORT = 3.0  # s: shorter compilations are not announced
-TIMES = "compile_seconds.json"  # file of the CPU times, by the names of the functions
+KERNELS = {
+    "contact.law.at_rest": "the contact law",
+    "contact.problem.solve_contact": "the contact problem",
+    "step.loop.march": "the time steps",
+    "derivative.period_sensitivity.carry_derivatives": "the derivatives of a period",
+}
+"""The kernels whose compilation takes seconds, by their names in `fenicsrom.online`."""
+
+
+class Compilations(Listener):  # type: ignore[misc]
+    """Leaves the time of compilations out of `fenicsrom.progress.working_time`.
+
+    Processes that are forked later announce nothing.
+
+    Attributes:
+        say: receives a line for each of the `KERNELS` that is compiled.
+    """
+
+    def __init__(self) -> None:
+        """Announce to nobody."""
+        self.say: Callable[[str], None] = lambda line: None
+        self._process = os.getpid()
+        self._depth, self._began = 0, 0.0
+        self._count, self._seconds = 0, 0.0  # kernels compiled so far, and the time of all
+
+    def on_start(self, event: Any) -> None:
+        """Announce a kernel, unless it is compiled as a part of another one."""
+        self._depth += 1
+        if self._depth > 1:
+            return
+        self._began = clock.perf_counter()
+        function = event.data["dispatcher"].py_func
+        kernel = f"{function.__module__}.{function.__qualname__}".removeprefix("fenicsrom.online.")
+        if kernel in KERNELS and os.getpid() == self._process:
+            self._count += 1
+            spent = f"{duration(self._seconds)} so far, " if self._count > 1 else ""
+            self.say(
+                f"compiling kernel {self._count} of at most {len(KERNELS)}, {KERNELS[kernel]}: "
+                f"{spent}{ONCE} .."
+            )
+
+    def on_end(self, event: Any) -> None:
+        """Add the time of a compilation."""
+        self._depth -= 1
+        if self._depth == 0:
+            seconds = clock.perf_counter() - self._began
+            self._seconds += seconds
+            add_compilation(seconds)
+
+
+COMPILATIONS = Compilations()
+"""Listens as long as this process runs."""
 
 
 @contextmanager
 def announced(say: Callable[[str], None]) -> Iterator[None]:
-    """Say which kernels this process compiles in the body, and how long each took before."""
-    with install_listener("numba:compile", Compilations(say)):
+    """Say which kernels this process compiles in the body."""
+    outer, COMPILATIONS.say = COMPILATIONS.say, say
+    try:
         yield
-
-
-class Compilations(Listener):  # type: ignore[misc]
-    """Announces the outermost function that is compiled, and keeps the time it takes.
-
-    Estimates of the time that is left do not count it (`fenicsrom.progress.working_time`).
-
-    Processes that are forked later are silent.
-    """
-
-    def __init__(self, say: Callable[[str], None]):
-        """Announce through `say`."""
-        self._say = say
-        self._process = os.getpid()
-        self._depth = 0
-        self._begin = self._began = 0.0  # CPU time and time on the clock, s
-        self._silent = False  # on kernels whose time is not known: announced together
-
-    def on_start(self, event: Any) -> None:
-        """Announce a compilation, unless it is known to be short or belongs to another one."""
-        self._depth += 1
-        if self._depth > 1 or os.getpid() != self._process:
-            return
-        self._begin, self._began = clock.process_time(), clock.perf_counter()
-        function = event.data["dispatcher"]
-        known, name = known_times(function), _name(function)
-        if known.get(name, 0.0) > SHORT:
-            self._say(f"compiling the kernel {name}: about {duration(known[name])}, {ONCE} ..")
-        elif name not in known and not self._silent:
-            self._silent = True
-            self._say(f"compiling kernels: {ONCE}{'' if known else '; this takes some minutes'} ..")
-
-    def on_end(self, event: Any) -> None:
-        """Keep the time of a compilation that succeeded."""
-        self._depth -= 1
-        if self._depth > 0 or os.getpid() != self._process:
-            return
-        add_compilation(clock.perf_counter() - self._began)
-        if not event.is_failed:
-            function = event.data["dispatcher"]
-            keep_time(function, clock.process_time() - self._begin)
-
-
-def _name(function: Any) -> str:
-    """The name of a compiled function, with its module."""
-    return f"{function.py_func.__module__}.{function.py_func.__qualname__}"
-
-
-def _file(function: Any) -> Path | None:
-    """The file of the times beside the machine code of a function; None if it is not stored."""
-    folder = function.stats.cache_path
-    return None if folder is None else Path(folder) / TIMES
-
-
-def known_times(function: Any) -> dict[str, float]:
-    """The CPU times (s) of earlier compilations in the folder of a function; empty if unknown."""
-    path = _file(function)
-    with suppress(OSError, ValueError, AttributeError, TypeError):
-        if path is not None:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            return {str(name): float(seconds) for name, seconds in found.items()}
-    return {}
-
-
-def keep_time(function: Any, seconds: float) -> None:
-    """Keep the CPU time (s) of the compilation of a function; a folder may refuse it."""
-    path = _file(function)
-    if path is None:
-        return
-    times = known_times(function) | {_name(function): round(seconds, 2)}
-    with suppress(OSError), atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(times, indent=1), encoding="utf-8")
+    finally:
+        COMPILATIONS.say = outer

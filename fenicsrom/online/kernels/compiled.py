@@ -24,8 +24,10 @@ from typing import Any
 
 import numba
 from numba import njit, typeof, types
+from numba.core.event import register
 from numba.extending import overload_method, register_jitable
 
+from fenicsrom.online.kernels.compilation import COMPILATIONS
 from fenicsrom.online.kernels.emission import ENTRY, IS_CHECKED, PART
 from fenicsrom.online.kernels.references import TupleReference, borrow
 
@@ -36,6 +38,8 @@ KERNEL = {**PART, "_nrt": False}
 """Options of a part that makes no arrays, so that it need not count references to arrays."""
 SHORT = {**KERNEL, "forceinline": True}
 """Options of a part of a few lines, which is always inlined."""
+
+register("numba:compile", COMPILATIONS)
 
 _FOLDER = Path(sys.modules[PACKAGE].__path__[0])
 _IMPORT = re.compile(

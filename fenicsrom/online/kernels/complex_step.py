@@ -16,6 +16,8 @@ import numpy as np
 from numba import types
 from numba.extending import lower_builtin, overload
 
+from fenicsrom.online.kernels.emission import PART
+
 STEP = 1e-30  # h
 
 
@@ -32,7 +34,7 @@ def _order_by_real_part(compare: Any, sign: str) -> None:
     def choose(a, b):  # type: ignore[no-untyped-def]
         return (lambda a, b: compare(a.real, b.real)) if _numbers_with_complex(a, b) else None
 
-    overload(compare)(choose)
+    overload(compare, jit_options=PART)(choose)
 
     def lower(context, builder, signature, values):  # type: ignore[no-untyped-def]
         first, second = (
@@ -53,7 +55,7 @@ for _compare, _sign in (
     _order_by_real_part(_compare, _sign)
 
 
-@overload(np.arctan2)
+@overload(np.arctan2, jit_options=PART)
 def _arctan2(y, x):  # type: ignore[no-untyped-def]
     if not _numbers_with_complex(y, x):
         return None

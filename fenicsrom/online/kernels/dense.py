@@ -216,11 +216,6 @@ def lu_solve_transposed(a: Array, pivots: NDArray[np.int64], b: Array) -> None:
         b[k], b[pivots[k]] = b[pivots[k]], b[k]
 
 
-def negative_eigenvalues(matrix: Array) -> int:
-    """Number of negative eigenvalues of the symmetric part of a matrix (n, n)."""
-    return int(np.sum(np.linalg.eigvalsh(0.5 * (matrix + matrix.T)) < 0.0))
-
-
 # Vector operations of the time step; they run plain and compiled. A new array costs compiled code
 # more than the arithmetic on a short vector, so results are written into arrays that exist.
 

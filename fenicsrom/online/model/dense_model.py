@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fenicsrom.arrays import Array
 from fenicsrom.online.contact.compliance import Compliance, given_compliance
 from fenicsrom.online.contact.points import ContactPoints
-from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.loads import LoadHistories, factors
 from fenicsrom.online.model.model import Tangent
 

@@ -11,13 +11,8 @@ from fenicsrom.arrays import Array
 from fenicsrom.online.contact.compliance import Compliance, compliance_of
 from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.kernels.compiled import compile_methods
-from fenicsrom.online.kernels.dense import (
-    add_times,
-    inner,
-    negative_eigenvalues,
-    times,
-    write_times,
-)
+from fenicsrom.online.kernels.dense import add_times, inner, times, write_times
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.effective_stiffness import factorise_effective, write_effective_solution
 from fenicsrom.online.model.loads import LoadHistories, static_factors, write_factors
 from fenicsrom.online.model.polynomial import ElasticPolynomial, elastic_force_with, elastic_mean

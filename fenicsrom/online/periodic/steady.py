@@ -84,13 +84,6 @@ def is_due(periods: int) -> bool:
     return periods > 0 and periods % FIRST_ATTEMPT == 0 and ratio & (ratio - 1) == 0
 
 
-def prepare(model: Any, contacts: Contacts, settings: Any, period: float) -> None:
-    """Compile the period map, by one step of it."""
-    grid = np.array([0.0, 1e-3])
-    shooting = Shooting(model, settled_contacts(contacts), settings, period, 1, grid)
-    shooting.march(np.zeros(shooting.map.size))
-
-
 def attempt(
     model: Any,
     contacts: Contacts,

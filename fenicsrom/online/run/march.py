@@ -30,7 +30,6 @@ The loop over the steps is in `fenicsrom.online.step.loop`, and the state before
 
 from __future__ import annotations
 
-import time as clock
 from collections.abc import Callable
 from typing import Any
 
@@ -44,13 +43,11 @@ from fenicsrom.online.motion.energy import check_scheme
 from fenicsrom.online.motion.motion import Interrupted, Motion
 from fenicsrom.online.periodic.shooting import Stopped
 from fenicsrom.online.periodic.steady import (
-    FIRST_ATTEMPT,
     attempt,
     change_of,
     continued,
     fractions_of,
     is_due,
-    prepare,
 )
 from fenicsrom.online.run.march_records import copied_rows, joined_rows, last_coordinates
 from fenicsrom.online.run.march_setup import MarchRun, mass_norm, set_up_run
@@ -73,7 +70,7 @@ from fenicsrom.online.step.state import (
     Checkpoint,
     Record,
 )
-from fenicsrom.progress import tell
+from fenicsrom.progress import tell, working_time
 
 
 def integrate(
@@ -135,14 +132,12 @@ def integrate(
     run = set_up_run(
         model, contacts, settings, period, dimension, plan, advance, start, resume, keep_coordinates
     )
-    if advance is not march:  # compile before the clock starts, by a call without a step
+    if advance is not march:  # load before the clock starts, by a call without a step
         advance(model, contacts, plan, run.control, run.state, 0.0, 0.0, run.record)
     spans = settings.periods if period is not None else 1
     by_newton = advance is compiled_march and bool(settings.steady_tolerance)
     by_newton = by_newton and settings.steady == "newton"
-    if by_newton and (spans > FIRST_ATTEMPT or start is not None):
-        prepare(model, contacts, settings, run.horizon)
-    begin = clock.perf_counter()
+    begin = working_time()
     steady, stopped, status, done = False, False, DONE, run.done
     try:
         for span in range(run.done + 1, spans + 1):
@@ -166,7 +161,7 @@ def integrate(
                 break
     except Stopped:
         steady, stopped = False, True
-    run.seconds = clock.perf_counter() - begin
+    run.seconds = working_time() - begin
     motion = _motion(run, steady, done)
     _require_convergence(run, status, motion, settings.scheme)
     if stopped:

@@ -10,7 +10,6 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.online.contact.points import ContactPoints, contacts_of
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.kernels.stored_code import load_code_only
 from fenicsrom.online.model.loads import LoadHistories
 from fenicsrom.online.model.support_motion import histories_of
 from fenicsrom.online.motion.motion import Motion
@@ -55,7 +54,6 @@ def simulate(
         ConvergenceError: the smallest step did not converge.
         AccuracyError: the energy balance is off.
     """
-    load_code_only()
     if hasattr(model, "with_scene"):  # a stored model holds no loads and no damping of its own
         model = model.with_scene(scene).model
     contacts = checked_contacts(model, scene)

@@ -24,7 +24,7 @@ from fenicsrom.online.contact.law import at_rest
 from fenicsrom.online.contact.problem import solve_contact
 from fenicsrom.online.contact.state import Interval, contact_scratch, zero_contact_state
 from fenicsrom.online.contact.surfaces import Contacts
-from fenicsrom.online.kernels.dense import negative_eigenvalues
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.loads import largest
 from fenicsrom.online.step.newton import Correction, in_load_steps, newton
 

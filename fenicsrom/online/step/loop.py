@@ -11,7 +11,7 @@ import numpy as np
 from fenicsrom.online.contact.state import OPEN
 from fenicsrom.online.contact.surfaces import penetration
 from fenicsrom.online.kernels.compiled import also_compiled, compiled
-from fenicsrom.online.kernels.dense import combine
+from fenicsrom.online.kernels.dense import combine, copy_vector
 from fenicsrom.online.step.state import ITERATIONS, LAST_STEP, REJECTED, SIZE, STEP, TIME, WORK
 from fenicsrom.online.step.step import accept, attempt, extrapolate, mass_coefficient
 
@@ -29,7 +29,7 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
     contact = state.contact
     points, d = contact.x.shape
     if points == 0:
-        record.probe[row] = model.probe_displacement(state.q)
+        copy_vector(record.probe[row], model.probe_displacement(state.q))
     for p in range(points):
         record.state[row, p] = contact.state[p]
         record.friction_dissipation[row, p] = state.friction_dissipation[p]
@@ -53,9 +53,9 @@ def write(model, contacts, state, record, row):  # type: ignore[no-untyped-def]
         record.energies[row, k] = s[WORK + k]
     if record.coordinates.shape[1] > 0:
         n = state.q.size
-        record.coordinates[row, :n] = state.q
-        record.coordinates[row, n : 2 * n] = state.v
-        record.coordinates[row, 2 * n :] = state.a
+        copy_vector(record.coordinates[row, :n], state.q)
+        copy_vector(record.coordinates[row, n : 2 * n], state.v)
+        copy_vector(record.coordinates[row, 2 * n :], state.a)
 
 
 @also_compiled

@@ -55,6 +55,7 @@ from fenicsrom.arrays import Array
 from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.files import read_archive, write_archive
 from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.kernels.symmetric import negative_eigenvalues
 from fenicsrom.online.model.model import ReducedModel, reduced_model
 from fenicsrom.online.model.polynomial import ElasticPolynomial
 from fenicsrom.online.model.pressure import PressurePolynomial
@@ -426,7 +427,7 @@ def _checked_model(
     least = np.linalg.eigvalsh(viscous).min(initial=0.0)
     if least < -ROUNDING * np.max(np.abs(data["velocity_matrix"]), initial=0.0):
         raise _damaged(path, f"{prefix}velocity_matrix gives energy to the motion")
-    if not (np.all(np.linalg.eigvalsh(data["mass"]) > 0.0) and data["damping"] >= 0.0):
+    if not (not negative_eigenvalues(data["mass"]) and data["damping"] >= 0.0):
         raise _damaged(path, f"{prefix}mass or damping is not positive")
     followers = np.array(scene.followers, dtype=np.int64)
     return reduced_model(

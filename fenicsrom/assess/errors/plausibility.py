@@ -1,0 +1,94 @@
+"""Loads and motions that are most likely consequences of wrong input."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.online.model.loads import largest
+from fenicsrom.online.model.model import ReducedModel
+from fenicsrom.online.motion.motion import Motion
+from fenicsrom.scene import Scene
+from fenicsrom.scene.excitation import highest_frequency
+from fenicsrom.words import IMPLAUSIBLE
+
+FAR = 100.0
+"""Ratio of frequencies beyond which one of them is most likely wrong."""
+
+UNEQUAL = 1e6
+"""Ratio of the linear static responses to two loads beyond which one load is most likely wrong."""
+
+OUT_OF_REACH = 10.0
+"""A surface whose least gap is this many times the travel of the points is most likely wrong."""
+
+
+def is_explained(warnings: Sequence[str]) -> bool:
+    """Whether there is a likely cause already, which the sentences of this module would repeat."""
+    return any(text.startswith(IMPLAUSIBLE) for text in warnings)
+
+
+def implausible_loads(model: Any, scene: Scene, frequencies: Array) -> list[str]:
+    """One sentence if the loads are far too fast, too slow or too unequal; else none.
+
+    Args:
+        model: the reduced model.
+        scene: its scene.
+        frequencies: (v,) its natural frequencies, Hz.
+    """
+    first = float(np.min(frequencies, initial=np.inf))
+    highest = highest_frequency(scene)
+    units = "check the lengths, the material and the frequencies, and their units ([units])"
+    if 0.0 < highest * FAR < first < np.inf:
+        return [
+            f"{IMPLAUSIBLE}the scene excites up to {highest:.4g} Hz, 1/{first / highest:.3g} of "
+            f"the first natural frequency of {first:.4g} Hz: the motion is nearly static; {units}"
+        ]
+    if scene.period is not None and 0.0 < first * FAR * scene.period < 1.0:
+        return [
+            f"{IMPLAUSIBLE}the loads repeat at {1.0 / scene.period:.4g} Hz, "
+            f"{1.0 / (first * scene.period):.3g} times the first natural frequency of {first:.4g} "
+            f"Hz: {units}"
+        ]
+    if not isinstance(model, ReducedModel) or model.loads.shape[1] < 2:
+        return []
+    loads = model.loads * largest(model.load_histories)
+    work = np.sum(loads * np.linalg.solve(model.elastic.stiffness, loads), axis=0)
+    size: Array = np.sqrt(np.abs(work))
+    large, small = int(np.argmax(size)), int(np.argmin(np.where(size > 0.0, size, np.inf)))
+    if size[large] <= UNEQUAL * size[small]:
+        return []
+    return [
+        f"{IMPLAUSIBLE}loads[{large}] deforms the body {size[large] / size[small]:.2g} times as "
+        f"much as loads[{small}]: check the sizes and units of both ([units])"
+    ]
+
+
+def implausible_motion(motion: Motion, points: ContactPoints, extent: float) -> list[str]:
+    """One sentence if a motion is larger than its body, or far away from its surfaces; else none.
+
+    Args:
+        motion: the motion.
+        points: its contact points.
+        extent: largest extent of the body, m.
+    """
+    moved = float(np.linalg.norm(motion.displacement, axis=2).max(initial=0.0))
+    if moved > extent:
+        return [
+            f"{IMPLAUSIBLE}the motion reaches {moved:.4g} m, and the body is {extent:.4g} m long: "
+            "check the loads, the material and the lengths, and their units ([units])"
+        ]
+    travel = np.ptp(motion.displacement, axis=0)
+    for k in np.unique(points.contact):
+        mine = np.flatnonzero(points.contact == k)
+        gap, reach = float(motion.gap[:, mine].min()), float(travel[mine, 0].max())
+        if not np.any(motion.force[:, mine, 0] > 0.0) and gap > OUT_OF_REACH * reach:
+            return [
+                f"{IMPLAUSIBLE}contacts[{k}] can hardly touch its surface: the smallest gap is "
+                f"{1e3 * gap:.4g} mm, and the points move by {1e3 * reach:.4g} mm towards it and "
+                "back: check the gap, the normal and the loads, and their units ([units])"
+            ]
+    return []

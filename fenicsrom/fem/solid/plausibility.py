@@ -1,0 +1,177 @@
+"""Materials, sizes and contact normals that are most likely mistakes.
+
+Most mistakes are numbers in other units than SI. The speed of waves along a bar, sqrt(E / ρ), shows
+them for all solids: it is 100 to 20,000 m/s from rubber to diamond, whatever the unit of E is.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+from typing import TYPE_CHECKING
+
+import dolfinx.mesh
+import numpy as np
+
+from fenicsrom.arrays import Array
+from fenicsrom.online.contact.points import ContactPoints
+from fenicsrom.scene import Elasticity, Region, Scene
+from fenicsrom.words import IMPLAUSIBLE
+
+if TYPE_CHECKING:
+    from fenicsrom.fem.mesh.mesh_data import Mesh
+
+WAVE_SPEEDS = (100.0, 20e3)
+"""Speeds of waves along a bar of a solid, m/s: soft rubber, diamond."""
+
+USUAL_SPEED = 4000.0
+"""Of several units, the ones are likely whose speed is nearest to this one, m/s."""
+
+YOUNG = (1e4, 2e12)
+"""Young's moduli of solids, Pa: soft gel, more than diamond."""
+
+DENSITIES = (1.0, 30e3)
+"""Densities of solids, kg/m³: aerogel, more than osmium."""
+
+EXTENTS = (1e-7, 200.0)
+"""Lengths of bodies, m; a longer one is most likely given in mm."""
+
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+MASSES = {"t": 1e3, "kg": 1.0, "g": 1e-3}
+TIMES = {"s": 1.0, "ms": 1e-3}
+
+MODULI = {"MPa": 1e6, "GPa": 1e9}
+PER_VOLUME = {"g/cm³": 1e3, "kg/mm³": 1e9, "t/mm³": 1e12}
+"""Other units of one number."""
+
+OPPOSITE = -0.5
+"""A contact normal points into the body if its cosine with the outward normal is smaller."""
+
+FLAT = 0.5
+"""The mean of the normals of a region is a direction if its size is larger."""
+
+
+def implausible_inputs(scene: Scene, mesh: Mesh) -> list[str]:
+    """One sentence on the first material, or on the size, that is most likely a mistake.
+
+    Args:
+        scene: the scene.
+        mesh: its mesh.
+    """
+    names = [("material", scene.material)]
+    names += [(f"materials[{k}]", group) for k, group in enumerate(scene.materials)]
+    for key, material in names:
+        if sentence := _material_sentence(key, material):
+            return [sentence]
+    extent = mesh.extent()
+    if EXTENTS[0] <= extent <= EXTENTS[1]:
+        return []
+    what = "coordinates in mm? Then give [units], or geometry.scale = 0.001 for a mesh file"
+    likely = f": are the {what}" if extent > EXTENTS[1] else ": check geometry.scale and [units]"
+    return [f"{IMPLAUSIBLE}the body is {extent:.4g} m long{likely}"]
+
+
+def _material_sentence(key: str, material: Elasticity) -> str | None:
+    """A sentence on a material that no solid has, with the likely units; None on any other one."""
+    young, density = max(material.orthotropic_constants[0]), material.density
+    if _is_solid(young, density):
+        return None
+    return (
+        f"{IMPLAUSIBLE}{key}.young = {young:.6g} Pa and {key}.density = {density:.6g} kg/m³ give "
+        f"waves of {math.sqrt(young / density):.3g} m/s (most solids: {WAVE_SPEEDS[0]:g} to "
+        f"{WAVE_SPEEDS[1]:g} m/s): {_likely_units(young, density)}"
+    )
+
+
+def _likely_units(young: float, density: float) -> str:
+    """The units in which these numbers are those of a solid: of one of them, else of both."""
+    or_units = "or the units of all numbers in [units]"
+    found: list[tuple[float, str]] = []
+
+    def consider(modulus: float, mass: float, words: str) -> None:
+        if _is_solid(young * modulus, density * mass, usual=True):
+            speed = math.sqrt(young * modulus / (density * mass))
+            found.append((abs(math.log(speed / USUAL_SPEED)), words))
+
+    for unit, factor in MODULI.items():
+        consider(
+            factor, 1.0, f"is Young's modulus in {unit}? Give {young * factor:.6g} Pa, {or_units}"
+        )
+    for unit, factor in PER_VOLUME.items():
+        consider(
+            1.0, factor, f"is the density in {unit}? Give {density * factor:.6g} kg/m³, {or_units}"
+        )
+    if not found:
+        for (length, metres), (mass, kilograms), (time, seconds) in product(
+            LENGTHS.items(), MASSES.items(), TIMES.items()
+        ):
+            given = f'[units] length = "{length}", mass = "{mass}", time = "{time}"'
+            words = f"are the units {length}, {mass} and {time}? Give {given}"
+            consider(kilograms / (metres * seconds**2), kilograms / metres**3, words)
+    return min(found)[1] if found else "all numbers are in SI units, or in those of [units]"
+
+
+def _is_solid(young: float, density: float, usual: bool = False) -> bool:
+    """Whether a solid may have this modulus in Pa and density in kg/m³.
+
+    Args:
+        young: Young's modulus.
+        density: the density.
+        usual: whether it shall be a solid that machines are made of, from rubber to ceramics.
+    """
+    moduli, densities = ((1e6, 1e12), (100.0, 25e3)) if usual else (YOUNG, DENSITIES)
+    return (
+        moduli[0] <= young <= moduli[1]
+        and densities[0] <= density <= densities[1]
+        and WAVE_SPEEDS[0] <= math.sqrt(young / density) <= WAVE_SPEEDS[1]
+    )
+
+
+def implausible_normals(scene: Scene, mesh: Mesh, points: ContactPoints) -> list[str]:
+    """One sentence on the first contact whose surface is on the side of the body. Collective.
+
+    Only contacts on facets of the boundary are judged.
+
+    Args:
+        scene: the scene.
+        mesh: its mesh.
+        points: its contact points.
+    """
+    for k, contact in enumerate(scene.contacts):
+        if not mesh.has_facets(contact.place):
+            continue
+        outward = _outward(mesh, contact.place)
+        normal = points.frame[points.contact == k, 0].mean(axis=0)
+        size = float(np.linalg.norm(outward) * np.linalg.norm(normal))
+        if float(outward @ normal) < OPPOSITE * size:
+            name = "normal" if contact.surface is None else "surface"
+            words = ", ".join(f"{x + 0.0:.3g}" for x in normal)
+            return [
+                f"{IMPLAUSIBLE}contacts[{k}].{name}: the direction into the surface, ({words}), "
+                "points into the body where they touch: turn it round, so that the surface lies "
+                "outside of the body"
+            ]
+    return []
+
+
+def _outward(mesh: Mesh, region: Region) -> Array:
+    """The direction (d,) out of the body at a region; 0 where it has none. Collective."""
+    domain, d = mesh.domain, mesh.domain.topology.dim
+    facets = mesh.facets(region)
+    domain.topology.create_connectivity(d - 1, d)
+    cells = domain.topology.connectivity(d - 1, d)
+    outer = facets[np.diff(cells.offsets)[facets] == 1]
+    found = np.zeros(4)
+    if outer.size:  # dolfinx fails without facets
+        x = domain.geometry.x
+        corners = x[dolfinx.mesh.entities_to_geometry(domain, d - 1, outer)]
+        middle = x[domain.geometry.dofmap[cells.array[cells.offsets[outer]]]].mean(axis=1)
+        across = corners[:, 2] - corners[:, 0] if d == 3 else np.array([0.0, 0.0, 1.0])
+        normals = np.cross(corners[:, 1] - corners[:, 0], across)
+        normals *= np.sign(np.sum(normals * (corners.mean(axis=1) - middle), axis=1))[:, None]
+        found = np.append(normals.sum(axis=0), np.linalg.norm(normals, axis=1).sum())
+    *mean, area = domain.comm.allreduce(found)
+    inside = domain.comm.allreduce(int(facets.size - outer.size))
+    if inside or np.linalg.norm(mean) <= FLAT * area:
+        return np.zeros(d)
+    return np.array(mean[:d])

@@ -1,0 +1,81 @@
+"""Loads and motions that are most likely consequences of wrong input."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import beam_scene, first, linear_model, oscillator
+
+from fenicsrom.assess.errors.large_strains import strain_warnings
+from fenicsrom.assess.errors.plausibility import (
+    implausible_loads,
+    implausible_motion,
+    is_explained,
+)
+from fenicsrom.online.motion import measures
+from fenicsrom.online.run.simulate import load_histories
+from fenicsrom.online.stress.deformation import Deformation
+from fenicsrom.words import IMPLAUSIBLE
+
+
+@pytest.mark.parametrize(
+    ("first_hz", "is_warned"), [(0.02, True), (0.04, False), (300.0, False), (400.0, True)]
+)
+def test_first_frequency_far_from_the_loads_is_warned(first_hz: float, is_warned: bool) -> None:
+    """The load has 3.2 Hz; the ratio may be up to 100."""
+    scene = beam_scene(2)
+    model = linear_model(np.eye(2), np.eye(2), loads=[[1.0], [0.0]])
+    found = implausible_loads(model, scene, np.array([first_hz, 1e3]))
+    assert bool(found) == is_warned and is_explained(found) == is_warned
+
+
+@pytest.mark.parametrize(("force", "is_warned"), [(1.1e-4, True), (1.2e-4, False)])
+def test_loads_of_very_different_size_are_warned(force: float, is_warned: bool) -> None:
+    """The other load is 111.29 N, in a direction in which the body is four times as stiff."""
+    scene = beam_scene(2, ("loads.0.direction=[0.0, 1.0]",))
+    small = {"group": "load", "direction": [1.0, 0.0], "force": 0.5 * force, "frequency": 3.2}
+    table = {"group": "load", "direction": [0.0, 1.0], "force": 111.29, "frequency": 3.2}
+    scene = beam_scene(2, loads=[table, small])
+    model = linear_model(
+        np.eye(2), np.diag([1.0, 4.0]), loads=np.eye(2)[::-1], load_histories=load_histories(scene)
+    )
+    found = implausible_loads(model, scene, np.array([3.0]))
+    assert bool(found) == is_warned
+    assert all("loads[0]" in text and "loads[1]" in text for text in found)
+
+
+def test_motion_larger_than_the_body_is_warned() -> None:
+    _, _, motion = oscillator()
+    points, *_ = first(0, 2)
+    reached = float(np.linalg.norm(motion.displacement, axis=2).max())
+    assert implausible_motion(motion, points, 1.01 * reached) == []
+    (found,) = implausible_motion(motion, points, 0.99 * reached)
+    assert found.startswith(IMPLAUSIBLE)
+
+
+@pytest.mark.parametrize(("factor", "is_warned"), [(9.0, False), (11.0, True)])
+def test_surface_out_of_reach_is_warned(factor: float, is_warned: bool) -> None:
+    _, _, motion = oscillator()
+    points, *_ = first(2, 2)
+    travel = 2.0 * measures.amplitude(motion)[0]
+    steps = motion.time.size
+    far = replace(motion, gap=np.full((steps, 1), factor * travel), force=np.zeros((steps, 1, 2)))
+    last = float(np.ptp(motion.displacement[:, 0, 0]))
+    assert last == pytest.approx(travel, rel=0.5)
+    far = replace(far, gap=np.full((steps, 1), factor * last))
+    found = implausible_motion(far, points, np.inf)
+    assert bool(found) == is_warned and all("contacts[0]" in text for text in found)
+    touching = replace(far, force=np.ones((steps, 1, 2)))
+    assert implausible_motion(touching, points, np.inf) == []
+
+
+@pytest.mark.parametrize(
+    ("smallest", "largest", "word"),
+    [(0.95, 1.05, ""), (0.85, 1.05, "compressive"), (0.95, 1.15, "tensile")],
+)
+def test_strains_above_a_tenth_are_warned(smallest: float, largest: float, word: str) -> None:
+    state = Deformation(1.0, np.zeros(2), smallest, largest)
+    found = strain_warnings([("here", state)])
+    assert len(found) == bool(word) and all(word in text for text in found)
