@@ -225,6 +225,8 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
         size = 0.96 + 0.05 / (1.0 + ((point.parameter - middle) / width) ** 2)
         verdict = "stable" if size < 1.0 else "torus"
         multipliers = np.array([size + 0.0j])
+        if not point.stable:  # the unstable stretch of the curve itself stays unstable
+            verdict, multipliers = point.verdict, point.multipliers
         return SimpleNamespace(
             amplitude=point.amplitude, multipliers=multipliers, free_sliders=0, verdict=verdict
         )

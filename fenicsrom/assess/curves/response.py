@@ -161,30 +161,29 @@ def _leave_out_unresolved(found: Response) -> None:
 
 
 def _light_modes(stored: StoredModel) -> list[str]:
-    """Sentences on higher modes that are hardly damped and that a harmonic of the loads excites."""
+    """A sentence on hardly damped higher modes that a harmonic of the loads excites."""
     scene = stored.scene
     table, frequency = response_table(scene), 1.0 / float(scene.period or np.inf)
     low, high = (table.low, table.high) if table.parameter == "frequency" else (frequency,) * 2
+    contacts = settled_contacts(contacts_of(scene, stored.model.points))
     try:
-        modes = linear_modes(
-            stored.model, settled_contacts(contacts_of(scene, stored.model.points))
-        )
+        modes = linear_modes(stored.model, contacts)
     except ConvergenceError:
         return []
     found = []
     for mode in modes[1:]:
         own = mode.omega / (2.0 * np.pi)
         orders = np.arange(2, HARMONIC + 1)
-        hit = orders[
-            (own >= orders * low * (1.0 - AROUND)) & (own <= orders * high * (1.0 + AROUND))
-        ]
-        if hit.size and mode.damping_ratio < LIGHT:
+        within = (own >= orders * low * (1.0 - AROUND)) & (own <= orders * high * (1.0 + AROUND))
+        if within.any() and mode.damping_ratio < LIGHT:
             found.append(
-                f"mode {mode.number} ({own:.5g} Hz, contact points that touch stick) has a damping "
-                f"ratio of {mode.damping_ratio:.1g}: harmonic {hit[0]} of the loads can excite it "
-                "in a narrow resonance; [damping] gives each mode its ratio."
+                f"mode {mode.number} at {own:.5g} Hz has a damping ratio of "
+                f"{mode.damping_ratio:.1g} (harmonic {orders[within][0]})"
             )
-    return found
+    stuck = ", with contact points that stick" if scene.contacts else ""
+    advice = "expect narrow resonances, or give each mode its ratio in [damping]."
+    reason = f"Harmonics of the loads excite lightly damped modes{stuck}"
+    return [f"{reason}: {'; '.join(found)}; {advice}"] if found else []
 
 
 def _warn_of_errors(found: Response) -> None:
