@@ -82,7 +82,7 @@ class ConvergenceError(RuntimeError):
         partial: what was computed before the failure (a `Motion`, a list of equilibria), or None.
         kind: what failed.
         decrements: of each iteration of the last attempt of Newton's method: the decrement
-            |residual · change| in J, or the relative residual of a periodic motion. Empty if
+            `|residual · change|` in J, or the relative residual of a periodic motion. Empty if
             another method failed.
     """
 

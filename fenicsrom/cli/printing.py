@@ -10,6 +10,7 @@ from fenicsrom.cli.ranks import all_ranks
 from fenicsrom.cli.termination import is_terminated
 from fenicsrom.errors import printable
 from fenicsrom.scene import Scene, scene_heading
+from fenicsrom.scene.units import units_sentence
 
 
 def progress(line: str) -> None:
@@ -34,6 +35,8 @@ def print_results(
     print()
     if scene is not None and scene.title:
         print(printable(scene_heading(scene, varied)))
+    if scene is not None and (sentence := units_sentence(scene)):
+        print(sentence)
     if table:
         print(table)
     for warning in warnings:

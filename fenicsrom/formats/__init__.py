@@ -20,13 +20,14 @@ import numpy as np
 
 from fenicsrom.formats.abaqus import read_abaqus
 from fenicsrom.formats.ansys import read_ansys
+from fenicsrom.formats.division import divided
 from fenicsrom.formats.mesh_file import Block, MeshFile, refuse
 from fenicsrom.formats.nastran import read_nastran
 from fenicsrom.formats.parts import sorted_elements
 from fenicsrom.formats.serendipity import complete
 from fenicsrom.formats.vtk import read_vtk
 
-__all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "read"]
+__all__ = ["SUFFIXES", "Block", "MeshFile", "complete", "divided", "read"]
 
 READERS = {
     "abaqus": read_abaqus,
@@ -63,8 +64,9 @@ def read(path: Path) -> MeshFile:
         mesh = read_vtk(path)
         if not mesh.blocks:
             raise refuse(path, "the file has no cells; write the file with its mesh")
+        mesh = divided(mesh)
     else:
-        mesh = sorted_elements(path, READERS[form](path))
+        mesh = sorted_elements(path, divided(READERS[form](path)))
     for block in mesh.blocks:
         if block.nodes.min() < 0 or block.nodes.max() >= len(mesh.points):
             raise refuse(path, "a cell refers to a node that is not in the file")

@@ -15,6 +15,7 @@ import numpy as np
 from fenicsrom.formats.abaqus_assembly import assembled, placed
 from fenicsrom.formats.abaqus_elements import is_axisymmetric, kind_of, refused
 from fenicsrom.formats.abaqus_keywords import Keyword, fields, read_keywords
+from fenicsrom.formats.abaqus_physics import TAKEN_ELEMENTS, with_physics
 from fenicsrom.formats.abaqus_sets import (
     OF_ELEMENTS,
     Entry,
@@ -88,7 +89,8 @@ def read_abaqus(path: Path) -> MeshFile:
     Raises:
         SceneError: the file is damaged, or has content that changes the mesh and is not supported.
     """
-    model, current, in_step = Model(path), None, False
+    model, current = Model(path), None
+    more: list[tuple[Keyword, Part]] = []
     for keyword in read_keywords(path):
         name = keyword.name
         if name == "PART":
@@ -97,15 +99,18 @@ def read_abaqus(path: Path) -> MeshFile:
             current = _instance(model, keyword)
         elif name in ("END PART", "END INSTANCE"):
             current = None
-        elif name in ("STEP", "END STEP"):
-            in_step = name == "STEP"
-        if name == "STEP" or (not in_step and not _read(model, current or model.root, keyword)):
-            model.not_read[f"*{name}"] = None
-        elif in_step:
-            _read(model, current or model.root, keyword)
-    left = [counted(count, f"{name} element") for name, count in model.left_out.items()]
-    mesh = assembled(path, model.root, model.instances)
-    return replace(mesh, not_read=(*left, *model.not_read), notes=(*mesh.notes, *model.notes))
+        if not _read(model, current or model.root, keyword) or name in ("ELEMENT", "END STEP"):
+            more.append((keyword, current or model.root))
+    mesh, nodes, cells = assembled(path, model.root, model.instances)
+    places = {
+        id(part): tuple(n for n, own, _ in model.instances if own is part) for _, part in more
+    }
+    scoped = [(keyword, places[id(part)] or ("",)) for keyword, part in more]
+    mesh, unread = with_physics(mesh, scoped, nodes, cells)
+    kept = [name for name in model.left_out if name not in TAKEN_ELEMENTS]
+    left = [counted(model.left_out[name], f"{name} element") for name in kept]
+    not_read = (*left, *model.not_read, *unread)
+    return replace(mesh, not_read=not_read, notes=(*mesh.notes, *model.notes))
 
 
 def _instance(model: Model, keyword: Keyword) -> Part:

@@ -43,8 +43,13 @@ def placed(path: Path, keyword: Keyword) -> Floats:
     return np.column_stack([turn, turn @ (shift - start) + start])
 
 
-def assembled(path: Path, root: Part, instances: list[tuple[str, Part, Floats]]) -> MeshFile:
+def assembled(
+    path: Path, root: Part, instances: list[tuple[str, Part, Floats]]
+) -> tuple[MeshFile, Resolver, Resolver]:
     """Put the nodes, elements and sets of a model together.
+
+    Returns:
+        The mesh, and what finds the indices of nodes and of elements by the names of their sets.
 
     Args:
         path: the file, for messages.
@@ -93,7 +98,8 @@ def assembled(path: Path, root: Part, instances: list[tuple[str, Part, Floats]])
                 block.groups[name] = marks
     node_groups = dict(_named(placements, lambda part: list(part.node_sets), nodes, notes))
     surfaces = _surfaces(placements, blocks, starts, cells, notes)
-    return MeshFile(points, (*blocks, *surfaces), node_groups, notes=tuple(notes))
+    mesh = MeshFile(points, (*blocks, *surfaces), node_groups, notes=tuple(notes))
+    return mesh, nodes, cells
 
 
 def _points(

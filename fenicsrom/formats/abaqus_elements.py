@@ -12,6 +12,10 @@ _VARIANT = "(?:R|I|H|RH|IH|M|MH|HS|S|T|RT|HT|MT|MHT|RHT|P|PH|MP|MPH|RP|RPH|PT|RP
 _FAMILIES: dict[str, int] = {
     rf"C3D4{_VARIANT}": 4,
     rf"C3D10{_VARIANT}": 11,
+    rf"C3D5{_VARIANT}": 7,
+    rf"C3D6{_VARIANT}": 6,
+    rf"C3D13{_VARIANT}": 19,
+    rf"C3D15{_VARIANT}": 18,
     rf"C3D8{_VARIANT}": 5,
     rf"C3D20{_VARIANT}": 17,
     rf"(CPS|CPE|CPEG|CAX|M3D)3{_VARIANT}|S3R?S?|STRI3|SFM3D3|DS3|R3D3": 2,
@@ -27,10 +31,6 @@ _FAMILIES: dict[str, int] = {
 _TYPES = [(re.compile(pattern), kind) for pattern, kind in _FAMILIES.items()]
 
 _NAMES = {
-    "3D5": "pyramids",
-    "3D6": "wedges",
-    "3D13": "pyramids of 13 nodes",
-    "3D15": "wedges of 15 nodes",
     "3D18": "wedges of 18 nodes",
     "3D27": "hexahedra of variable nodes",
 }

@@ -142,6 +142,20 @@ class Resolver:
                 found.update(self._item(where, item, (*seen, key)))
         return np.array(sorted(found), dtype=np.int64)
 
+    def found(self, scope: tuple[str, ...], text: str) -> Ints:
+        """Sorted indices of a number or a set, as a data line names it.
+
+        Args:
+            scope: instances of the part in which the line stands, or ("",).
+            text: the number or name.
+
+        Raises:
+            SceneError: there is no such set.
+        """
+        item: int | str = int(text) if text.isdigit() else text
+        every = [index for instance in scope for index in self._item(instance, item, ())]
+        return np.array(sorted(set(every)), dtype=np.int64)
+
     def _item(self, instance: str, item: int | str, seen: tuple[str, ...]) -> list[int]:
         """Indices of a number, of a number with its instance, or of a set."""
         if isinstance(item, str):

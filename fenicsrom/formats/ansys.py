@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.errors import SceneError
+from fenicsrom.formats.collector import Collector
 from fenicsrom.formats.mesh_file import (
     Block,
     Floats,
@@ -22,6 +23,7 @@ from fenicsrom.formats.mesh_file import (
     middle_nodes_note,
     refuse,
 )
+from fenicsrom.formats.physics import DeckLoad
 from fenicsrom.formats.shapes import FROM_VTK, SHAPES
 from fenicsrom.formats.text import numbers_between, read_lines
 from fenicsrom.words import counted
@@ -55,6 +57,11 @@ class Archive:
         elements: number, type in the file, and nodes of each element.
         components: kind (NODE or ELEM) and numbers of each component by its name.
         other: number of the commands that are not read.
+        materials: number of the material of each element.
+        reals: set of real constants of each element.
+        constants: constants of each material by its number.
+        real_constants: first real constant of each set.
+        physics: supports and loads, by the numbers of the nodes.
     """
 
     path: Path
@@ -63,6 +70,12 @@ class Archive:
     elements: list[tuple[int, int, list[int]]] = field(default_factory=list)
     components: dict[str, tuple[str, list[int]]] = field(default_factory=dict)
     other: Counter[str] = field(default_factory=Counter)
+    materials: dict[int, int] = field(default_factory=dict)
+    reals: dict[int, int] = field(default_factory=dict)
+    constants: dict[int, dict[str, float]] = field(default_factory=dict)
+    real_constants: dict[int, float] = field(default_factory=dict)
+    physics: list[tuple[str, int, str, float]] = field(default_factory=list)
+    acceleration: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 def read_ansys(path: Path) -> MeshFile:
@@ -107,6 +120,23 @@ def _read(archive: Archive, line: str, lines: Iterator[str]) -> None:
         widths = _widths(next(lines))
         while (row := [int(word) for word in _cut(next(lines), widths)])[0] > 0:
             archive.types[row[0]] = row[1]
+    elif command in ("MP", "MPDATA"):
+        _material(archive, words)
+    elif command == "RLBLOCK":
+        next(lines), next(lines)
+        for _ in range(int(words[1])):
+            row = next(lines).split()
+            archive.real_constants[int(row[0])] = float(row[2])
+            for _ in range(max(0, -(-(int(row[1]) - 6) // 7))):
+                next(lines)
+    elif command == "R" and len(words) > 2 and words[1].isdigit():
+        archive.real_constants[int(words[1])] = float(words[2] or 0.0)
+    elif command in ("D", "F") and words[1:2] and words[1].isdigit() and len(words) > 2:
+        value = float(words[3]) if len(words) > 3 and words[3] else 0.0
+        archive.physics.append((command, int(words[1]), words[2].upper(), value))
+    elif command == "ACEL":
+        given = [float(word or 0.0) for word in words[1:4]]
+        archive.acceleration = (*given, 0.0, 0.0, 0.0)[:3]
     elif command[:1].isalpha() and not SILENT.match(line) and not _is_zero(words):
         archive.other[command] += 1
 
@@ -136,7 +166,9 @@ def _elements(archive: Archive, lines: Iterator[str]) -> None:
         count, nodes = int(row[8]), [int(word) for word in row[11:]]
         while len(nodes) < count:
             nodes += map(int, _cut(next(lines), widths))
-        archive.elements.append((int(row[10]), int(row[1]), nodes[:count]))
+        label = int(row[10])
+        archive.elements.append((label, int(row[1]), nodes[:count]))
+        archive.materials[label], archive.reals[label] = int(row[0]), int(row[2])
 
 
 def _widths(form: str) -> list[tuple[str, int]]:
@@ -207,10 +239,66 @@ def _mesh(path: Path, archive: Archive) -> MeshFile:
     if extra:
         notes = (middle_nodes_note(len(extra)),)
         points = np.concatenate([points, np.array(extra)])
-    unread = [counted(n, name) for name, n in left.items()]
+    unread = [counted(n, name) for name, n in left.items() if name != MASS]
     unread += [f"{n} {name}" for name, n in archive.other.items()]
     groups = {name: nodes for name, nodes in node_groups.items() if len(nodes)}
-    return MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
+    mesh = MeshFile(points, tuple(blocks), groups, tuple(unread), notes)
+    return _physics(archive, mesh, numbers)
+
+
+MASS = "type 21 element"
+"""Point masses, which are no cells."""
+
+
+def _material(archive: Archive, words: list[str]) -> None:
+    """Read MP, name, number, value, or MPDATA, R5.0, 1, name, number, first, values."""
+    name, number, value = words[3:5] + words[6:7] if words[0].upper() == "MPDATA" else words[1:4]
+    key = {"EX": "E", "NUXY": "nu", "PRXY": "nu", "DENS": "rho"}.get(name.upper())
+    if key is None:
+        archive.other[f"MP,{name.upper()}"] += 1
+    else:
+        archive.constants.setdefault(int(number), {})[key] = float(value)
+
+
+def _physics(archive: Archive, mesh: MeshFile, numbers: dict[int, int]) -> MeshFile:
+    """Add the materials, supports, point masses and static loads."""
+    found = Collector()
+    for number, constants in archive.constants.items():
+        found.constants[f"material {number}"] = constants
+    for k, block in enumerate(mesh.blocks):
+        own = np.array(
+            [
+                archive.materials[int(label)]
+                for label in (block.labels if block.labels is not None else ())
+            ]
+        )
+        for number in np.unique(own):
+            marks = found.cells.setdefault(
+                f"material {number}", [np.zeros(len(b.nodes), dtype=bool) for b in mesh.blocks]
+            )
+            marks[k] = own == number
+    held: dict[int, set[int]] = {}
+    for command, node, name, value in archive.physics:
+        components = {"UX": {0}, "UY": {1}, "UZ": {2}, "ALL": {0, 1, 2}}.get(name, set())
+        if command == "D" and value:
+            found.leave(f"D,{node},{name},{value:g}: a displacement")
+        elif command == "D":
+            held.setdefault(node, set()).update(components)
+        elif name in ("FX", "FY", "FZ") and node in numbers:
+            found.forces[numbers[node]]["XYZ".index(name[1])] += value
+        elif value:
+            found.leave(f"F,{node},{name}")
+    for components in {frozenset(entry) for entry in held.values()}:
+        nodes = [numbers[n] for n, entry in held.items() if entry == components and n in numbers]
+        name = "held " + "".join("xyz"[k] for k in sorted(components))
+        found.hold(name, np.array(nodes, dtype=int), set(components))
+    for label, type_, nodes in archive.elements:
+        if archive.types.get(type_) == 21 and nodes[0] in numbers:
+            found.masses[numbers[nodes[0]]] += archive.real_constants.get(archive.reals[label], 0.0)
+    if any(archive.acceleration):  # ANSYS gives that of the frame: the body is pressed against it
+        vector = tuple(-value for value in archive.acceleration)
+        found.others.append(DeckLoad("acceleration", vector))
+    return found.finished(mesh)
 
 
 def _shape(number: int, nodes: list[int]) -> tuple[int, list[int]]:

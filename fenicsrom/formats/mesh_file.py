@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.formats.physics import Physics
 from fenicsrom.words import are, counted
 
 Ints = npt.NDArray[Any]
@@ -47,6 +48,7 @@ class MeshFile:
         node_groups: node indices of each group of nodes by its name.
         not_read: the parts of the file that are not read, each in a few words.
         notes: sentences about the file for the user.
+        physics: materials, supports, masses and loads of the file.
     """
 
     points: Floats
@@ -54,6 +56,7 @@ class MeshFile:
     node_groups: dict[str, Ints] = field(default_factory=dict)
     not_read: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    physics: Physics = field(default_factory=Physics)
 
 
 def middle_nodes_note(number: int) -> str:

@@ -1,6 +1,7 @@
 """Nastran files (.bdf, .nas, .dat): grid points, elements, and groups by property.
 
-The rest of the bulk data is listed as not read. The executive and case control are passed over.
+`nastran_physics` takes materials, supports, masses and loads. The rest of the bulk data is listed
+as not read, and the executive and case control are passed over.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from fenicsrom.formats.mesh_file import (
     refuse,
 )
 from fenicsrom.formats.nastran_cards import Card, read_cards
+from fenicsrom.formats.nastran_physics import TAKEN, with_physics
 from fenicsrom.formats.nastran_systems import KINDS as SYSTEMS
 from fenicsrom.formats.nastran_systems import Systems, read_systems
 from fenicsrom.formats.shapes import SHAPES, TETRA_FROM_VTK
@@ -33,6 +35,9 @@ Nastran numbers the nodes on the edges at the bottom, then those upright, then t
 ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
     "CTETRA": ((4, 11), 2),
     "CHEXA": ((5, 17), 2),
+    "CPENTA": ((6, 18), 2),
+    "CPYRAM": ((7, 19), 2),
+    "CPYRA": ((7, 19), 2),
     "CTRIA3": ((2,), 2),
     "CTRIAR": ((2,), 2),
     "CTRIA6": ((9,), 2),
@@ -53,9 +58,6 @@ ELEMENTS: dict[str, tuple[tuple[int, ...], int]] = {
 """Kinds by the name of an element, with few or many nodes, and the field of its first node."""
 
 HOLES = {
-    "CPENTA": "wedges",
-    "CPYRAM": "pyramids",
-    "CPYRA": "pyramids",
     "CHEXCZ": "cohesive solids",
     "CIHEX1": "solids of an old kind",
     "CIHEX2": "solids of an old kind",
@@ -65,7 +67,7 @@ HOLES = {
 }
 """Solids that this program cannot use, which would leave a hole in the body."""
 
-SILENT = {"GRID", "GRDSET", "ENDDATA", "BEGIN", *SYSTEMS}
+SILENT = {"GRID", "GRDSET", "ENDDATA", "BEGIN", *SYSTEMS, *TAKEN}
 """Entries that are read, or are no data."""
 
 
@@ -90,7 +92,8 @@ def read_nastran(path: Path) -> MeshFile:
         nodes = _constrained(cards, numbers)
     except ValueError as error:
         raise refuse(path, f"an SPC or SPC1 is damaged: {error}") from None
-    return MeshFile(points, blocks, nodes, not_read, notes)
+    mesh = MeshFile(points, blocks, nodes, not_read, notes)
+    return with_physics(path, mesh, cards, numbers)
 
 
 def _points(path: Path, cards: list[Card]) -> tuple[dict[int, int], Floats]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenicsrom.formats.mesh_file import Block, Ints, Marks, MeshFile, refuse
-from fenicsrom.formats.shapes import SHAPES, facet_kind, facets_of
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT, facet_kind, facets_of
 from fenicsrom.words import counted
 
 
@@ -60,9 +60,15 @@ def faces(blocks: list[Block], members: list[Marks], face: int) -> list[Block]:
     found = []
     for block, marks in zip(blocks, members, strict=True):
         shape = SHAPES[block.kind]
-        if marks.any() and face < len(shape.facets):
+        if not marks.any() or face >= len(shape.facets):
+            continue
+        if shape.edges:
             rows = facets_of(block.kind, block.nodes[marks])[:, face]
             found.append(Block(facet_kind(block.kind), rows))
+        else:  # wedges and pyramids, which will be divided: corners only
+            corners = shape.facets[face]
+            kind = STRAIGHT[2, len(corners)]
+            found.append(Block(kind, block.nodes[marks][:, corners]))
     return found
 
 
@@ -92,11 +98,12 @@ def _cell_facets(cells: list[Block]) -> dict[int, tuple[int, Ints]]:
     found: dict[int, tuple[int, Ints]] = {}
     for block in cells:
         if SHAPES[block.kind].facets:
-            rows = facets_of(block.kind, block.nodes)
-            found[SHAPES[facet_kind(block.kind)].corners] = (
-                facet_kind(block.kind),
-                rows.reshape(-1, rows.shape[-1]),
-            )
+            rows, kind = facets_of(block.kind, block.nodes), facet_kind(block.kind)
+            rows = rows.reshape(-1, rows.shape[-1])
+            known, others = found.get(SHAPES[kind].corners, (kind, rows[:0]))
+            if known == kind:
+                rows = np.concatenate([others, rows])
+            found[SHAPES[kind].corners] = kind, rows
     return found
 
 

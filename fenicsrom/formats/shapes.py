@@ -41,6 +41,9 @@ _UPRIGHT = ((2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7))
 _CUBE = ((0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), *_UPRIGHT)
 _CUBE_FACES = ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0))
 
+_WEDGE_FACES = ((0, 1, 2), (3, 5, 4), (0, 3, 4, 1), (1, 4, 5, 2), (2, 5, 3, 0))
+_PYRAMID_FACES = ((0, 1, 2, 3), (0, 4, 1), (1, 4, 2), (2, 4, 3), (3, 4, 0))
+
 SHAPES = {
     15: Shape("points", 0, 1, 1),
     1: Shape("lines", 1, 2, 2, ((0, 1),)),
@@ -55,12 +58,12 @@ SHAPES = {
     5: Shape("hexahedra", 3, 8, 8, _CUBE, _CUBE_FACES),
     17: Shape("hexahedra of 20 nodes", 3, 8, 20, _CUBE, _CUBE_FACES),
     12: Shape("hexahedra of 27 nodes", 3, 8, 27, _CUBE, _CUBE_FACES),
-    6: Shape("wedges", 3, 6, 6),
-    18: Shape("wedges of 15 nodes", 3, 6, 15),
-    13: Shape("wedges of 18 nodes", 3, 6, 18),
-    7: Shape("pyramids", 3, 5, 5),
-    19: Shape("pyramids of 13 nodes", 3, 5, 13),
-    14: Shape("pyramids of 14 nodes", 3, 5, 14),
+    6: Shape("wedges", 3, 6, 6, (), _WEDGE_FACES),
+    18: Shape("wedges of 15 nodes", 3, 6, 15, (), _WEDGE_FACES),
+    13: Shape("wedges of 18 nodes", 3, 6, 18, (), _WEDGE_FACES),
+    7: Shape("pyramids", 3, 5, 5, (), _PYRAMID_FACES),
+    19: Shape("pyramids of 13 nodes", 3, 5, 13, (), _PYRAMID_FACES),
+    14: Shape("pyramids of 14 nodes", 3, 5, 14, (), _PYRAMID_FACES),
 }
 """Shapes by kind."""
 

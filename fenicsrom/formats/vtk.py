@@ -29,6 +29,8 @@ KINDS = {
     "hexahedron20": 17,
     "hexahedron27": 12,
     "wedge": 6,
+    "wedge15": 18,
+    "pyramid13": 19,
     "pyramid": 7,
 }
 """Kinds by meshio's names; the nodes are in VTK's order."""

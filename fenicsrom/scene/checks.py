@@ -17,6 +17,7 @@ from fenicsrom.scene.body_checks import (
 )
 from fenicsrom.scene.curve_checks import backbone_problems, response_problems, statics_problems
 from fenicsrom.scene.loads import Load, SupportDisplacement
+from fenicsrom.scene.meshing import Meshing
 from fenicsrom.scene.places import Place, Region
 from fenicsrom.scene.problem import Problem, Problems
 from fenicsrom.scene.schema import Contact, Geometry, Rotation, Scene
@@ -32,7 +33,8 @@ from fenicsrom.scene.times import (
 )
 
 FEW_CONTACTS = 4  # up to this number of points, every contact displacement is a coordinate
-INTERFACE_MODES = 10  # number of interface modes for more points
+MORE_CONTACTS = 8  # up to this number, interface modes hold all their directions
+INTERFACE_MODES = 10  # number of interface modes for more points, and where derivatives are paired
 LEAST_MODES = 3  # number of normal modes with modes = "auto"
 REGION_KEYS = ("group", "node", "nearest", "box", "plane")
 
@@ -206,19 +208,26 @@ def _support_motion_problems(load: Load, key: str, rotation: Rotation | None) ->
 
 def _geometry_problems(geometry: Geometry) -> Problems:
     suffix = geometry.mesh.suffix
-    is_step = suffix.lower() in (".step", ".stp")
+    is_step = geometry.is_cad
     if geometry.dimension == 2 and geometry.thickness is None:
         yield Problem("geometry.thickness", MISSING, "must be a number above 0 in 2D")
     for name in ("thickness", "plane"):
         if geometry.dimension == 3 and (value := getattr(geometry, name)) is not None:
             yield Problem(f"geometry.{name}", value, "only allowed in 2D")
-    for name in ("cells", "parameters"):
-        if suffix != ".geo" and (value := getattr(geometry, name)):
-            yield Problem(f"geometry.{name}", value, "only allowed if mesh is a .geo file")
+    if suffix != ".geo" and geometry.parameters:
+        allowed = "only allowed if mesh is a .geo file"
+        yield Problem("geometry.parameters", geometry.parameters, allowed)
+    if suffix != ".geo" and not is_step and geometry.cells:
+        yield Problem(
+            "geometry.cells", geometry.cells, "only allowed if mesh is a .geo or .step file"
+        )
     if is_step and geometry.size is None:
         yield Problem("geometry.size", MISSING, "must be the cell size in m for a .step file")
     if not is_step and geometry.size is not None:
         yield Problem("geometry.size", geometry.size, "only allowed if mesh is a .step file")
+    if not is_step and geometry.meshing != Meshing():
+        table = plain(geometry.meshing)
+        yield Problem("geometry.meshing", table, "only allowed if mesh is a .step file")
     if geometry.scale != 1.0 and (is_step or suffix.lower() == ".geo"):
         allowed = f"only allowed if mesh is a mesh file, not for a {suffix} file"
         yield Problem("geometry.scale", geometry.scale, allowed)
@@ -245,7 +254,12 @@ def default_masters(scene: Scene) -> str | int:
     if scene.basis.masters is not None:
         return scene.basis.masters
     regions = any(contact.place.at == "nodes" for contact in scene.contacts)
-    return INTERFACE_MODES if regions or len(scene.contacts) > FEW_CONTACTS else "all"
+    count, paired = len(scene.contacts), scene.basis.derivatives != "principal"
+    if not regions and count <= FEW_CONTACTS:
+        return "all"
+    if regions or paired or count > MORE_CONTACTS:
+        return INTERFACE_MODES
+    return count * scene.geometry.dimension
 
 
 def _basis_problems(scene: Scene) -> Problems:

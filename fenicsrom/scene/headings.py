@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from fenicsrom.scene.overrides import Overrides, names_of, override_texts
 from fenicsrom.scene.tables import plain
+from fenicsrom.scene.units import as_given
 from fenicsrom.scene.writing import toml_value
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def scene_heading(scene: Scene, varied: Collection[str] = ()) -> str:
         return name in hidden or (name.split(".")[0] in tables and _value(table, name) is None)
 
     def shown(match: re.Match[str]) -> str:
-        value = _value(table, match[1])
+        value = as_given(scene, match[1], _value(table, match[1]))
         return match[0] if value is None else _short(value)
 
     parts = scene.title.split(", ")

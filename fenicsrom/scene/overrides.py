@@ -59,7 +59,7 @@ def override_table(table: Mapping[str, Any], overrides: Overrides, source: str) 
     """
     changed = dict(table)
     for override in override_texts(overrides):
-        names, value = _parsed(override, source)
+        names, value = parsed_override(override, source)
         branch: Any = changed
         for depth, name in enumerate(names):
             numbered = re.fullmatch(r"[0-9]{1,6}", name)
@@ -88,8 +88,12 @@ def names_of(key: str) -> list[str]:
     return [name.strip() for name in key.replace("[", ".").replace("]", "").split(".")]
 
 
-def _parsed(override: str, source: str) -> tuple[list[str], Any]:
-    """Give the names on the path of an override, and its value."""
+def parsed_override(override: str, source: str) -> tuple[list[str], Any]:
+    """Give the names on the path of an override, and its value.
+
+    Raises:
+        SceneError: the override has no `=`, or its value is not TOML.
+    """
     path, equals, text = override.partition("=")
     names = names_of(path)
     if not equals or not all(names) or len(names) > DEEPEST:

@@ -13,6 +13,7 @@ from fenicsrom.errors import ErrorKind, SceneError
 from fenicsrom.scene.checks import default_masters, problems
 from fenicsrom.scene.headings import titled
 from fenicsrom.scene.loads import EngineOrder, Load, Table, with_rows
+from fenicsrom.scene.meshing import Refinement
 from fenicsrom.scene.overrides import Overrides, override_table
 from fenicsrom.scene.paths import shared_meshes
 from fenicsrom.scene.rules import Where, is_sequence, read_rows, show
@@ -28,6 +29,8 @@ from fenicsrom.scene.times import (
     Time,
 )
 from fenicsrom.scene.toml import parse_toml
+from fenicsrom.scene.unit_system import Units
+from fenicsrom.scene.units import scene_in_si
 
 
 def read_scene(
@@ -130,14 +133,25 @@ def parse_scene(
     where = Where(source)
     if not isinstance(table, Mapping):
         raise SceneError(f"{source}: must be a table", kind=ErrorKind.TYPE, source=source)
-    scene = read_table(Scene, _with_frequencies(table, where), where)
-    scene = replace(scene, source=source)
-    for problem in problems(scene, unloaded):
-        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    scene = _checked(table, where, unloaded)
+    if not (scene.units.is_si or scene.units.si):
+        scene = _checked(scene_in_si(table, scene, scene.units), where, unloaded)
     scene = _complete(scene, folder, folder if mesh else None)
     for problem in step_problems(scene):
         raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
     return scene
+
+
+def _checked(table: Mapping[str, Any], where: Where, unloaded: bool) -> Scene:
+    """Make a scene from plain data, without the defaults that depend on other keys.
+
+    Raises:
+        SceneError: a key or value is not allowed.
+    """
+    scene = read_table(Scene, _with_frequencies(table, where), where)
+    for problem in problems(scene, unloaded):
+        raise where.at(problem.key).refuse(problem.value, problem.allowed, problem.kind)
+    return replace(scene, source=where.source)
 
 
 def scene_table(scene: Scene) -> dict[str, Any]:
@@ -206,25 +220,32 @@ def _complete(scene: Scene, folder: Path | None, mesh_folder: Path | None) -> Sc
     where = Where(scene.source, "loads")
     return replace(
         scene,
-        geometry=_complete_geometry(scene.geometry, scene.source, mesh_folder),
+        geometry=_complete_geometry(scene, mesh_folder),
         time=_complete_time(scene.time, scene.period is not None),
         probe=probe,
         loads=tuple(
-            _complete_load(load, folder, where.at(k)) for k, load in enumerate(scene.loads)
+            _complete_load(load, folder, where.at(k), scene.units)
+            for k, load in enumerate(scene.loads)
         ),
         rotation=rotation,
         basis=basis,
     )
 
 
-def _complete_geometry(geometry: Geometry, source: str, folder: Path | None) -> Geometry:
+def _complete_geometry(scene: Scene, folder: Path | None) -> Geometry:
+    geometry = scene.geometry
     if folder is not None:
-        where = Where(source, "geometry.mesh")
+        where = Where(scene.source, "geometry.mesh")
         geometry = replace(geometry, mesh=_find_mesh(geometry.mesh, folder, where))
     if geometry.mesh.suffix == ".geo" and geometry.cells is None:
         geometry = replace(geometry, cells="structured")
     if geometry.dimension == 2 and geometry.plane is None:
         geometry = replace(geometry, plane="stress")
+    if geometry.is_cad and geometry.meshing.near is None:
+        regions = (*scene.supports, *(contact.place for contact in scene.contacts))
+        names = dict.fromkeys(region.group for region in regions if region.group is not None)
+        near = tuple(Refinement(group=name) for name in names)
+        geometry = replace(geometry, meshing=replace(geometry.meshing, near=near))
     return geometry
 
 
@@ -243,9 +264,10 @@ def _complete_time(time: Time, periodic: bool) -> Time:
     return time
 
 
-def _complete_load(load: Load, folder: Path | None, where: Where) -> Load:
+def _complete_load(load: Load, folder: Path | None, where: Where, units: Units) -> Load:
     if isinstance(load.history, Table) and isinstance(load.history.table, Path):
-        return with_rows(load, _read_table(load.history.table, folder, where.at("table")))
+        rows = _read_table(load.history.table, folder, where.at("table"))
+        return with_rows(load, tuple((float(units.in_si(t, "s")), factor) for t, factor in rows))
     return load
 
 

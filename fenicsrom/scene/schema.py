@@ -22,12 +22,14 @@ from fenicsrom.scene.backbone import Backbone
 from fenicsrom.scene.damping import Damping
 from fenicsrom.scene.loads import Load
 from fenicsrom.scene.materials import GroupMaterial, Material
+from fenicsrom.scene.meshing import Meshing
 from fenicsrom.scene.places import Place, Support
 from fenicsrom.scene.response import Response
 from fenicsrom.scene.rules import Rule, Where, choice, flag, integer, list_of, number, rows_of
 from fenicsrom.scene.statics import Statics
 from fenicsrom.scene.tables import plain, read_table, table_of, tables_of
 from fenicsrom.scene.times import SCHEMES, Duration, Time
+from fenicsrom.scene.unit_system import Units
 from fenicsrom.words import brief
 
 
@@ -39,15 +41,18 @@ class Geometry:
         mesh: mesh file, or the .geo or .step file from which a mesh is made; relative to the scene
             file, or one of the program's own meshes.
         dimension: dimension of space.
-        cells: shape of the cells, for a .geo file only: quadrilaterals and hexahedra (structured,
-            the default) or triangles and tetrahedra (simplex).
+        cells: shape of the cells, for a .geo or .step file only: quadrilaterals and hexahedra
+            (structured, the default of a .geo file) or triangles and tetrahedra (simplex). A .step
+            file can be structured if each body has six faces of four sides.
         degree: polynomial degree of the displacement.
         thickness: thickness, in 2D only, where it is required.
         plane: plane stress (the default) or plane strain, in 2D only.
         curved: whether the cells are curved (geometry of degree 2).
         parameters: numbers that the .geo file reads, by name.
         size: cell size for a .step file, where it is required.
-        scale: unit of length of the coordinates in a mesh file.
+        meshing: smaller cells on parts of a .step file.
+        scale: unit of length of the coordinates in a mesh file; by default 1, in the unit of length
+            of [units].
     """
 
     mesh: Annotated[Path, rules.path]
@@ -59,7 +64,13 @@ class Geometry:
     curved: Annotated[bool, flag] = False
     parameters: Annotated[dict[str, float], rules.parameters] = field(default_factory=dict)
     size: Annotated[float | None, number(above=0.0, unit="m")] = None
+    meshing: Annotated[Meshing, table_of(Meshing)] = field(default_factory=Meshing)
     scale: Annotated[float, number(above=0.0, unit="m")] = 1.0
+
+    @property
+    def is_cad(self) -> bool:
+        """Whether the body comes from a CAD file, which is meshed here."""
+        return self.mesh.suffix.lower() in (".step", ".stp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,13 +175,18 @@ class Basis:
         modes: number of normal modes. "auto" takes the modes up to twice the highest frequency that
             loads, surfaces and [response] excite, and the next mode; at least 3 modes and at most
             12 (100 in a linear scene).
-        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep.
+        derivatives: how modal derivatives are selected, or the labels of the derivatives to keep;
+            "principal" takes them along the principal directions of the motion, "mmi", "mmi-nls"
+            and "all" along pairs of modes.
         masters: contact forces for which static modes are computed: "all" directions of every
             point, the "normal" directions only, or a number of interface modes (the combinations of
             forces under which the body is most flexible); by default "all" for up to 4 contacts at
-            points, otherwise 10.
+            points, as many interface modes as directions for up to 8 (not with derivatives along
+            pairs of modes), otherwise 10.
+        accuracy: largest accepted estimate of the error of the displacements due to the basis;
+            with derivatives = "principal" the basis takes coordinates until it is reached.
         threshold: smallest weight of a derivative to keep, relative to the largest (mmi and
-            mmi-nls).
+            mmi-nls), and smallest amplitude of a mode.
         differentiation: how the derivative of the tangent is computed.
         elastic_force: elastic force of the reduced model: an exact polynomial without the mesh, or
             the projection of the full elastic force.
@@ -179,10 +195,16 @@ class Basis:
     method: Annotated[str, choice("rubin", "craig-bampton")] = "rubin"
     modes: Annotated[str | int, rules.modes] = "auto"
     masters: Annotated[str | int | None, rules.masters] = None
-    derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "mmi-nls"
+    derivatives: Annotated[str | tuple[str, ...], rules.derivatives] = "principal"
+    accuracy: Annotated[float, number(above=0.0, most=1.0)] = 1e-3
     threshold: Annotated[float, number(least=0.0, most=1.0)] = 1e-4
     differentiation: Annotated[str, choice("exact", "central-difference")] = "exact"
     elastic_force: Annotated[str, choice("polynomial", "projection")] = "polynomial"
+
+    @property
+    def adapts(self) -> bool:
+        """Whether the basis takes coordinates until `accuracy` is reached."""
+        return self.derivatives == "principal" and self.elastic_force == "polynomial"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,6 +308,7 @@ class Compare:
     )
     derivatives: Annotated[tuple[str | tuple[str, ...], ...], list_of(rules.derivatives)] = (
         "none",
+        "principal",
         "mmi",
         "mmi-nls",
         "all",
@@ -368,6 +391,7 @@ class Scene:
     defaults. A dataclass that is constructed directly is not checked.
 
     Attributes:
+        units: the units of the numbers below.
         title: title of the report; a key in braces, such as {loads.0.force}, stands for its value.
         geometrically_nonlinear: whether large displacements are taken into account.
         geometry: the mesh.
@@ -393,6 +417,7 @@ class Scene:
         source: the file of the scene.
     """
 
+    units: Annotated[Units, table_of(Units)] = field(default_factory=Units)
     title: Annotated[str, rules.text] = ""
     geometrically_nonlinear: Annotated[bool, flag] = True
     geometry: Annotated[Geometry, table_of(Geometry)]

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from fenicsrom.scene.overrides import names_of
+from collections.abc import Mapping
+from typing import Any
+
+from fenicsrom.scene.overrides import names_of, parsed_override
+from fenicsrom.scene.rules import is_number, is_sequence
 from fenicsrom.scene.schema import Scene
 from fenicsrom.scene.tables import keys, table_kind
+from fenicsrom.scene.unit_system import PER_AREA, REGIONAL, Units, shifted, table_in_si
+from fenicsrom.scene.writing import toml_value
 
-REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
-"""Keys of a contact whose units depend on its region: they may be per area."""
+ALONG = ("first", "last", "isolated", "full")
+"""Keys of [response] in the unit of its parameter."""
 
 
 def unit_of(scene: Scene, path: str) -> str:
@@ -19,18 +25,92 @@ def unit_of(scene: Scene, path: str) -> str:
     """
     if path == "frequency":
         return "Hz"
+    names = names_of(path)
+    unit, _ = _found(names)
+    several = "," in unit  # of the columns of a table
+    return "" if several or _is_regional(scene, names) else unit
+
+
+def _found(names: list[str]) -> tuple[str, type | None]:
+    """The unit of the key with these names, and the dataclass of its table if it is a table."""
     kind: type | None = Scene
-    unit, names = "", names_of(path)
+    unit = ""
     for name in names:
         if name.isdecimal():
             continue
         rule = next((rule for key, rule, *_ in keys(kind) if key == name), None) if kind else None
         if rule is None:
-            return ""
+            return "", None
         kind, unit = table_kind(rule), rule.unit
-    several = "," in unit  # of the columns of a table
-    varies = names[0] == "contacts" and names[-1] in REGIONAL
-    return "" if several or (varies and _is_region(scene, names)) else unit
+    return unit, kind
+
+
+def given_unit_of(scene: Scene, path: str) -> str:
+    """The unit in which the file of the scene gives the number of a key, by its [units]."""
+    return scene.units.name_of(unit_of(scene, path))
+
+
+def as_given(scene: Scene, path: str, value: Any) -> Any:
+    """The value of a key of a scene in the units of its file; the scene itself is in SI units."""
+    power = scene.units.power(_whole_unit(scene, path))
+    return shifted(value, -power) if is_number(value) and power else value
+
+
+def _whole_unit(scene: Scene, path: str) -> str:
+    """As `unit_of`, but per area for a contact with the nodes of a region."""
+    names = names_of(path)
+    unit = _found(names)[0]
+    if names[:1] == ["response"] and names[-1] in ALONG and scene.response is not None:
+        return _whole_unit(scene, scene.response.parameter)
+    return PER_AREA.get(unit, unit) if _is_regional(scene, names) else unit_of(scene, path)
+
+
+def override_in_si(scene: Scene, override: str) -> str:
+    """An override of a stored scene, written in the units of its [units], in SI units.
+
+    Raises:
+        SceneError: the override is not written as an override.
+    """
+    if scene.units.is_si:
+        return override
+    names, value = parsed_override(override, scene.source)
+    path, kind = ".".join(names), _found(names)[1]
+    if isinstance(value, Mapping) and kind is not None:
+        value = table_in_si(value, kind, scene.units)
+    elif "," in (unit := _found(names)[0]):
+        value = scene.units.rows_in_si(value, unit)
+    elif path != "response.full" or is_sequence(value):
+        value = scene.units.in_si(value, _whole_unit(scene, path))
+    return f"{path} = {toml_value(value)}"
+
+
+def scene_in_si(table: Mapping[str, Any], scene: Scene, units: Units) -> dict[str, Any]:
+    """The plain data of a scene in SI units.
+
+    Args:
+        table: the data, as the file has it.
+        scene: the scene with the numbers of the file.
+        units: the units of these numbers.
+    """
+    found = table_in_si(table, Scene, units)
+    found["units"] = {**found["units"], "si": True}
+    geometry = scene.geometry
+    if not geometry.is_cad and geometry.mesh.suffix.lower() != ".geo":
+        found["geometry"] = {**found["geometry"], "scale": units.in_si(geometry.scale, "m")}
+    response = scene.response
+    if response is not None:
+        unit = _whole_unit(scene, response.parameter)
+        changed = {
+            key: units.in_si(value, unit)
+            for key, value in table["response"].items()
+            if key in ALONG and (key != "full" or is_sequence(value))
+        }
+        if response.families is not None:
+            unit = _whole_unit(scene, response.families.key)
+            values = units.in_si(response.families.values, unit)
+            changed["families"] = {**table["response"]["families"], "values": values}
+        found["response"] = {**found["response"], **changed}
+    return found
 
 
 def in_words(scene: Scene, path: str, *values: float) -> str:
@@ -39,13 +119,26 @@ def in_words(scene: Scene, path: str, *values: float) -> str:
     return f"{path} = {listed} {unit_of(scene, path)}".rstrip()
 
 
-def column_name(scene: Scene, path: str) -> str:
-    """The name of the column that holds the values of a key, with its unit, such as `gap_m`."""
-    unit = unit_of(scene, path).replace("²", "2")
+def column_name(scene: Scene, path: str, given: bool = False) -> str:
+    """The name of the column that holds the values of a key, with its unit, such as `gap_m`.
+
+    Args:
+        scene: the scene.
+        path: the key.
+        given: whether the column is in the units of the file of the scene.
+    """
+    unit = (given_unit_of if given else unit_of)(scene, path).replace("²", "2")
     return f"{path}_{unit}" if unit else path
 
 
-def _is_region(scene: Scene, names: list[str]) -> bool:
-    """Whether a path leads to a contact with the nodes of a region."""
+def units_sentence(scene: Scene) -> str:
+    """Say in which units the scene is written; "" if it is written in SI units."""
+    return "" if scene.units.is_si else f"units: the scene is in {scene.units.names}; results in SI"
+
+
+def _is_regional(scene: Scene, names: list[str]) -> bool:
+    """Whether a path leads to a stiffness or preload of a contact with the nodes of a region."""
+    if names[0] != "contacts" or names[-1] not in REGIONAL:
+        return False
     places = [contact.place for contact in scene.contacts]
     return any(f"{k}" == names[1] and place.at == "nodes" for k, place in enumerate(places))

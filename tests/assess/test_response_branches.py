@@ -231,7 +231,7 @@ def test_stretch_between_spread_points_that_only_a_richer_basis_sees_is_a_warnin
             amplitude=point.amplitude, multipliers=multipliers, free_sliders=0, verdict=verdict
         )
 
-    monkeypatch.setattr(trust, "_richer_motion", motion)
+    monkeypatch.setattr(trust, "richer_motion", motion)
     found = compared(stored, 30.0)
     added = [check for check in found.curves[0].checks if check.where == trust.NEAR_CHANGE]
     assert 0 < len(added) <= EXTRA

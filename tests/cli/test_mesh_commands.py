@@ -5,6 +5,7 @@ from __future__ import annotations
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from support import refusal
 
@@ -14,8 +15,8 @@ pytest.importorskip("gmsh")
 from fenicsrom.cli import main
 from fenicsrom.fem.mesh.inspection import inspect
 from fenicsrom.post.studies import mesh_report
-from fenicsrom.post.studies.starter import starter_scene
-from fenicsrom.scene import parse_scene
+from fenicsrom.post.studies.starter import outer_normal, starter_scene, units_of
+from fenicsrom.scene import Support, parse_scene, read_scene
 from fenicsrom.scene.paths import shared_meshes
 
 BAR = """*NODE
@@ -23,6 +24,7 @@ BAR = """*NODE
 {cells}*ELEMENT, TYPE=MASS
 100, 1
 *MATERIAL, NAME=steel
+*TIE, NAME=glue
 """
 
 
@@ -51,7 +53,7 @@ def test_inspection_gives_cells_box_volume_groups_and_what_is_not_read(tmp_path:
     assert groups["side", "facets"] == (3, pytest.approx(3e-2))
     assert groups["bar", "nodes"] == (4, None) and groups["corner", "nodes"] == (1, None)
     (warning,) = found.warnings
-    assert "1 MASS element, *MATERIAL" in warning
+    assert "not read: *TIE" in warning
     text = "\n".join(mesh_report.lines(found, 1000.0))
     assert "0.003 m³" in text and "3 kg" in text and not mesh_report.scale_hint(found)
 
@@ -138,7 +140,6 @@ def test_modes_of_a_starter_scene_are_computed(
     quick = ["--set", "output.pictures=false", "--set", "output.paraview=false"]
     assert main(["modes", str(scene), "--output", str(tmp_path / "out"), *quick]) == 0
     assert "1V" in capsys.readouterr().out
-    assert main(["run", str(scene), "--output", str(tmp_path / "out"), *quick]) == 2
 
 
 @pytest.mark.slow
@@ -149,3 +150,58 @@ def test_campbell_needs_no_load(tmp_path: Path, capsys: pytest.CaptureFixture[st
     turning = "[rotation]\nspeed_rpm = 1000\naxis = [1, 0, 0]\n[campbell]\nmodes = 2\n"
     scene.write_text(text + turning + "speeds_rpm = [0, 1000]\n")
     assert main(["campbell", str(scene), "--output", str(tmp_path / "out")]) == 0
+
+
+DECK = """*MATERIAL, NAME=Titanium
+*ELASTIC
+1.1e5, 0.31
+*DENSITY
+4.43e-9
+*BOUNDARY
+low, 1, 3
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("template", ["response", "rub", "damper", "statics"])
+def test_starter_scene_of_a_deck_runs(
+    tmp_path: Path, template: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the material and the supports of the deck, in its units, beside the deck."""
+    pytest.importorskip("dolfinx")
+    sets = "*NSET, NSET=low\n1,2,3,4\n*NSET, NSET=high\n13,14,15,16\n" + DECK
+    path = bar(tmp_path / "bar.inp", size=10.0, sets=sets)
+    assert main(["init", str(path), "--template", template, "--tip", "high"]) == 0
+    scene = read_scene(tmp_path / "bar.toml")
+    assert (scene.material.young, scene.material.density) == (1.1e11, 4430.0)
+    assert scene.supports == (Support(group="low"),) and scene.geometry.scale == 1e-3
+    if scene.contacts:
+        normal = np.array(scene.contacts[0].normal)
+        assert abs(normal[2]) == pytest.approx(1.0) or template == "damper"
+    command = "statics" if template == "statics" else "run"
+    quick = ["--set", "output.pictures=false", "--set", "output.paraview=false"]
+    code = main([command, str(tmp_path / "bar.toml"), "--output", str(tmp_path / "out"), *quick])
+    assert code == 0
+    capsys.readouterr()
+
+
+def test_groups_for_root_and_tip_are_taken(tmp_path: Path) -> None:
+    sets = "*NSET, NSET=a\n1,2,3,4\n*NSET, NSET=b\n13,14,15,16\n"
+    found = inspect(bar(tmp_path / "bar.inp", sets=sets))
+    table = tomllib.loads(starter_scene(found, tmp_path, root="b"))
+    assert table["supports"] == [{"group": "b"}]
+    with refusal(ErrorKind.PLACE, "root", "bar.inp"):
+        starter_scene(found, tmp_path, root="c")
+    group = next(group for group in found.groups if (group.name, group.kind) == ("b", "facets"))
+    assert outer_normal(found, group) == pytest.approx([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "names"), [("mm,t,s", "mm, t, s, N, MPa"), ("m,kg,s", "m, kg, s, N, Pa")]
+)
+def test_units_of_a_starter_scene_are_given(tmp_path: Path, given: str, names: str) -> None:
+    found = inspect(bar(tmp_path / "bar.inp"))
+    units, _ = units_of(found, given)
+    assert units.names == names
+    with refusal(ErrorKind.RANGE, "units"):
+        units_of(found, "inch,t,s")

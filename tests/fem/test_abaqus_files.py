@@ -160,15 +160,10 @@ def test_shells_on_facets_are_groups_and_others_are_named(tmp_path: Path) -> Non
     assert facet_corners(mesh, "skin") == [[1, 2, 3, 4]]
     assert set(mesh.not_read) == {
         "1 S4R element",
-        "2 MASS elements",
         "1 B31 element",
         "1 SPRINGA element",
-        "*MASS",
         "*TIE",
         "*EQUATION",
-        "*MATERIAL",
-        "*BOUNDARY",
-        "*STEP",
     }
 
 
@@ -253,9 +248,8 @@ def test_missing_or_endless_include_is_refused(tmp_path: Path) -> None:
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,8\n", "1 and 3"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6\n", "element 3"),
         ("*ELEMENT, TYPE=C3D8\n3, 1,2,3,4,5,6,7,99\n", "99"),
-        ("*ELEMENT, TYPE=C3D6\n3, 1,2,3,5,6,7\n", "C3D6"),
-        ("*ELEMENT, TYPE=C3D15\n3, 1,2,3,5,6,7\n", "C3D15"),
-        ("*ELEMENT, TYPE=C3D5\n3, 1,2,3,4,5\n", "C3D5"),
+        ("*ELEMENT, TYPE=C3D18\n3, 1,2,3,5,6,7\n", "C3D18"),
+        ("*ELEMENT, TYPE=C3D15\n3, 1,2,3,5,6,7\n", "element 3"),
         ("*ELEMENT, TYPE=SC8R\n3, 1,2,3,4,5,6,7,8\n", "SC8R"),
         ("*NSET, NSET=a\nb\n*NSET, NSET=b\na\n", "contains itself"),
         ("*NSET, NSET=a, GENERATE\n1\n", "GENERATE"),

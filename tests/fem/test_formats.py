@@ -325,7 +325,7 @@ INVERTED = "2,5,11,9,7,6,10,12,8"  # the second cell with two nodes exchanged
         ("1,1,5,7,3,2,6,8,4\n2,5,9,11,7,6,10,12,8\n", "", ""),
         ("\n1, 0.0000000000000000e+00", "\n1, nan", "coordinate"),
         ("2,5,9,11,7,6,10,12,8", INVERTED, "1 cell "),
-        ("C3D8", "C3D6", ""),
+        ("C3D8", "C3D18", ""),
     ],
 )
 def test_damaged_abaqus_file_is_refused(tmp_path: Path, old: str, new: str, names: str) -> None:
@@ -402,10 +402,7 @@ def test_truncated_file_is_refused(tmp_path: Path, suffix: str, keep: float) -> 
 
 def test_unsupported_cells_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "prism.vtu"
-    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1.0]]
-    meshio.Mesh(points, [("wedge", [[0, 1, 2, 3, 4, 5]])]).write(path)
-    with refusal(ErrorKind.MESH, file="prism.vtu", names="Prism 6"):
-        read(path)
+    points = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]
     meshio.Mesh(points, [("VTK_LAGRANGE_TETRAHEDRON", [[0, 1, 2, 3]])]).write(path)
     with refusal(ErrorKind.FORMAT, file="prism.vtu", names="VTK_LAGRANGE_TETRAHEDRON"):
         read(path)
@@ -461,7 +458,7 @@ def write_step(path: Path) -> Path:
 @pytest.mark.parametrize("suffix", [".step", ".STP"])
 def test_step_file_is_meshed(tmp_path: Path, suffix: str) -> None:
     path = write_step(tmp_path / "rod.step").rename(tmp_path / f"rod{suffix}")
-    coarse, fine = (read(path, size=size, curved=True) for size in (0.02, 0.01))
+    coarse, fine = (read(path, size=size, curved=True) for size in (0.01, 0.005))
     volume = np.pi * 0.01**2 * 0.1
     assert integral(coarse, 1.0) == pytest.approx(volume, rel=2e-2)
     assert integral(fine, 1.0) == pytest.approx(volume, rel=2e-3)

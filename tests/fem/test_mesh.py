@@ -482,7 +482,6 @@ def test_facet_across_a_cell_is_left_out_with_warning(tmp_path: Path) -> None:
     ("points", "elements", "key", "names"),
     [
         (SQUARE, squares((LINE, 1, (0, 1))), "", "'solid'"),
-        (SQUARE, squares((TRIANGLE, 1, (0, 1, 2))), "", "Triangle 3, Quadrilateral 4"),
         (SQUARE, [(QUADRILATERAL, 1, (0, 1, 3, 2)), *squares()[1:]], "", "1 cell "),
         (SQUARE, [(QUADRILATERAL, 1, (0, 3, 2, 1)), *squares()[1:]], "", "(0.5, 0.5)"),
         ([*SQUARE[:2], (0, 1, 0), *SQUARE[3:]], squares(), "", "1 cell "),
@@ -507,11 +506,6 @@ def test_clockwise_cells_are_read(tmp_path: Path) -> None:
 def test_unsupported_cells_and_facets_are_refused(tmp_path: Path) -> None:
     points = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (0, 1, 1)]
     names = [(3, 1, "solid"), (2, 2, "root")]
-    prism = write_msh(
-        tmp_path / "prism.msh", points, [(6, 1, range(6)), (TRIANGLE, 2, (0, 1, 2))], names
-    )
-    with refusal(ErrorKind.MESH, file="prism.msh", names="Prism 6"):
-        read(prism, 3)
     elements = [(TETRAHEDRON, 1, range(4)), (QUADRILATERAL, 2, (0, 1, 4, 3))]
     with refusal(ErrorKind.MESH, file="tetrahedron.msh", names="Quadrilateral 4"):
         read(write_msh(tmp_path / "tetrahedron.msh", points, elements, names), 3)

@@ -112,12 +112,8 @@ def test_rest_of_the_model_is_named_and_shells_on_facets_are_groups(tmp_path: Pa
     assert mesh.not_read == (
         "1 CBAR element",
         "1 CQUAD4 element",
-        "1 CONM2",
         "1 RBE2",
         "1 CBUSH",
-        "1 MAT1",
-        "1 SPC1",
-        "1 SPC",
     )
     facets = [block for block in mesh.blocks if "3" in block.groups]
     assert [block.nodes.tolist() for block in facets] == [[[0, 1, 2, 3]]]
@@ -171,8 +167,8 @@ def test_included_files_are_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "names"),
     [
-        (small("CPENTA", 2, 7, 1, 2, 3, 5, 6, 7), "CPENTA"),
-        (small("CPYRAM", 2, 7, 1, 2, 3, 4, 5), "CPYRAM"),
+        (small("CPENTA", 2, 7, 1, 2, 3, 5, 6), "CPENTA"),
+        (small("CHEXCZ", 2, 7, 1, 2, 3, 4, 5), "CHEXCZ"),
         (small("GRID", 1, "", 0.0, 0.0, 0.5), "GRID 1"),
         (small("GRID", 9, 44, 0.0, 0.0, 0.5), "coordinate system 44"),
         (small("GRDSET", "", 44) + small("GRID", 9), "coordinate system 44"),

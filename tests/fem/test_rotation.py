@@ -729,7 +729,7 @@ def test_campbell_command_writes_its_files(
     printed, progress = capsys.readouterr()
     assert "3000 rpm: " in progress and progress.count(" rpm: ") == 13
     assert "2 modes at 13 speeds from 0 to 3000 rpm" in printed
-    files = ["report.html", "campbell.json", "campbell.csv", "campbell.png", "setup.png"]
+    files = ["report.html", "campbell.csv", "campbell.json", "campbell.png", "setup.png"]
     assert printed.splitlines()[-6:] == ["files:", *(f"  {folder / name}" for name in files)]
     record = ["scene.toml", "provenance.json", "beam2d.geo"]
     assert sorted(path.name for path in folder.iterdir()) == sorted([*files, *record])

@@ -238,13 +238,13 @@ def _check(
         check = replace(check, finer_verdict=other.verdict, finer_multiplier=_size(other))
     if richer is None:
         return check
-    motion = _richer_motion(point, richer, settings)
+    motion = richer_motion(point, richer, settings)
     if motion is None:
         return replace(check, compared=True)
     return replace(
         check,
         compared=True,
-        basis_error=_change(point.amplitude, motion.amplitude),
+        basis_error=change(point.amplitude, motion.amplitude),
         richer_verdict=motion.verdict,
         richer_multiplier=_size(motion),
     )
@@ -277,10 +277,10 @@ def _distance(point: CurvePoint, other: CurvePoint, quantity: str) -> float:
     """Relative change of a quantity from a point to another."""
     if quantity == "parameter":
         return abs(other.parameter - point.parameter) / (abs(point.parameter) or 1.0)
-    return _change(point.amplitude, other.amplitude)
+    return change(point.amplitude, other.amplitude)
 
 
-def _change(amplitude: Array, other: Array) -> float:
+def change(amplitude: Array, other: Array) -> float:
     """Relative change of amplitudes."""
     size = float(np.max(amplitude))
     return float(np.max(np.abs(other - amplitude))) / size if size > 0.0 else 0.0
@@ -318,7 +318,7 @@ def _path(
     return shooting, Continuation(shooting, family, 0.0, abs(point.parameter) or 1.0, size)
 
 
-def _richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
+def richer_motion(point: CurvePoint, richer: Richer, settings: Any) -> PeriodicMotion | None:
     """The motion of a richer basis at a point, stable or not; None if it was not found."""
     problem = richer.family(point.parameter)
     n = richer.transfer.shape[1]
@@ -441,6 +441,5 @@ def richer_model(stored: StoredModel) -> RicherModel | None:
     candidates = stored.candidates
     if candidates is None:
         return None
-    more = tuple(f"{k + 1}W" for k in range(candidates.size - stored.size))
-    other = replace(stored, model=candidates, labels=(*stored.labels, *more), candidates=None)
+    other = stored.resized((*stored.labels, *stored.further))
     return RicherModel(other, np.eye(candidates.size, stored.size))

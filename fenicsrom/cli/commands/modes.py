@@ -20,7 +20,7 @@ def modes(options: argparse.Namespace) -> int:
     with opened(options, scene, comm) as folder:
         found = study.run(scene, comm, say, folder=folder, modes_only=True, stop=is_terminated)
         if comm.rank == 0:
-            print_results(None, "", found.warnings, sentences.mode_lines(found), found.files)
+            print_results(scene, "", found.warnings, sentences.mode_lines(found), found.files)
     return 0
 
 

@@ -32,7 +32,7 @@ def plan(options: argparse.Namespace) -> int:
     Raises:
         SceneError: the scene or the file of the picture cannot be used.
     """
-    scene = read_scene(options.scene, options.overrides)
+    scene = read_scene(options.scene, options.overrides, unloaded=options.picture is not None)
     print(f"fenicsrom run {options.scene}:")
     for item in study.plan(scene):
         name = item.name if isinstance(item, study.Stage) else f"  {item.name}"

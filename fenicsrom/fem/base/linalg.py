@@ -115,7 +115,7 @@ class Factorisation:
         Returns:
             (local rows, k) solutions.
         """
-        if self._small or block.shape[1] == 1:
+        if self._small or block.shape[1] < 2:
             x, b = self._vectors
             out = np.empty_like(block)
             for k in range(block.shape[1]):

@@ -10,7 +10,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,11 @@ import numpy as np
 
 from fenicsrom import formats
 from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.mesh.gmsh_cad import mesh_cad
 from fenicsrom.fem.mesh.gmsh_queries import Ints, model_nodes
 from fenicsrom.fem.mesh.gmsh_safety import check_header, check_survival, linked_alone
 from fenicsrom.formats import Block, MeshFile
+from fenicsrom.formats.physics import Physics
 from fenicsrom.formats.shapes import SHAPES
 from fenicsrom.scene import Geometry
 
@@ -41,10 +43,12 @@ class Loaded:
     Attributes:
         node_sets: node numbers of each node set by its name.
         warnings: sentences for the user.
+        physics: materials, supports, masses and loads of a finite-element model.
     """
 
     node_sets: dict[str, Ints] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    physics: Physics = field(default_factory=Physics)
 
 
 @contextmanager
@@ -94,10 +98,8 @@ def load_file(gmsh: Any, geometry: Geometry) -> Loaded:
             source=source,
         )
     if form == "step":
-        _name_faces(gmsh, d)
-        for limit in ("Min", "Max"):
-            gmsh.option.setNumber(f"Mesh.MeshSize{limit}", geometry.size)
-    if form in ("geo", "step"):
+        return replace(loaded, warnings=mesh_cad(gmsh, geometry))
+    if form == "geo":
         with _errors(gmsh, source):
             gmsh.model.mesh.generate(d)
             if geometry.curved:
@@ -145,6 +147,8 @@ def merge_file(gmsh: Any, geometry: Geometry) -> Loaded:
             gmsh.model.occ.synchronize()
     if form == "step":
         _check_reach(gmsh, geometry)
+    elif _has_several_shapes(gmsh):
+        return _add_mesh(gmsh, source, formats.divided(mesh_of_model(gmsh)))
     elif geometry.curved and _has_serendipity_cells(gmsh):
         return _add_mesh(gmsh, source, formats.complete(mesh_of_model(gmsh)))
     return Loaded()
@@ -212,17 +216,6 @@ def _set_parameters(gmsh: Any, geometry: Geometry) -> None:
         gmsh.parser.setNumber(name, [value])
 
 
-def _name_faces(gmsh: Any, d: int) -> None:
-    """Make a group of each face of a .step file, with the name or the number of the face."""
-    faces: dict[str, list[int]] = {}
-    for _, face in gmsh.model.getEntities(d - 1):
-        faces.setdefault(
-            gmsh.model.getEntityName(d - 1, face).rpartition("/")[2] or str(face), []
-        ).append(face)
-    for name, members in faces.items():
-        gmsh.model.addPhysicalGroup(d - 1, members, name=name)
-
-
 def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     """Put a mesh file into a new model of gmsh."""
     dimensions = [SHAPES[block.kind].dimension for block in file.blocks]
@@ -250,7 +243,7 @@ def _add_mesh(gmsh: Any, source: str, file: MeshFile) -> Loaded:
     if file.not_read:
         warnings.append(f"{source}: not read: {', '.join(file.not_read)}")
     sets = {name: nodes + 1 for name, nodes in file.node_groups.items()}
-    return Loaded(sets, tuple(warnings))
+    return Loaded(sets, tuple(warnings), file.physics)
 
 
 def mesh_of_model(gmsh: Any) -> MeshFile:
@@ -270,6 +263,14 @@ def mesh_of_model(gmsh: Any) -> MeshFile:
 def _has_serendipity_cells(gmsh: Any) -> bool:
     """Whether cells of the current model lack the nodes in the middle of faces."""
     return bool({16, 17} & set(map(int, gmsh.model.mesh.getElementTypes())))
+
+
+def _has_several_shapes(gmsh: Any) -> bool:
+    """Whether the cells of the current model have several shapes, or are wedges or pyramids."""
+    d = gmsh.model.getDimension()
+    kinds = map(int, gmsh.model.mesh.getElementTypes(d))
+    shapes = {SHAPES[kind].corners for kind in kinds if kind in SHAPES}
+    return len(shapes) > 1 or bool(shapes & {5, 6})
 
 
 def _check_content(gmsh: Any, source: str) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fenicsrom.errors import SceneError
+from fenicsrom.fem.mesh.gmsh_cad import make_curved, straightened
 from fenicsrom.fem.mesh.gmsh_files import SUFFIXES, load_file, merge_file, open_gmsh
 from fenicsrom.fem.mesh.gmsh_model import CleanModel, clean_model
 from fenicsrom.fem.mesh.gmsh_queries import (
@@ -22,7 +23,8 @@ from fenicsrom.fem.mesh.gmsh_queries import (
     straight_kind,
 )
 from fenicsrom.formats.mesh_file import Floats, Ints
-from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.formats.physics import Physics
+from fenicsrom.formats.shapes import SHAPES, STRAIGHT
 from fenicsrom.scene import Geometry
 from fenicsrom.words import brief
 
@@ -74,11 +76,17 @@ class Inspection:
         high: the highest coordinates (d,), m.
         pieces: number of pieces of the mesh that share no node; 0 if the mesh cannot be used.
         volume: volume in m³, in 2D area in m²; 0 if the mesh cannot be used.
+        quality: smallest quality of a cell, from below 0 (inside out) to 1 (equal sides): the
+            inverse condition number of its Jacobian.
+        worst: coordinates (3,) of the middle of this cell, m.
+        curved: whether `geometry.curved = true` works, in words.
+        bulge: relative change of the volume with curved cells; 0 if they do not work.
         groups: the groups, largest dimension first.
         warnings: sentences for the user; one of them names the parts that are not read.
         points: coordinates of the corners (n, 3), m.
         boundary: corners of the facets (2D: of the cells) that a picture shows (k, corners).
         refusal: why the mesh cannot be used; None if it can.
+        physics: materials, supports, masses and loads of a finite-element model.
     """
 
     path: Path
@@ -89,11 +97,16 @@ class Inspection:
     high: Floats
     pieces: int = 0
     volume: float = 0.0
+    quality: float = 0.0
+    worst: Floats = field(default_factory=lambda: np.zeros(3))
+    curved: str = ""
+    bulge: float = 0.0
     groups: tuple[Group, ...] = ()
     warnings: tuple[str, ...] = ()
     points: Floats | None = None
     boundary: Ints | None = None
     refusal: SceneError | None = None
+    physics: Physics = field(default_factory=Physics)
 
     @property
     def extent(self) -> float:
@@ -125,12 +138,43 @@ def inspect(path: Path, scale: float = 1.0, size: float | None = None) -> Inspec
         gmsh.model.remove()
         loaded = load_file(gmsh, geometry)
         cells, low, high = _cells(gmsh, geometry)
-        found = Inspection(path, geometry, cells, len(model_nodes(gmsh)[0]), low, high)
+        nodes = len(model_nodes(gmsh)[0])
+        found = Inspection(path, geometry, cells, nodes, low, high, physics=loaded.physics)
         try:
             clean = clean_model(gmsh, geometry, loaded.node_sets)
         except SceneError as error:
             return replace(found, warnings=loaded.warnings, refusal=error)
-        return _described(gmsh, found, clean, loaded.warnings)
+        described = _described(gmsh, found, clean, loaded.warnings)
+        curved, bulge = _curved(gmsh, described)
+        return replace(described, curved=curved, bulge=bulge)
+
+
+def _curved(gmsh: Any, found: Inspection) -> tuple[str, float]:
+    """Say whether the cells may be curved, and by how much the volume then changes.
+
+    The model of the file changes.
+    """
+    geometry, d = replace(found.geometry, curved=True), found.geometry.dimension
+    gmsh.model.setCurrent("file")
+    straight = {SHAPES[kind].name for kind in STRAIGHT.values()}
+    if SUFFIXES.get(found.path.suffix.lower()) in ("geo", "step"):
+        number = make_curved(gmsh, d)
+        note = f"; {straightened(number)}" if number else ""
+    elif found.cells.keys() & straight:
+        return "does not work: the cells of the file have straight edges", 0.0
+    else:
+        gmsh.model.remove()
+        loaded, note = load_file(gmsh, geometry), ""
+        try:
+            clean_model(gmsh, geometry, loaded.node_sets)
+        except SceneError as error:
+            return f"does not work: {error}", 0.0
+        gmsh.model.setCurrent("file")
+    factor = geometry.scale**d
+    volume = factor * sum(_measure(gmsh, d, tag) for _, tag in gmsh.model.getEntities(d))
+    change = volume / found.volume - 1.0
+    what = "volume" if d == 3 else "area"
+    return f"works, and changes the {what} by {100 * change:+.1e} %{note}", change
 
 
 def _geometry(gmsh: Any, path: Path, scale: float, size: float | None) -> Geometry:
@@ -193,10 +237,19 @@ def _described(
         shown = shown[:, : SHAPES[FACETS[kind]].corners]
     else:
         shown = elements_of(gmsh, d, entities, kind)
+    quality = np.concatenate(
+        [
+            gmsh.model.mesh.getElementQualities(tags, "minSICN")
+            for entity in entities
+            for tags in gmsh.model.mesh.getElements(d, entity)[1]
+        ]
+    )
     return replace(
         found,
         pieces=_pieces(cells),
         volume=sum(_measure(gmsh, d, entity) for entity in entities),
+        quality=float(quality.min()),
+        worst=points[cells[quality.argmin()]].mean(axis=0),
         groups=tuple(groups),
         warnings=(*warnings, *clean.warnings),
         points=points,

@@ -58,8 +58,9 @@ class Mesh:
 
     def has_facets(self, where: str | Region) -> bool:
         """Whether a region has facets, as facet groups and picks by coordinates do."""
-        name = where.group if isinstance(where, Region) else where
-        return name is None or name in self.facet_groups
+        if isinstance(where, Region) and where.group is None:
+            return where.box is not None or where.plane is not None
+        return (where.group if isinstance(where, Region) else where) in self.facet_groups
 
     def cells(self, name: str) -> npt.NDArray[np.int32]:
         """Give the cells of a group on this rank.

@@ -558,7 +558,8 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
     The likely cause of implausible numbers is a warning, and part of a failure.
 
     Raises:
-        SceneError: the mesh has another dimension than the scene.
+        SceneError: the mesh has another dimension than the scene, or [units] leave the unit of a
+            number open.
     """
     dimension, found = scene.geometry.dimension, mesh.domain.topology.dim
     if dimension != found:
@@ -569,6 +570,7 @@ def solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None = None) ->
             key="geometry.dimension",
             source=scene.source,
         )
+    _check_per_area(scene, mesh)
     suspicious = implausible_inputs(scene, mesh)
     try:
         found = _solid_of(scene, mesh, known)
@@ -600,6 +602,28 @@ def _solid_of(scene: Scene, mesh: Mesh, known: KnownEquilibrium | None) -> Solid
         attachments=scene.attachments,
         known=known,
     )
+
+
+def _check_per_area(scene: Scene, mesh: Mesh) -> None:
+    """Check that numbers per area, which were converted as such, belong to regions of facets.
+
+    Raises:
+        SceneError: they are per length or per node, and the scene is not in SI units.
+    """
+    keys = {f"contacts[{k}].normal_stiffness": c.place for k, c in enumerate(scene.contacts)}
+    keys = {key: place for key, place in keys.items() if place.at == "nodes"}
+    for k, found in enumerate(scene.attachments):
+        if found.stiffness_per_area or found.damping_per_area:
+            keys[f"attachments[{k}].stiffness_per_area"] = found.place
+    for key, place in keys.items():
+        if not scene.units.is_si and not mesh.has_facets(place):
+            raise SceneError(
+                f"{scene.source}: {key}: {place.group!r} is a group of edges or nodes, for which "
+                "only SI units are allowed; leave [units] out, or use a group of facets",
+                kind=ErrorKind.CONFLICT,
+                key=key,
+                source=scene.source,
+            )
 
 
 def build_solid(scene: Scene, comm: MPI.Comm) -> Solid:

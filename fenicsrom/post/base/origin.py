@@ -28,6 +28,7 @@ from fenicsrom.files import atomic_write
 from fenicsrom.online.store.provenance import provenance
 from fenicsrom.post.base.writers import write_summary, write_text
 from fenicsrom.scene import Scene, scene_table, toml_text
+from fenicsrom.scene.units import units_sentence
 from fenicsrom.words import counted
 
 SCENE_FILE = "scene.toml"
@@ -52,7 +53,7 @@ RESULTS = (
     # curves and studies
     *(f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "json", "png")),
     *("response_full.csv", "response_state", "motions", "motions.npz", "contact_map.png"),
-    *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "indicator.png"),
+    *("harmonics.png", "multipliers.png", "pareto.png", "size.png", "sizes.png", "indicator.png"),
     *("runs", "models"),
 )
 """Patterns of all names that the program gives to results, beside the copy of the mesh file."""
@@ -123,6 +124,7 @@ def write_origin(
         "versions": provenance(),
         "commit": commit(),
         "scene": scene.source,
+        "units": units_sentence(scene) or None,
         "overrides": list(origin.overrides),
         "mesh": mesh,
         "model": model,
@@ -215,6 +217,7 @@ def origin_table(folder: Path) -> list[list[Any]]:
         ["program", _program(record, versions)],
         ["MPI ranks", str(record["ranks"])],
         ["scene", record["scene"]],
+        *([["units", record["units"].removeprefix("units: ")]] if record.get("units") else []),
         *[["override", override] for override in record["overrides"]],
         *[[name, _file_words(record[key])] for name, key in _INPUTS if record[key]],
         ["to repeat", f"{record['repeat']} (in this folder)"],

@@ -25,6 +25,7 @@ from fenicsrom.post.run.figures import (
     plot_modes,
     plot_motion,
     plot_points,
+    plot_sizes,
 )
 from fenicsrom.post.run.mode_agreement import agreement_figure
 from fenicsrom.post.run.motion_figures import (
@@ -41,6 +42,7 @@ from fenicsrom.scene.excitation import surface_spin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from fenicsrom.assess.errors.sizing import Sized
     from fenicsrom.online.motion.motion import Motion
     from fenicsrom.online.stress.recovery import Recovery
     from fenicsrom.online.stress.stress_peaks import Stresses
@@ -152,7 +154,21 @@ def write_pictures(study: Study, folder: Path) -> list[tuple[str, Path]]:
     work = working(study.scene)
     motions = motion_pictures(study.motions, natural, names, work) if study.motions else []
     listed = [*bodies[:1], *motions, *coordinates, *bodies[1:], *along, *_agreement(study)]
+    listed += size_pictures(study.sized)
     return draw_pictures(listed, folder, study.warnings)
+
+
+def size_pictures(found: Sized | None) -> list[Picture]:
+    """The picture of the error over the run time, of a nonlinear model with several sizes."""
+    if found is None or len(found.sizes) < 2:
+        return []
+    return [
+        Picture(
+            "Error over run time",
+            "sizes.png",
+            lambda: plot_sizes(found.sizes, found.stored.size),
+        )
+    ]
 
 
 def _agreement(study: Study) -> list[Picture]:

@@ -8,9 +8,11 @@ import numpy as np
 
 from fenicsrom.arrays import Array
 from fenicsrom.fem.mesh.inspection import Group, Inspection
+from fenicsrom.formats.physics import AXES, Physics
 from fenicsrom.post.base.picture import Picture
 from fenicsrom.post.base.tables import text_table
 from fenicsrom.post.body.group_drawing import group_figure
+from fenicsrom.words import counted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,10 +44,15 @@ def lines(found: Inspection, density: float | None) -> list[str]:
         if density is not None:
             per = "" if d == 3 else " for each metre of thickness"
             text.append(f"mass    {density * found.volume:.6g} kg{per}, with {density:g} kg/m³")
+        text.append(
+            f"quality {found.quality:.3g} at worst (1: equal sides), at {_point(found.worst)}"
+        )
+        text.append(f"curved  geometry.curved = true {found.curved}")
     if found.pieces > 1:
         text.append(f"pieces  {found.pieces} that share no node; each needs a support")
     if hint := scale_hint(found):
         text.append(f"hint    {hint}")
+    text += _physics_lines(found.physics)
     if found.groups:
         rows = [["group", "kind", "number", "size", "", "from", "to"]]
         for group in found.groups:
@@ -59,6 +66,26 @@ def lines(found: Inspection, density: float | None) -> list[str]:
             rows.append([group.name, kind, str(group.number), *size, *corners])
         text += ["", text_table(rows)]
     return text
+
+
+def _physics_lines(physics: Physics) -> list[str]:
+    """Say what a finite-element model holds besides its mesh."""
+    parts = [
+        f"{material.name} (E = {material.young:g}, ν = {material.poisson:g}, "
+        f"ρ = {'none' if material.density is None else f'{material.density:g}'})"
+        for material in physics.materials
+    ]
+    parts += [
+        f"support {name} ({', '.join(AXES[k] for k in held)})" for name, held in physics.supports
+    ]
+    several = {
+        "point mass": (physics.masses, "point masses"),
+        "spring": (physics.springs, ""),
+        "static load": (physics.loads, ""),
+    }
+    parts += [counted(len(v), noun, many) for noun, (v, many) in several.items() if v]
+    lines = [f"model   {', '.join(parts)}; `fenicsrom init` writes them"] if parts else []
+    return lines + [f"not taken: {what}" for what in physics.not_taken]
 
 
 def scale_hint(found: Inspection) -> str:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from fenicsrom.fem.mesh.inspection import Group, Inspection
-from fenicsrom.post.studies.mesh_report import scale_hint
+from fenicsrom.arrays import Array
+from fenicsrom.assess.studies.first_mode import DAMPING, FirstMode
+from fenicsrom.errors import ErrorKind, SceneError
+from fenicsrom.fem.mesh.inspection import LARGE, Group, Inspection
+from fenicsrom.formats.physics import DeckLoad, DeckMaterial
+from fenicsrom.scene.unit_system import LENGTHS, MASSES, TIMES, Units, shifted
 
 CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|ground|hub", re.I)
 """Names of groups that are probably clamped."""
@@ -18,71 +24,176 @@ CLAMPED = re.compile(r"root|fix|clamp|encastre|support|base|spc|mount|bolt|groun
 ON_PLANE = 1e-6
 """Facets at smaller distances from a plane, relative to the extent, lie on it."""
 
+TEMPLATES = ("response", "rub", "damper", "statics")
+"""The tasks of a starter scene."""
 
-def starter_scene(found: Inspection, folder: Path) -> str:
+SYSTEMS = (
+    Units(),
+    Units(length="mm", mass="t"),
+    Units(length="mm", mass="kg", time="ms"),
+    Units(length="mm", mass="g", time="ms"),
+)
+"""Systems of units in which decks are written."""
+
+DENSITIES, MODULI = (100.0, 25_000.0), (1e6, 2e12)
+"""Densities in kg/m³ and Young's moduli in Pa of solids."""
+
+STEEL = DeckMaterial("steel", 2.1e11, 0.3, 7850.0)
+
+
+def units_of(found: Inspection, given: str | None) -> tuple[Units, str]:
+    """The units of a starter scene, and why.
+
+    Args:
+        found: the mesh.
+        given: length, mass and time, such as "mm,t,s"; None to guess.
+
+    Raises:
+        SceneError: there is no such unit.
+    """
+    if given is not None:
+        names = [name.strip() for name in given.split(",")]
+        allowed = [list(LENGTHS), list(MASSES), list(TIMES)]
+        if len(names) != 3 or any(n not in a for n, a in zip(names, allowed, strict=True)):
+            listed = ", then ".join(" or ".join(entry) for entry in allowed)
+            reason = f"--units {given}: must be {listed}, such as mm,t,s"
+            raise SceneError(reason, kind=ErrorKind.RANGE, key="units")
+        return Units(length=names[0], mass=names[1], time=names[2]), "as --units says"
+    if found.path.suffix.lower() in (".step", ".stp", ".geo") or found.geometry.scale != 1.0:
+        return Units(), ""
+    for material in found.physics.materials:
+        for units in SYSTEMS:
+            young = shifted(material.young, units.power("Pa"))
+            density = shifted(material.density or 0.0, units.power("kg/m³"))
+            if DENSITIES[0] <= density <= DENSITIES[1] and MODULI[0] <= young <= MODULI[1]:
+                why = f"guessed from E = {material.young:g} and density = {material.density:g}"
+                return units, why
+    if found.extent > LARGE:
+        return SYSTEMS[1], f"guessed, because the body is {found.extent:.4g} long"
+    return Units(), ""
+
+
+def starter_scene(
+    found: Inspection,
+    folder: Path,
+    *,
+    units: tuple[Units, str] | None = None,
+    root: str | None = None,
+    tip: str | None = None,
+    template: str = "response",
+    mode: FirstMode | None = None,
+) -> str:
     """Write a scene for a mesh.
 
     Args:
         found: a mesh that can be used.
         folder: folder of the scene, to which the path of the mesh is relative.
+        units: the units of the scene, and why; by default guessed.
+        root: the group to clamp; by default what the file says, or a likely part.
+        tip: the group where the load acts; by default the point that the first mode moves most.
+        template: one of `TEMPLATES`.
+        mode: the first mode; None for a scene without loads.
     """
-    geometry, name = found.geometry, found.path.stem
+    system, why = units or units_of(found, None)
     relative = os.path.relpath(found.path.resolve(), folder.resolve())
+    results = "" if system.is_si else "; results are in SI units"
     lines = [
-        f"# A first scene for {found.path.name}, with numbers to be replaced. Units are SI.",
-        "#   fenicsrom modes SCENE   computes frequencies, mode shapes and pictures",
-        "#   fenicsrom run SCENE     needs a load, see below",
+        f"# A first scene for {found.path.name}. Units: {system.names}{results}.",
+        "#   fenicsrom modes SCENE      frequencies, mode shapes and pictures",
+        "#   fenicsrom run SCENE        the motion under the loads below",
         "# All keys: demos/keys.md of the program.",
         "",
-        f"title = {_quoted(name)}",
-        "",
-        "[geometry]",
-        f"mesh = {_quoted(relative)}",
-        f"dimension = {geometry.dimension}",
-        *_geometry_lines(found),
-        "",
-        "[material] # steel",
-        "young = 2.1e11 # Pa",
-        "poisson = 0.3",
-        "density = 7850.0 # kg/m³",
-        "mass_damping = 0.0 # 1/s: 2 ζ ω gives the damping ratio ζ at the frequency ω",
-        "",
-        *_support_lines(found),
-        "",
-        *_load_lines(found),
-        "",
-        "[basis]",
-        "modes = 6",
+        f"title = {_quoted(found.path.stem)}",
         "",
     ]
-    return "\n".join(lines)
+    if not system.is_si:
+        lines += [f"[units] # {why}: check them"]
+        lines += [f"{name} = {_quoted(getattr(system, name))}" for name in ("length", "mass")]
+        lines += [f"time = {_quoted(system.time)}", ""]
+    lines += [
+        "[geometry]",
+        f"mesh = {_quoted(relative)}",
+        f"dimension = {found.geometry.dimension}",
+        *_geometry_lines(found),
+        "",
+        *_material_lines(found, system),
+        "",
+        "[damping]",
+        f"ratios = {DAMPING} # of the first modes",
+        "",
+        *_support_lines(found, root),
+        *_attachment_lines(found),
+        *[f"# not taken from the file: {what}" for what in found.physics.not_taken],
+        "",
+        *_static_lines(found.physics.loads),
+    ]
+    if mode is not None:
+        lines += _task_lines(found, system, mode, tip, template)
+    return "\n".join([*lines, "[basis]", "modes = 6", ""])
 
 
 def _geometry_lines(found: Inspection) -> list[str]:
     """Lines of [geometry] that depend on the file."""
     geometry, lines = found.geometry, []
     if geometry.dimension == 2:
-        lines.append("thickness = 1.0 # m")
+        lines.append("thickness = 1.0")
     if geometry.size is not None:
-        lines.append(f"size = {geometry.size:g} # m, of the cells")
+        lines.append(f"size = {geometry.size:g} # m, of the cells; smaller ones are more exact")
     if geometry.scale != 1.0:
         lines.append(f"scale = {geometry.scale:g} # m, the unit of the file")
-    elif hint := scale_hint(found):
-        lines.append(f"# scale = 1e-3 # {hint}")
-    if any("of 6" in name or "of 8" in name or "of 10" in name for name in found.cells):
-        lines.append("# curved = true # keeps the shape of quadratic cells")
+    quadratic = any(word in name for name in found.cells for word in (" of 6", " of 8", " of 1"))
+    if geometry.is_cad and abs(found.bulge) > ON_PLANE:
+        lines.append("curved = true # cells with curved edges follow fillets and holes")
+    elif quadratic:
+        lines.append(f"# curved = true # {found.curved}")
     return lines
 
 
-def _support_lines(found: Inspection) -> list[str]:
-    """The table of one support, and the names of the other groups that could be a support."""
+def _material_lines(found: Inspection, units: Units) -> list[str]:
+    """The tables of the materials: those of the file, else steel."""
+    materials = found.physics.materials
+    if not materials and any("material" in what for what in found.physics.not_taken):
+        return ["[material] # that of the file cannot be taken, see below: give it here"]
+    lines: list[str] = []
+    given = STEEL if not materials else materials[0]
+    for material in materials or (STEEL,):
+        in_units = material is STEEL
+        young = _in(units, "Pa", material.young) if in_units else material.young
+        density = material.density
+        note = ""
+        if density is None or in_units:
+            density = _in(units, "kg/m³", STEEL.density or 0.0)
+            note = "" if in_units else ", of steel, because the file has none"
+        if material is given:
+            lines += [f"[material] # {material.name}"]
+        if material.group is not None and material is not given:
+            lines += ["", f"[[materials]] # {material.name}", f"group = {_quoted(material.group)}"]
+        lines += [
+            f"young = {young!r} # {units.name_of('Pa')}",
+            f"poisson = {material.poisson!r}",
+            f"density = {density!r} # {units.name_of('kg/m³')}{note}",
+        ]
+    return lines
+
+
+def _support_lines(found: Inspection, root: str | None) -> list[str]:
+    """The tables of the supports, and the names of the other groups that could be one."""
     assert found.boundary is not None
     most = len(found.boundary) // 2  # larger groups are probably the whole boundary
     facets = [group for group in found.groups if group.kind == "facets" and group.number <= most]
     likely = [group for group in facets if CLAMPED.search(group.name)]
-    lines = ["[[supports]] # clamps a part of the boundary"]
     others = [group.name for group in facets]
-    if likely:
+    lines = ["[[supports]] # clamps a part of the boundary"]
+    if root is not None:
+        _require_group(found, root, "--root")
+        lines.append(f"group = {_quoted(root)}")
+    elif found.physics.supports:
+        lines = []
+        for name, components in found.physics.supports:
+            lines += ["[[supports]] # of the file", f"group = {_quoted(name)}"]
+            if len(components) < found.geometry.dimension:
+                lines.append(f"components = {json.dumps(['xyz'[k] for k in components])}")
+    elif likely:
         lines.append(f"group = {_quoted(likely[0].name)}")
         others.remove(likely[0].name)
     elif plane := _end_plane(found):
@@ -95,8 +206,27 @@ def _support_lines(found: Inspection) -> list[str]:
     if found.pieces > 1:
         lines.append(f"# the mesh has {found.pieces} pieces that share no node; clamp each of them")
     if others:
-        lines.append(f"# other groups of facets: {', '.join(map(_quoted, others))}")
+        lines.append(f"# groups of facets: {', '.join(map(_quoted, others))}")
     return lines
+
+
+def _require_group(found: Inspection, name: str, option: str) -> Group:
+    """The group of facets or nodes of a name.
+
+    Raises:
+        SceneError: the mesh has none.
+    """
+    groups = [group for group in found.groups if group.kind != "cells"]
+    for group in groups:
+        if group.name == name:
+            return group
+    names = ", ".join(dict.fromkeys(group.name for group in groups)) or "none"
+    raise SceneError(
+        f"{found.path}: {option} {name}: must be a group of facets or nodes: {names}",
+        kind=ErrorKind.PLACE,
+        key=option.lstrip("-"),
+        source=str(found.path),
+    )
 
 
 def _end_plane(found: Inspection) -> tuple[list[float], list[float]] | None:
@@ -129,37 +259,151 @@ def _end_box(found: Inspection) -> list[list[float]]:
     return [[float(f"{value:.6g}") for value in corner] for corner in (low, high)]
 
 
-def _load_lines(found: Inspection) -> list[str]:
-    """A load and a contact to be uncommented."""
-    d = found.geometry.dimension
-    thin = int(np.argmin(found.high - found.low))
-    direction = [float(k == thin) for k in range(d)]
-    place = _loaded(found)
-    return [
-        "# [[loads]] # a harmonic force",
-        f"# {place}",
-        f"# direction = {direction}",
-        "# force = 1.0 # N",
-        "# frequency = 10.0 # Hz, near one of the frequencies of `fenicsrom modes`",
+def _attachment_lines(found: Inspection) -> list[str]:
+    """The tables of point masses and springs of the file."""
+    lines: list[str] = []
+    for key, entries in (("mass", found.physics.masses), ("stiffness", found.physics.springs)):
+        for point, value in entries:
+            place = list(point[: found.geometry.dimension])
+            lines += ["", "[[attachments]]", f"node = {place}", f"{key} = {value!r}"]
+    return lines
+
+
+def _static_lines(loads: Sequence[DeckLoad]) -> list[str]:
+    """The tables of the static loads of the file."""
+    lines: list[str] = []
+    for load in loads:
+        lines.append("[[loads]] # static, of the file")
+        if load.kind == "pressure":
+            lines += [f"group = {_quoted(load.group or '')}", f"pressure = {load.vector[0]!r}", ""]
+            continue
+        size = math.hypot(*load.vector)
+        if load.point is not None:
+            lines.append(f"node = {list(load.point)}")
+        direction = [float(f"{value / size:.12g}") for value in load.vector]
+        lines += [f"direction = {direction}", f"{load.kind} = {size!r}", ""]
+    return lines
+
+
+def _task_lines(
+    found: Inspection, units: Units, mode: FirstMode, tip: str | None, template: str
+) -> list[str]:
+    """The load of a template, and its other tables."""
+    digits = ON_PLANE * mode.extent
+    point = [_in(units, "m", x if abs(x) > digits else 0.0) for x in mode.point]
+    point = [float(f"{x:.9g}") for x in point]
+    place = f"nearest = {point} # the point that mode 1 moves most"
+    if tip is not None:
+        place = f"group = {_quoted(tip)}"
+    along = [float(f"{value:.3g}") for value in mode.direction]
+    frequency = float(f"{mode.frequency:.5g}")
+
+    def given(unit: str, value: float) -> str:
+        return f"{_in(units, unit, float(f'{value:.2g}')):.6g}"
+
+    if template == "statics":
+        size = given("N", 10.0 * mode.stiffness * mode.amplitude)
+        return [
+            "[[loads]] # static: moves the place by about a hundredth of the body",
+            place,
+            f"direction = {along}",
+            f"force = {size} # {units.name_of('N')}",
+            "",
+            "[statics] # fenicsrom statics SCENE",
+            "last = 1.0 # factor on the static loads",
+            "",
+        ]
+    lines = [
+        "[[loads]] # harmonic: at the first frequency, in the direction in which mode 1 moves",
+        place,
+        f"direction = {along}",
+        f"force = {given('N', mode.force)} # {units.name_of('N')}; the amplitude becomes about "
+        f"{given('m', mode.amplitude)} {units.length}",
+        f"frequency = {frequency} # Hz, of mode 1",
         "",
-        "# [[contacts]] # a point that rubs against a plane",
-        f"# {place}",
-        f"# normal = {direction} # into the plane",
-        "# preload = 1.0 # N",
-        "# normal_stiffness = 1e6 # N/m",
-        "# tangential_stiffness = 1e6 # N/m",
-        "# friction = 0.3",
+    ]
+    if template in ("rub", "damper"):
+        lines += _contact_lines(found, units, mode, place, tip, template)
+    return [
+        *lines,
+        "[response] # fenicsrom response SCENE",
+        f"first = {0.9 * frequency:.5g} # Hz",
+        f"last = {1.1 * frequency:.5g}",
+        "",
     ]
 
 
-def _loaded(found: Inspection) -> str:
-    """The key of a place for a load: a group that is probably not clamped, or the far corner."""
-    named: list[Group] = [
-        group for group in found.groups if group.kind == "facets" and not CLAMPED.search(group.name)
+def _contact_lines(
+    found: Inspection, units: Units, mode: FirstMode, place: str, tip: str | None, template: str
+) -> list[str]:
+    """The table of a contact: against a stop across the motion, or a damper along it."""
+    motion = np.array(mode.direction)
+    outward = motion
+    why = "into the plane; along the motion of mode 1"
+    if tip is not None:
+        outward = outer_normal(found, _require_group(found, tip, "--tip"))
+        why = "into the plane; the outer normal of the group"
+    stiffness = 10.0 * mode.stiffness
+    normal, limit = outward, f"gap = {_in(units, 'm', float(f'{0.5 * mode.amplitude:.2g}')):.6g}"
+    limit += f" # {units.length}"
+    if template == "damper":
+        across = outward - (outward @ motion) * motion
+        if np.linalg.norm(across) < 0.1:
+            across = np.eye(len(motion))[np.abs(motion).argmin()]
+            across = across - (across @ motion) * motion
+        normal = across / np.linalg.norm(across)
+        why = "into the plane; the body slides along it"
+        stiffness = mode.stiffness
+        preload = 0.3 * stiffness * mode.amplitude / 0.3
+        limit = f"preload = {_in(units, 'N', float(f'{preload:.2g}')):.6g} # {units.name_of('N')}"
+    rounded = [float(f"{value:.3g}") + 0.0 for value in normal]
+    size = f"{_in(units, 'N/m', float(f'{stiffness:.2g}')):.6g} # {units.name_of('N/m')}"
+    return [
+        f"[[contacts]] # {'a stop' if template == 'rub' else 'a friction damper'}",
+        place,
+        f"normal = {rounded} # {why}",
+        limit,
+        f"normal_stiffness = {size}",
+        f"tangential_stiffness = {size}",
+        "friction = 0.3",
+        "",
     ]
-    if named:
-        return f"group = {_quoted(min(named, key=lambda group: group.number).name)}"
-    return f"nearest = {[float(f'{value:.6g}') for value in found.high]}"
+
+
+def outer_normal(found: Inspection, group: Group) -> Array:
+    """The mean outer normal (d,) of a group of facets; the thin axis for a group of nodes.
+
+    The facets of the boundary go round the body in one sense, and the sum of x · n dA over all of
+    them is positive if this sense gives outer normals.
+    """
+    assert found.points is not None and found.boundary is not None and group.members is not None
+    d, x = found.geometry.dimension, found.points
+    if group.kind != "facets" or d == 2:
+        thin = int(np.argmin(group.high - group.low))
+        middle = 0.5 * (found.low + found.high)
+        side = 1.0 if group.low[thin] >= middle[thin] else -1.0
+        return side * np.eye(d)[thin]
+    areas = _areas(x, found.boundary)
+    volume = np.einsum("ki,ki->", x[found.boundary].mean(axis=1), areas)
+    chosen = {tuple(row) for row in np.sort(group.members, axis=1).tolist()}
+    rows = np.sort(found.boundary, axis=1).tolist()
+    normal = areas[[tuple(row) in chosen for row in rows]].sum(axis=0) * np.sign(volume)
+    size = float(np.linalg.norm(normal))
+    return np.asarray(normal / size) if size > 0.0 else np.eye(d)[0]
+
+
+def _areas(x: Array, facets: Array) -> Array:
+    """The vectors (k, 3) of the areas of facets with corners (k, 3 or 4)."""
+    corners = x[facets]
+    diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+    if facets.shape[1] == 3:
+        diagonals = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.asarray(0.5 * np.cross(*diagonals))
+
+
+def _in(units: Units, unit: str, value: float) -> float:
+    """A number in SI units in the units of the scene."""
+    return shifted(value, -units.power(unit))
 
 
 def _quoted(text: str) -> str:

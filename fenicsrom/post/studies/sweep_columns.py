@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from fenicsrom.assess.studies.sweep_runs import Sweep
-from fenicsrom.scene.units import unit_of
+from fenicsrom.scene.units import given_unit_of
 
 
 class Column(NamedTuple):
@@ -37,5 +37,5 @@ COLUMNS = (
 
 def key_labels(found: Sweep, keys: tuple[str, ...], join: str = ", ") -> list[str]:
     """Keys with their units."""
-    units = [unit_of(found.scene, key) for key in keys]
+    units = [given_unit_of(found.scene, key) for key in keys]
     return [f"{key}{join}{unit}" if unit else key for key, unit in zip(keys, units, strict=True)]

@@ -92,7 +92,7 @@ def summary(found: Sweep) -> dict[str, Any]:
 def report(found: Sweep) -> Report:
     """The report of a sweep: `sweep.csv`, `sweep.json` and `sweep.png`."""
     keys = swept_keys(found)
-    names = {key: column_name(found.scene, key) for key in keys}
+    names = {key: column_name(found.scene, key, given=True) for key in keys}
     drawn = found.with_outcome(DONE, DOUBTFUL)
     return Report(
         "sweep",

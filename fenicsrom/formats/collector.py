@@ -1,0 +1,155 @@
+"""Collects materials, supports, masses and loads of a finite-element model while it is read."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fenicsrom.formats.mesh_file import Floats, Ints, Marks, MeshFile
+from fenicsrom.formats.physics import AXES, DeckLoad, DeckMaterial, Physics
+from fenicsrom.formats.shapes import SHAPES
+from fenicsrom.words import counted
+
+MOST_FORCES = 20
+"""Forces at more nodes are not taken: they stand for a distributed load."""
+
+
+@dataclass(eq=False)
+class Collector:
+    """Collects what a file holds besides its mesh.
+
+    Attributes:
+        constants: numbers of each material by its name: "E", "nu", "rho".
+        cells: marks of the cells of each block (`MeshFile.blocks`) that have a material.
+        held: components that are held at the nodes of each group by its name.
+        held_nodes: the nodes of these groups.
+        masses: mass at each node.
+        springs: stiffness of the springs to the ground by node and component.
+        forces: force (3,) at each node.
+        others: pressures and accelerations.
+        not_taken: what a scene cannot state, each in a few words, in their order.
+    """
+
+    constants: dict[str, dict[str, float]] = field(default_factory=lambda: defaultdict(dict))
+    cells: dict[str, list[Marks]] = field(default_factory=dict)
+    held: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
+    held_nodes: dict[str, Ints] = field(default_factory=dict)
+    masses: dict[int, float] = field(default_factory=lambda: defaultdict(float))
+    springs: dict[tuple[int, int], float] = field(default_factory=lambda: defaultdict(float))
+    forces: dict[int, Floats] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
+    others: list[DeckLoad] = field(default_factory=list)
+    not_taken: dict[str, None] = field(default_factory=dict)
+
+    def hold(self, name: str, nodes: Ints, components: set[int]) -> None:
+        """Hold components of the nodes of a group; rotations (3 to 5) mean nothing for a solid."""
+        components = components & {0, 1, 2}
+        if components and len(nodes):
+            known = self.held_nodes.get(name)
+            if known is not None and len(known) != len(np.union1d(known, nodes)):
+                nodes = np.union1d(known, nodes)
+            self.held[name] |= components
+            self.held_nodes[name] = nodes
+
+    def leave(self, what: str) -> None:
+        """Name something that a scene cannot state."""
+        self.not_taken[what] = None
+
+    def finished(self, mesh: MeshFile) -> MeshFile:
+        """Give the mesh with its physics, and with the groups that it needs."""
+        solid = max((SHAPES[block.kind].dimension for block in mesh.blocks), default=0)
+        cells = [b.nodes.ravel() for b in mesh.blocks if SHAPES[b.kind].dimension == solid]
+        used = set(np.unique(np.concatenate(cells)).tolist()) if cells else set()
+        groups = dict(mesh.node_groups)
+        supports = []
+        for name, components in self.held.items():
+            nodes = np.unique(self.held_nodes[name])
+            if name not in groups or not np.array_equal(np.sort(groups[name]), nodes):
+                name = (
+                    name if name not in groups else f"{name} {''.join(AXES[k] for k in components)}"
+                )
+                groups[name] = nodes
+            supports.append((name, tuple(sorted(components))))
+        materials = self._materials(mesh, solid)
+
+        def place(node: int) -> tuple[float, ...]:
+            return tuple(float(x) for x in mesh.points[node])
+
+        masses = [(place(n), mass) for n, mass in self.masses.items() if n in used and mass]
+        self._leave_away("point mass", [n for n in self.masses if n not in used])
+        springs = []
+        for node in dict.fromkeys(node for node, _ in self.springs):
+            each = [self.springs.get((node, k), 0.0) for k in range(3)]
+            if node in used and each[0] == each[1] == each[2]:
+                springs.append((place(node), each[0]))
+            else:
+                self.leave("springs with different stiffnesses in x, y and z, or beside the solid")
+        loads = list(self.others)
+        near = {node: force for node, force in self.forces.items() if force.any()}
+        if len(near) > MOST_FORCES:
+            total = sum(near.values(), np.zeros(3))
+            listed = ", ".join(f"{value:.6g}" for value in total)
+            self.leave(f"forces at {len(near)} nodes, in total ({listed})")
+        else:
+            self._leave_away("force", [n for n in near if n not in used])
+            loads += [
+                DeckLoad("force", tuple(force.tolist()), place(node))
+                for node, force in near.items()
+                if node in used
+            ]
+        physics = Physics(
+            materials,
+            tuple(supports),
+            tuple(masses),
+            tuple(springs),
+            tuple(loads),
+            tuple(self.not_taken),
+        )
+        return replace(mesh, node_groups=groups, physics=physics)
+
+    def _leave_away(self, what: str, nodes: list[int]) -> None:
+        if nodes:
+            self.leave(
+                f"{counted(len(nodes), what, f'{what}s' if what[-1] != 's' else f'{what}es')} "
+                "at nodes beside the solid"
+            )
+
+    def _materials(self, mesh: MeshFile, solid: int) -> tuple[DeckMaterial, ...]:
+        """The materials of the cells, each of several with a group of its own."""
+        whole = [SHAPES[block.kind].dimension == solid for block in mesh.blocks]
+        used = {
+            name: marks
+            for name, marks in self.cells.items()
+            if any(m.any() for m, is_cell in zip(marks, whole, strict=True) if is_cell)
+        }
+        if not used and len(self.constants) == 1:
+            used = {next(iter(self.constants)): []}
+        found = []
+        for name, marks in used.items():
+            constants = self.constants.get(name, {})
+            if "E" not in constants or "nu" not in constants:
+                self.leave(f"the material {name}, which is not isotropic and linear elastic")
+                continue
+            group = None
+            if len(used) > 1:
+                group = self._cell_group(mesh, name, marks)
+            density = constants.get("rho")
+            found.append(DeckMaterial(name, constants["E"], constants["nu"], density, group))
+        return tuple(found)
+
+    def _cell_group(self, mesh: MeshFile, name: str, marks: list[Marks]) -> str:
+        """The name of a group of the cells with a material; a new group if there is none."""
+        every = dict.fromkeys(group for block in mesh.blocks for group in block.groups)
+        for group in every:
+            same = (
+                np.array_equal(block.groups.get(group, np.zeros(len(block.nodes), bool)), mark)
+                for block, mark in zip(mesh.blocks, marks, strict=True)
+            )
+            if all(same):
+                return group
+        new = name if name not in every else f"{name} (material)"
+        for block, mark in zip(mesh.blocks, marks, strict=True):
+            if mark.any():
+                block.groups[new] = mark
+        return new

@@ -1,0 +1,154 @@
+"""The units in which a scene is written, and its conversion to SI units.
+
+A unit of the reference of the keys is a product of powers of N, Pa, kg, m and s. The numbers of a
+scene are in the same product of the units of [units]: with mm, t and s, a force is in N, a stress
+in MPa and a density in t/mm³. Radians, Hz and rev/min stay as they are. The conversion shifts the
+decimal point, so that 7.85e-9 t/mm³ becomes exactly 7850 kg/m³.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Annotated, Any
+
+from fenicsrom.scene import rules
+from fenicsrom.scene.rules import choice, is_number, is_sequence
+from fenicsrom.scene.tables import keys, table_kind
+
+LENGTHS, MASSES, TIMES = (
+    {"m": 0, "cm": -2, "mm": -3},
+    {"kg": 0, "g": -3, "t": 3},
+    {"s": 0, "ms": -3},
+)
+"""Powers of ten of the units of length, mass and time in SI units."""
+
+BASE = {
+    "m": (1, 0, 0),
+    "kg": (0, 1, 0),
+    "s": (0, 0, 1),
+    "N": (1, 1, -2),
+    "Pa": (-1, 1, -2),
+    "rad": (0, 0, 0),
+    "–": (0, 0, 0),
+    "1": (0, 0, 0),
+}
+"""Powers of length, mass and time in the units of the keys."""
+
+FIXED = ("", "Hz", "rev/min")
+"""Units of keys that do not depend on the units of the scene."""
+
+REGIONAL = ("preload", "normal_stiffness", "tangential_stiffness")
+"""Keys of a contact that are per area if the contact is at all nodes of a region."""
+
+PER_AREA = {"N": "N/m²", "N/m": "N/m³"}
+"""Units of these keys for a region."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Units:
+    """The units of the numbers of the scene; results are in SI units.
+
+    Attributes:
+        length: unit of length; also that of the coordinates in a mesh file, unless
+            `geometry.scale` says otherwise.
+        mass: unit of mass.
+        time: unit of time.
+        si: whether the numbers are in SI units already, as in the scenes that this program stores.
+    """
+
+    length: Annotated[str, choice(*LENGTHS)] = "m"
+    mass: Annotated[str, choice(*MASSES)] = "kg"
+    time: Annotated[str, choice(*TIMES)] = "s"
+    si: Annotated[bool, rules.flag] = False
+
+    def power(self, unit: str) -> int:
+        """The power of ten by which a number in these units is multiplied to be in SI units."""
+        if unit in FIXED:
+            return 0
+        tens = (LENGTHS[self.length], MASSES[self.mass], TIMES[self.time])
+        over, _, under = unit.partition("/")
+        found = 0
+        for part, sign in ((over, 1), (under, -1)):
+            for name, exponent in re.findall(r"([A-Za-z1–]+)([²³]?)", part):
+                power = {"": 1, "²": 2, "³": 3}[exponent]
+                found += sign * power * sum(a * b for a, b in zip(BASE[name], tens, strict=True))
+        return found
+
+    def name_of(self, unit: str) -> str:
+        """The unit in which the scene gives a number, such as "MPa" for "Pa" and "mm" for "m"."""
+        prefixes = {0: "", 3: "k", 6: "M", 9: "G", -3: "m", -6: "µ"}
+        own = {"m": self.length, "kg": self.mass, "s": self.time}
+        for name in ("N", "Pa"):
+            power = self.power(name)
+            own[name] = f"{prefixes[power]}{name}" if power in prefixes else f"1e{power} {name}"
+        if unit in FIXED:
+            return unit
+        return re.sub(r"[A-Za-z]+", lambda match: own.get(match[0], match[0]), unit)
+
+    def in_si(self, value: Any, unit: str) -> Any:
+        """A number, or the numbers in lists, in SI units; other values stay as they are."""
+        if is_sequence(value):
+            return [self.in_si(entry, unit) for entry in value]
+        power = self.power(unit)
+        return shifted(value, power) if is_number(value) and power else value
+
+    def rows_in_si(self, rows: Any, unit: str) -> Any:
+        """The rows of a table in SI units, whose columns have the units in a list with commas."""
+        if not is_sequence(rows):
+            return rows
+        units = unit.split(", ")
+        return [
+            [self.in_si(entry, one) for entry, one in zip(row, units, strict=False)]
+            if is_sequence(row)
+            else row
+            for row in rows
+        ]
+
+    @property
+    def names(self) -> str:
+        """The units of length, mass, time, force and stress, as in "mm, t, s, N, MPa"."""
+        return ", ".join(map(self.name_of, ("m", "kg", "s", "N", "Pa")))
+
+    @property
+    def is_si(self) -> bool:
+        """Whether the scene is written in SI units."""
+        return self.names == Units().names
+
+
+def shifted(value: float, power: int) -> float:
+    """A number times a power of ten, with the same decimal digits."""
+    return float(Decimal(repr(value)).scaleb(power))
+
+
+def table_in_si(table: Mapping[str, Any], kind: type, units: Units) -> dict[str, Any]:
+    """The plain data of a table in SI units.
+
+    Args:
+        table: the data; values that the table does not allow stay as they are.
+        kind: the dataclass that describes the table.
+        units: the units of its numbers.
+    """
+    rules_of = {name: rule for name, rule, *_ in keys(kind)}
+    region = table.get("at") == "nodes" and "normal_stiffness" in rules_of
+    found = {}
+    for name, value in table.items():
+        rule = rules_of.get(name)
+        inner = table_kind(rule) if rule is not None else None
+        if rule is None:
+            found[name] = value
+        elif inner is not None and isinstance(value, Mapping):
+            found[name] = table_in_si(value, inner, units)
+        elif inner is not None and is_sequence(value):
+            found[name] = [
+                table_in_si(entry, inner, units) if isinstance(entry, Mapping) else entry
+                for entry in value
+            ]
+        elif "," in rule.unit:
+            found[name] = units.rows_in_si(value, rule.unit)
+        else:
+            unit = PER_AREA[rule.unit] if region and name in REGIONAL else rule.unit
+            found[name] = units.in_si(value, unit)
+    return found

@@ -1,0 +1,154 @@
+"""CAD bodies: sizes of the cells, bodies that touch, finer attempts, and curved cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("dolfinx")
+import gmsh
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from support import refusal
+
+from fenicsrom.errors import ErrorKind
+from fenicsrom.fem.mesh.inspection import inspect
+from fenicsrom.fem.mesh.mesh import build_mesh
+from fenicsrom.fem.mesh.mesh_data import Mesh
+from fenicsrom.scene import Geometry, parse_scene
+from fenicsrom.scene.meshing import Meshing, Refinement
+
+
+def step_file(path: Path, build: Callable[[Any], None]) -> Path:
+    """A .step file in millimetres of a body that `build` makes with gmsh's CAD kernel."""
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setString("Geometry.OCCTargetUnit", "MM")
+        build(gmsh.model.occ)
+        gmsh.model.occ.synchronize()
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def tube(wall: float) -> Callable[[Any], None]:
+    """A tube of 30 mm radius and 100 mm length, with a wall in mm."""
+
+    def build(occ: Any) -> None:
+        outside = occ.addCylinder(0, 0, 0, 0, 0, 100, 30)
+        occ.cut([(3, outside)], [(3, occ.addCylinder(0, 0, -1, 0, 0, 102, 30 - wall))])
+
+    return build
+
+
+def boxes(occ: Any) -> None:
+    """Two boxes that touch on a part of a face."""
+    occ.addBox(0, 0, 0, 100, 20, 10)
+    occ.addBox(0, 20, 0, 50, 20, 10)
+
+
+def read(path: Path, size: float, **keys: Any) -> Mesh:
+    """The mesh of a .step file."""
+    geometry = Geometry(mesh=path, dimension=3, size=size, **keys)
+    return build_mesh(geometry, MPI.COMM_WORLD)
+
+
+def volume(mesh: Mesh) -> float:
+    """The volume of a mesh, m³."""
+    form = fem.form(fem.Constant(mesh.domain, 1.0) * ufl.dx(degree=6))
+    return float(fem.assemble_scalar(form))
+
+
+def cells(mesh: Mesh) -> int:
+    """The number of cells."""
+    return int(mesh.domain.topology.index_map(3).size_global)
+
+
+def test_thin_wall_that_crosses_itself_is_meshed_finer(tmp_path: Path) -> None:
+    """Eight or sixteen cells along the circles of a thin tube cross each other."""
+    mesh = read(step_file(tmp_path / "tube.step", tube(0.5)), 0.03, curved=True)
+    assert any("curvature = 32" in warning for warning in mesh.warnings)
+    assert volume(mesh) == pytest.approx(np.pi * (0.03**2 - 0.0295**2) * 0.1, rel=2e-3)
+
+
+def test_wall_that_no_cell_fits_is_refused_with_its_face(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "foil.step", tube(0.01))
+    with refusal(ErrorKind.MESH, "geometry.size", "foil.step", names="face 4"):
+        read(path, 0.03)
+
+
+def test_curved_cells_have_the_volume_of_the_body(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "pin.step", lambda occ: occ.addCylinder(0, 0, 0, 0, 0, 50, 5))
+    exact = np.pi * 0.005**2 * 0.05
+    assert volume(read(path, 0.01)) < 0.95 * exact
+    assert volume(read(path, 0.01, curved=True)) == pytest.approx(exact, rel=5e-3)
+
+
+def test_curvature_sets_the_number_of_cells_along_a_circle(tmp_path: Path) -> None:
+    """The end of a pin is a polygon of n edges with the area n/2 r² sin(2π/n)."""
+    path = step_file(tmp_path / "pin.step", lambda occ: occ.addCylinder(0, 0, 0, 0, 0, 50, 5))
+
+    def polygon(number: float) -> float:
+        return 0.5 * number * 0.005**2 * float(np.sin(2.0 * np.pi / number))
+
+    for number in (6.0, 16.0):
+        mesh = read(path, 0.01, meshing=Meshing(curvature=number, smallest=1e-4))
+        end = fem.form(fem.Constant(mesh.domain, 1.0) * mesh.surface("3"))
+        assert polygon(number - 1e-6) <= fem.assemble_scalar(end) <= polygon(number + 1.1)
+
+
+def test_bodies_that_touch_are_joined_and_named(tmp_path: Path) -> None:
+    found = inspect(step_file(tmp_path / "boxes.step", boxes), size=5e-3)
+    sizes = {group.name: group.size for group in found.groups if group.kind == "cells"}
+    assert found.refusal is None and found.pieces == 1
+    assert sizes["body 1"] == pytest.approx(2e-5) and sizes["body 2"] == pytest.approx(1e-5)
+
+
+def test_face_of_a_support_has_smaller_cells(tmp_path: Path) -> None:
+    """By default half as large, so that four times as many lie on the face."""
+    path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
+    table = {
+        "geometry": {"mesh": path.name, "dimension": 3, "size": 5e-3},
+        "material": {"young": 2e11, "poisson": 0.3, "density": 7800.0},
+        "supports": [{"group": "1"}],
+    }
+    geometry = parse_scene(table, "scene", tmp_path, unloaded=True).geometry
+    assert geometry.meshing.near == (Refinement(group="1"),)
+    mesh, plain = build_mesh(geometry, MPI.COMM_WORLD), read(path, 5e-3)
+    assert len(mesh.facets("1")) > 3 * len(plain.facets("1"))
+    assert len(mesh.facets("2")) == len(plain.facets("2"))
+    for growth, few in ((1.2, False), (4.0, True)):
+        near = (Refinement(group="1", size=5e-4),)
+        found = cells(read(path, 5e-3, meshing=Meshing(near=near, growth=growth)))
+        assert (found < 10_000) == few
+
+
+def test_unknown_face_is_refused(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
+    with refusal(ErrorKind.PLACE, "geometry.meshing.near[0].group", "box.step", names="'7'"):
+        read(path, 5e-3, meshing=Meshing(near=(Refinement(group="7"),)))
+
+
+def test_structured_box_has_hexahedra(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "box.step", lambda occ: occ.addBox(0, 0, 0, 100, 20, 10))
+    mesh = read(path, 5e-3, cells="structured")
+    assert mesh.domain.topology.cell_name() == "hexahedron"
+    assert 20 * 4 * 2 <= cells(mesh) < 2 * 20 * 4 * 2 and volume(mesh) == pytest.approx(2e-5)
+
+
+def test_structured_body_without_six_sides_is_refused(tmp_path: Path) -> None:
+    path = step_file(tmp_path / "pin.step", lambda occ: occ.addCylinder(0, 0, 0, 0, 0, 50, 5))
+    with refusal(ErrorKind.CONFLICT, "geometry.cells", "pin.step"):
+        read(path, 5e-3, cells="structured")
+
+
+def test_inspection_says_whether_curved_cells_work(tmp_path: Path) -> None:
+    found = inspect(step_file(tmp_path / "tube.step", tube(2.0)), size=0.01)
+    assert found.curved.startswith("works") and 0.0 < found.quality < 1.0
