@@ -160,7 +160,7 @@ def compared(stored: StoredModel, stiffness: float) -> Response:
     model = reduced_model(
         np.eye(2), one.damping, elastic, loads, one.load_histories, *points, probe, np.zeros(2)
     )
-    richer_of = richer_model(replace(stored, candidates=model))
+    richer_of = richer_model(replace(stored, candidates=model, further=("2V",)))
     return response(stored, ignore, richer=richer_of)
 
 
