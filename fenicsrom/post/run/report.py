@@ -12,7 +12,7 @@ from fenicsrom.online.contact.points import ContactPoints
 from fenicsrom.online.motion.motion import Motion
 from fenicsrom.online.stress.stress_peaks import Stresses
 from fenicsrom.post.base.directions import direction_names, direction_note
-from fenicsrom.post.base.html_page import write_report
+from fenicsrom.post.base.html_page import Page, write_report
 from fenicsrom.post.run.mode_agreement import AGREEMENT_NOTE, agreement_rows, agreement_sentence
 from fenicsrom.post.run.motion_table import open_sentence, points_note, response_note, response_rows
 from fenicsrom.post.run.sentences import (
@@ -44,14 +44,15 @@ REPORT = "report.html"
 Section = tuple[str, list[Any]]
 
 
-def write_study_report(study: Study, folder: Path) -> Path:
-    """Write the report of a study with its pictures.
+def write_study_report(study: Study, folder: Path, pages: Sequence[Page] = ()) -> Path:
+    """Write the report of a study with its pictures, and with pages on which its body turns.
 
     Raises:
         OSError: the file cannot be written.
     """
     sections = [
         ("Results", _results(study)),
+        ("The body: choose a shape, turn it with the mouse", list(pages)),
         *((heading, [path]) for heading, path in study.pictures),
         *_open_points(study.motions),
         *_stresses(study.stresses),
