@@ -41,7 +41,7 @@ def response(
         folder: folder of the output files; None writes no files.
         resume: folder of the state of an earlier run, from which the curves continue.
         workers: largest number of processes that compute curves at the same time, see
-            `assess.curves.response.response`; with several ranks there are no processes.
+            `fenicsrom.assess.curves.response.response`; with several ranks there are no processes.
         stop: asked between the offline stages and at each point of a curve; the run ends where it
             returns True.
         fresh: compute all offline results, also those that the cache has.

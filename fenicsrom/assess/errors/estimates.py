@@ -193,7 +193,7 @@ def _nearby_motion(
     shooting = Shooting(model, contacts, scene.time, scene.period, motion.search.periods)
     s = shooting.scaled(start_variables(shooting, motion.end if start is None else start))
     try:
-        found = solve(shooting, s, smallest_damping=1.0, step_tolerance=NEARBY_STEP)
+        found = solve(shooting, s, step_tolerance=NEARBY_STEP)
         other = motion_of(found)
         check_scheme(other, scene.time.scheme)
     except (ConvergenceError, AccuracyError):
